@@ -23,7 +23,9 @@ UNPRINTABLE = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
     r"\U000e0000-\U000e007f]"
 )
-"""Characters that control a terminal, hide or reorder letters, or have no encoding, without tab and line feed."""
+"""Characters that control a terminal, hide or reorder letters, or cannot be encoded. Tab and line feed are not
+included.
+"""
 
 
 def printable(text: str, *, most: int) -> str:
@@ -70,8 +72,8 @@ _OURS = str(Path(__file__).resolve().parent)
 def raised_at(problem: BaseException) -> str:
     """Return the location in user code where an exception was raised ("my_policy.py, line 12, in act"), or "".
 
-    The result is the innermost frame outside betterbench, the standard library and installed packages. The file is
-    named without its folder, so the record of an error does not depend on the folder.
+    The location is the innermost frame outside betterbench, the standard library and installed packages. Only the file
+    name is given, so that records do not depend on the folder.
     """
     frames = [(f.filename, f.lineno, f.name) for f in traceback.extract_tb(problem.__traceback__)]
     if isinstance(problem, SyntaxError) and problem.filename:
@@ -108,8 +110,8 @@ class UnknownNameError(BetterError):
     def __init__(self, kind: str | UnknownNameError, name: str = "", known: Iterable[str] = ()) -> None:
         """Build the message, with the closest known names first.
 
-        Another such error is copied, because Gymnasium's vector environments re-create an error by calling its type
-        with it.
+        Given another UnknownNameError, copy it: Gymnasium's vector environments re-create an error by passing it to its
+        own type.
         """
         if isinstance(kind, UnknownNameError):
             same = kind
@@ -128,7 +130,7 @@ class UnknownNameError(BetterError):
 
 
 class Named(Protocol):
-    """An object with a name."""
+    """Object with a name."""
 
     @property
     def name(self) -> str:
@@ -160,7 +162,7 @@ class InvalidInputError(BetterError):
     """A value, field or file given by the user cannot be used.
 
     Args:
-        where: The wrong field or file.
+        where: The invalid field or file.
         problem: Description of the problem.
         cure: Remedy.
     """
@@ -170,7 +172,7 @@ class InvalidInputError(BetterError):
     cure: str
 
     def __init__(self, where: str | InvalidInputError, problem: str = "", cure: str = "") -> None:
-        """Build the message. If the argument is another such error, copy it (see :class:`UnknownNameError`)."""
+        """Build the message. Given another InvalidInputError, copy it (see :class:`UnknownNameError`)."""
         if isinstance(where, InvalidInputError):
             same = where
             where, problem, cure = same.where, same.problem, same.cure
@@ -183,7 +185,7 @@ class InvalidInputError(BetterError):
 
 
 def require_between(where: str, value: float, least: float, most: float) -> None:
-    """Raise InvalidInputError for a field unless its number (which may be non-finite) is within bounds."""
+    """Raise InvalidInputError unless the number in a field is finite and within bounds."""
     if not least <= value <= most:
         try:
             given = one_line(value, most=40)
@@ -206,7 +208,7 @@ class PolicyUnavailableError(PolicyError):
 
 
 class PolicyProcessError(PolicyError):
-    """A policy cannot be loaded, perhaps for lack of memory. Fewer instances may be possible."""
+    """A policy cannot be loaded, for example because memory ran out. Fewer instances may work."""
 
 
 class PolicyKilledError(PolicyError):
@@ -250,9 +252,9 @@ class MissingDependencyError(BetterError):
 
 
 class GraphicsError(MissingDependencyError):
-    """A variable names an OpenGL back end or device that does not exist on this machine.
+    """An environment variable names an OpenGL backend or device that does not exist on this machine.
 
-    The message says what to set.
+    The message states the value to set.
     """
 
 
@@ -278,7 +280,7 @@ STORAGE_CURES: Mapping[int, str] = {
     errno.EROFS: "choose a writable folder",
     errno.EIO: "check the disk, then run the same command again",
 }
-"""Remedies for disk errors after which all further writes will fail too, by errno."""
+"""Remedies by errno, for disk errors that also affect all further writes."""
 
 
 class PlanningError(BetterError):

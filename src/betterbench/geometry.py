@@ -3,8 +3,8 @@
 Project-wide conventions: meters and radians; quaternions are ``(w, x, y, z)`` with unit norm and the sign chosen so
 that ``w >= 0``; a pose ``T_a_b`` maps coordinates in frame ``b`` to coordinates in frame ``a``.
 
-The functions work on plain Python floats. Predicates run once per control step, where scalar arithmetic is several
-times faster than operations on tiny arrays and gives the same bits live and offline.
+The functions work on plain Python floats. Predicates run at every control step. For such small inputs, scalar
+arithmetic is several times faster than NumPy and gives bit-identical results live and offline.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Quaternion = tuple[float, float, float, float]
 IDENTITY_QUATERNION: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 TOOL_DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
-"""Rotation of a tool that points straight down, as in the home pose: a half turn about x."""
+"""Rotation of a tool that points straight down, as in the home pose: 180 degrees about x."""
 
 
 def normalize(q: Sequence[float]) -> Quaternion:
@@ -113,9 +113,9 @@ def to_axis_angle(q: Quaternion) -> Vector:
 def to_axis_angle_near(q: Quaternion, near: Quaternion) -> Vector:
     """Return the rotation vector [rad] of a unit quaternion, continuous around a rotation by half a turn.
 
-    A tool that points straight down is rotated by pi: with ``w >= 0``, its rotation vector would flip whenever a
-    measurement slightly exceeds pi. Here, the quaternion sign closer to the unit quaternion ``near`` is chosen, so the
-    angle lies in [0, 2 pi).
+    The rotation angle of a tool that points straight down is pi. With ``w >= 0``, its rotation vector would flip as
+    soon as a measurement exceeds pi. This function uses the quaternion sign that is closer to the unit quaternion
+    ``near``, so the angle lies in [0, 2 pi).
     """
     w, x, y, z = q if sum(a * b for a, b in zip(q, near, strict=True)) >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
     s = math.sqrt(x * x + y * y + z * z)
@@ -131,7 +131,7 @@ def from_yaw(yaw: float) -> Quaternion:
 
 
 def yaw_of(q: Quaternion) -> float:
-    """Return the heading [rad] of the rotated x axis, seen from above."""
+    """Return the heading of the rotated x axis in the horizontal plane [rad]."""
     w, x, y, z = q
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
@@ -154,7 +154,7 @@ def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
 
 
 def straight_way(start: Pose, goal: Pose) -> Callable[[float], Pose]:
-    """Return the poses on the straight line from ``start`` (0) to ``goal`` (1), with rotations as by :func:`slerp`."""
+    """Return poses interpolated from ``start`` (0) to ``goal`` (1), with rotations as by :func:`slerp`."""
     (x, y, z), (gx, gy, gz) = start.position, goal.position
     dx, dy, dz = gx - x, gy - y, gz - z
     turned = _even_turn(start.quaternion, goal.quaternion)
@@ -162,7 +162,7 @@ def straight_way(start: Pose, goal: Pose) -> Callable[[float], Pose]:
 
 
 def _even_turn(a: Quaternion, b: Quaternion) -> Callable[[float], Quaternion]:
-    """Return the rotations on the shorter path from ``a`` (0) to ``b`` (1)."""
+    """Return rotations interpolated along the shorter path from ``a`` (0) to ``b`` (1)."""
     x, y, z = to_axis_angle(multiply(conjugate(a), b))
 
     def turned(fraction: float) -> Quaternion:
@@ -181,7 +181,7 @@ def distance(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def horizontal_distance(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the distance [m] of two points seen from above."""
+    """Return the distance of two points in the horizontal plane [m]."""
     dx, dy = a[0] - b[0], a[1] - b[1]
     return math.sqrt(dx * dx + dy * dy)
 

@@ -1,8 +1,8 @@
-"""Shell commands that work in this installation, to install extras and to start the command line.
+"""Shell commands for this installation: installing extras, and starting the command line.
 
-Messages contain these commands. A clone installs extras from its locks with ``make setup``. An
-installation from a wheel uses the installer of its Python. The command ``better`` is on the path only in an activated
-environment; otherwise, messages give the path of its script.
+Messages contain these commands. A clone installs extras from its locks with ``make setup``. An installation from a
+wheel uses the installer of its Python. The command ``better`` is on the path only in an activated environment.
+Otherwise, messages contain the path of its script.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ class Extra:
     """An optional part of the package.
 
     Attributes:
-        use: Short statement of its purpose.
-        modules: The modules that show whether the extra is installed.
+        use: Purpose of the extra in a few words.
+        modules: Modules that can be imported if the extra is installed.
     """
 
     use: str
@@ -68,7 +68,7 @@ EXTRAS = {
     "ray": Extra("runs on a Ray cluster", ("ray",)),
     "vla-eval": Extra("our tasks in vla-evaluation-harness", ("vla_eval",)),
     "being-h": Extra("policy servers of Being-H", ("torch",)),
-    "vlm": Extra("vision-language models in the process", ("torch", "transformers")),
+    "vlm": Extra("vision-language models in the same process", ("torch", "transformers")),
     "docs": Extra("the documentation as a site", ("material", "mkdocstrings")),
 }
 """The extras of the package by name, except the developer extra."""
@@ -78,9 +78,9 @@ def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDe
     """Return the error for a missing extra, with the command that installs it here.
 
     Args:
-        problem: Sentence about the need for the extra, without its period.
+        problem: Sentence that states why the extra is needed, without a period.
         extra: Name of the extra.
-        otherwise: Alternative, as the end of the sentence after the command.
+        otherwise: Alternative to installing the extra, appended to the sentence.
     """
     return MissingDependencyError(f"{problem}. Run: {extra_command(extra)}{f', {otherwise}' if otherwise else ''}")
 
@@ -122,8 +122,8 @@ def calibration_module(name: str, problem: str) -> ModuleType:
     """Import a module of the separate distribution betterbench-calibration, which is not part of the wheel.
 
     Args:
-        name: Its name below ``betterbench_calibration``.
-        problem: Sentence about the need for the distribution, without its period.
+        name: Name of the module in ``betterbench_calibration``.
+        problem: Sentence that states why the distribution is needed, without a period.
 
     Raises:
         MissingDependencyError: If the distribution is not installed; the message ends with the command that installs
@@ -172,9 +172,10 @@ def clone_folder() -> Path | None:
 
 
 def better_command() -> str:
-    """Return the words that start this installation's command line from the current folder.
+    """Return the shell words that start this installation's command line from the current folder.
 
-    The result is ``better`` if this installation is on the path, or else its script, or else the module.
+    This is ``better`` if the command of this installation is on the path, otherwise the path of its script, otherwise
+    ``python -m betterbench.cli``.
     """
     script = _script()
     on_path = shutil.which("better")
@@ -191,11 +192,11 @@ _ADVISED = re.compile(
     r"(?<![\w./-])(?<!\bof )(?<!\bthat )(?<!\bwhich )better "
     rf"(?=(?:{'|'.join(VERBS)})\b(?![-:]| (?:did|wrote|writes|needs|has)\b))"
 )
-"""The word ``better`` at the start of a command, but not in a sentence about one ("a run of better collect")."""
+"""Pattern of ``better`` at the start of a command, but not in running text ("a run of better collect")."""
 
 
 def as_started_here(text: str) -> str:
-    """Return a message for this terminal, with ``better`` commands adapted to this installation."""
+    """Return a message with its ``better`` commands adapted to this installation."""
     if "better " not in text:
         return text
     command = better_command()
@@ -203,7 +204,7 @@ def as_started_here(text: str) -> str:
 
 
 def _script() -> Path | None:
-    """Return this installation's ``better`` script: the running script, or the script in its environment."""
+    """Return the path of this installation's ``better`` script, or None if there is none."""
     started = Path(sys.argv[0]) if sys.argv and sys.argv[0] else None
     if started is not None and started.name == "better" and started.is_file():
         return started.absolute()
@@ -212,7 +213,7 @@ def _script() -> Path | None:
 
 
 def _installing(*words: str) -> str:
-    """Return the command of this Python's installer that installs packages."""
+    """Return the install command for packages in this Python environment, with uv or pip."""
     python = shell_word(sys.executable)
     rest = shell_line(words)
     if _is_there("pip"):
@@ -261,7 +262,7 @@ _PYTHON: dict[str, Callable[[tuple[int, int], tuple[int, int]], bool]] = {
 
 
 def _applies(marker: str) -> bool:
-    """Return whether this Python satisfies the version bound of a marker; our extras have no other markers."""
+    """Return whether this Python version satisfies a marker. The markers of our extras contain only version bounds."""
     bound = re.search(r"""python_version\s*(<|>=)\s*['"](\d+)\.(\d+)['"]""", marker)
     own = (sys.version_info.major, sys.version_info.minor)
     return bound is None or _PYTHON[bound[1]](own, (int(bound[2]), int(bound[3])))

@@ -40,22 +40,24 @@ SEAL = "seal"
 """Key of the seal in a document, the SHA-256 of all other content. A seal reveals damage but does not prove
 authorship."""
 
-# A validator is built on its first use: a process imports some twenty forms and reads one or two.
+# Validators are built at first use, because a process imports about twenty of these classes but uses one or two.
 _STRICT = ConfigDict(strict=True, allow_inf_nan=False, defer_build=True)
 
 strict_form = with_config(ConfigDict(**_STRICT, extra="forbid"))
 """Class decorator that rejects unknown keys, non-finite numbers and values of the wrong type, such as 1 for true."""
 
 open_form = with_config(_STRICT)
-"""The same, but ignores unknown keys, for parts of a file that another version may have written."""
+"""Like :data:`strict_form`, but ignores unknown keys, for parts of a file that another version may have written."""
 
 
 growing_form = with_config(ConfigDict(**_STRICT, extra="allow"))
-"""The same for a ``TypedDict``, but keeps unknown keys, for a part of a file that is read and written back."""
+"""Like :data:`strict_form` for a ``TypedDict``, but keeps unknown keys, for parts of a file that are read and written
+back.
+"""
 
 
 def json_schema_of(adapter: TypeAdapter[Any], *, title: str) -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of a dataclass, without leading underscores in the names of its parts."""
+    """Return the JSON schema (draft 2020-12) of a dataclass. Leading underscores of class names are removed."""
     text = json.dumps(adapter.json_schema())
     names = {name: name.lstrip("_") for name in json.loads(text).get("$defs", {})}
     for name, plain in names.items():
@@ -83,15 +85,15 @@ def read_form(
     raises: type[BetterError] = InvalidInputError,
     sealed: bool = False,
 ) -> FormT:
-    """Return the value parsed and validated from JSON text.
+    """Parse and validate JSON text, and return the value.
 
     Args:
-        adapter: Type adapter of the form.
-        form: JSON as bytes or text (fastest), or a parsed value.
-        where: File (and place in it) for the error.
-        cure: Remedy for a wrong form, for the error.
+        adapter: Type adapter of the expected class.
+        form: JSON as bytes or text (fastest), or an already parsed value.
+        where: File, and the location in it, for error messages.
+        cure: Remedy, for error messages.
         raises: Class of the error.
-        sealed: Whether a digest has confirmed the text, so that the slow check for duplicate keys can be skipped.
+        sealed: Whether a digest has already been verified, so that the slow check for duplicate keys can be skipped.
 
     Raises:
         BetterError: Of the class ``raises``, if a field is missing, unknown, malformed or given twice; the message
@@ -110,7 +112,7 @@ def read_form(
 def seal_of(form: Mapping[str, Any]) -> str:
     """Return the seal of a JSON object: the SHA-256 of its canonical text, without the seal itself.
 
-    Raises ValueError if it has a non-finite number or is nested too deep, TypeError if it is not JSON.
+    Raises ValueError for non-finite numbers or too many nested levels, and TypeError for values that are not JSON.
     """
     rest = {name: value for name, value in form.items() if name != SEAL}
     try:
@@ -121,12 +123,12 @@ def seal_of(form: Mapping[str, Any]) -> str:
 
 
 def content_digest(name: str, data: bytes) -> str:
-    """Return the SHA-256 over a name and its content, so the same content under another name has a different digest."""
+    """Return the SHA-256 of a name and its content. The same content under another name has a different digest."""
     return hashlib.sha256(f"{name}\n".encode() + data).hexdigest()
 
 
 def sealed_form(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a JSON object with its seal."""
+    """Return a JSON object with its seal added."""
     return {**form, SEAL: seal_of(form)}
 
 
@@ -145,8 +147,8 @@ def open_seal(
         where: File for the error.
         cure: Remedy for a changed document.
         raises: Class of the error.
-        since: Field with the form's version, and the first version with a seal. Older documents, and documents without
-            the field, are read with a warning. None if every document is sealed.
+        since: Field that contains the format version, and the first version with a seal. Older documents, and documents
+            without this field, are read with a warning. None if every document has a seal.
 
     Raises:
         BetterError: Of the class ``raises``, if the document is not a JSON object, or its seal is missing or wrong.
@@ -182,7 +184,10 @@ def open_sealed_lines(
     """Return the lines of a :func:`sealed_lines` file without the seal; raise ``raises`` if it is wrong or missing."""
     *lines, _ = data.splitlines(keepends=True) or [b""]
     if sealed_lines(b"".join(lines)) != data:
-        problem = "was changed after it was written, or an earlier version wrote it: its last line is not its seal"
+        problem = (
+            "its last line is not a valid seal: the file was changed after it was written, or written by an earlier "
+            "version"
+        )
         raise _as(raises, InvalidInputError(where, problem, cure))
     return lines
 
@@ -215,8 +220,7 @@ def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
 
 _HUGE_DIGITS = 20
 _HUGE = re.compile(rb"[\[,:]\s*-?\d{%d}" % _HUGE_DIGITS)
-"""Pattern of a number that may exceed 64 bits. No legitimate value is that large, and arithmetic with such numbers
-fails in unexpected places."""
+"""Pattern of numbers that may exceed 64 bits. No valid value is that large, and such numbers cause errors elsewhere."""
 
 
 def _whole_number(digits: str) -> int:
@@ -253,8 +257,8 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
 def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401
     """Parse a JSON string; raise ValueError if it is not valid JSON or has more than 200 nested levels.
 
-    Code that traverses a value nested more deeply would fail elsewhere. Integers may have any size, as in JSON; for
-    calculations, use a form that bounds them. With ``unique``, InvalidInputError is raised for a duplicate key. With
+    Deeper values would cause errors in code that traverses them. Integers may have any size, as in JSON; for
+    calculations, use a class that limits them. With ``unique``, InvalidInputError is raised for a duplicate key. With
     ``number``, numbers are converted by that function, and NaN and Infinity are rejected.
     """
     try:
@@ -309,13 +313,13 @@ def read_object(path: Path, *, max_bytes: int, cure: str) -> dict[str, Any]:
 
 
 class NotOrdinaryError(OSError):
-    """Expected an ordinary file, found a folder, pipe, socket or device."""
+    """Expected a regular file, found a folder, pipe, socket or device."""
 
 
 def open_ordinary(path: Path) -> io.BufferedReader:
-    """Open an external file, one that this process did not just write, for reading.
+    """Open a file from another source for reading.
 
-    Opening does not block on a pipe or a device.
+    Pipes and devices are rejected without blocking.
 
     Raises:
         NotOrdinaryError: If it is a folder, pipe, socket or device.
@@ -342,10 +346,10 @@ def read_ordinary(path: Path) -> bytes:
 
 
 def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterError] = InvalidInputError) -> bytes:
-    """Return the content of a file up to a size limit, without blocking on a pipe or a device.
+    """Return the content of a file up to a size limit. Pipes and devices are rejected without blocking.
 
     Raises:
-        BetterError: Of the class ``raises``, if it is missing, not an ordinary file, too large or unreadable.
+        BetterError: Of the class ``raises``, if it is missing, not a regular file, too large or unreadable.
     """
     problem, cause = f"is larger than {max_bytes} bytes", None
     try:

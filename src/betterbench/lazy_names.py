@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 def lazy_names(package: str, names: Mapping[str, Sequence[str]]) -> Callable[[str], object]:
     """Return the ``__getattr__`` for a package whose names are imported from other modules at first use.
 
-    Assign it outside ``TYPE_CHECKING``, so that unknown names stay errors for type checkers, and import the names under
-    ``TYPE_CHECKING``.
+    Assign the result to ``__getattr__`` in an ``else`` branch of ``if TYPE_CHECKING``, and import the names in the
+    other branch. Type checkers then report unknown names.
 
     Args:
         package: Package name.

@@ -1,10 +1,10 @@
 """Quoting of external strings, with one function per output format.
 
-A name in an untrusted data set, run, record, plan or answer may contain any characters. The output is read by a program
-(a shell, a browser, a spreadsheet, LaTeX), so each format has its rules, which are implemented once here. Terminal
-lines and messages use :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`; unsafe names of
-files to be read are rejected rather than quoted (``betterbench.records``). Python source is written with ``repr``, YAML
-strings with ``json.dumps``, and JSON for people with :func:`json_text`.
+A name in an untrusted data set, run, record, plan or answer may contain any characters. The quoting rules depend on the
+program that reads the output (a shell, a browser, a spreadsheet, LaTeX). They are implemented once, in this module.
+Terminal lines and messages use :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`; unsafe
+names of files to be read are rejected rather than quoted (``betterbench.records``). Python source is written with
+``repr``, YAML strings with ``json.dumps``, and JSON for people with :func:`json_text`.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ from urllib.parse import quote
 from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line, printable
 
 LONGEST_TEXT = 2000
-"""Maximum characters of external text in a page, a figure or a table, where it may occur a thousand times."""
+"""Maximum length of external text in a page, a figure or a table, where it may be repeated a thousand times
+[characters].
+"""
 
 
 # -------------------------------------------------------------------------------------------------------------- shell
 class ShellText(str):
-    """Shell source text written by our own code, such as ``"$HERE/train.py"``; it is not quoted.
+    """Shell source written by our own code, such as ``"$HERE/train.py"``, which is not quoted.
 
     Text from a file or a user must never become a ShellText. Concatenated with another string, it becomes an ordinary
     string, which is quoted.
@@ -35,7 +37,7 @@ class ShellText(str):
 
 
 def shell_word(value: object) -> str:
-    r"""Return a value as one word of a POSIX shell; only a :class:`ShellText` is left for the shell to interpret.
+    r"""Quote a value as one word of a POSIX shell. A :class:`ShellText` is returned unchanged.
 
     Control characters are written as bytes (``$'\x1b'``, a form of bash), so a command can be printed.
 
@@ -53,7 +55,7 @@ def shell_word(value: object) -> str:
 
 
 def shell_line(words: Iterable[object]) -> str:
-    """Return words as one line that a shell parses into these words."""
+    """Quote words as one shell command line."""
     return " ".join(map(shell_word, words))
 
 
@@ -67,14 +69,14 @@ def _shell_letter(letter: str) -> str:
 
 
 def _encoding_of(letter: str) -> str:
-    """Return the error handler that encodes a letter: as a byte in a file name that is not UTF-8, or as a surrogate."""
+    """Return the error handler for a surrogate character; an undecodable byte of a file name is restored."""
     return "surrogateescape" if "\udc80" <= letter <= "\udcff" else "surrogatepass"
 
 
 # -------------------------------------------------------------------------------------------------------------- files
 LONGEST_NAME = 100
-"""Maximum characters of a default name, including the digest of a longer text. A file system allows 255 bytes; suffixes
-and part file names need some of them.
+"""Maximum length of a default name, including the digest [characters]. File systems allow 255 bytes, some of which
+suffixes and names of temporary files need.
 """
 _DIGEST_LETTERS = 8
 
@@ -95,7 +97,7 @@ def default_name(text: str, *, otherwise: str) -> str:
 
 # -------------------------------------------------------------------------------------------------------------- pages
 def markup_text(text: str) -> str:
-    """Return a text as content or attribute of an HTML or XML element, printable and with bounded length."""
+    """Escape a text as content or attribute of an HTML or XML element, and limit its length."""
     return html.escape(printable(text, most=LONGEST_TEXT), quote=True)
 
 
@@ -119,7 +121,7 @@ def json_text(
 ) -> str:
     """Return JSON for a file that people open or for a terminal, with the options of ``json.dumps``.
 
-    Letters stay readable, and characters escaped by :func:`escaped_json` can be printed and encoded.
+    Letters stay readable. Characters that cannot be printed or encoded are escaped as by :func:`escaped_json`.
     """
     text = json.dumps(
         value, indent=indent, separators=separators, sort_keys=sort_keys, allow_nan=allow_nan, ensure_ascii=ascii_only
@@ -130,7 +132,7 @@ def json_text(
 def escaped_json(text: str) -> str:
     """Return JSON in which the characters of :data:`betterbench.errors.UNPRINTABLE` are escaped.
 
-    It is parsed to the same value.
+    Parsing the result gives the same value.
     """
     return UNPRINTABLE.sub(_escaped, text)
 
@@ -141,17 +143,17 @@ def json_line(canonical: bytes) -> bytes:
 
 
 def _escaped(found: re.Match[str]) -> str:
-    """Return the JSON escape of a character: in UTF-16, beyond U+FFFF as a surrogate pair."""
+    """Return the JSON escape of a character, a surrogate pair for characters beyond U+FFFF."""
     units = found[0].encode("utf-16-be", "surrogatepass").hex()
     return "".join(f"\\u{units[at : at + 4]}" for at in range(0, len(units), 4))
 
 
 # ----------------------------------------------------------------------------------------------------------- markdown
 def markdown_text(text: object) -> str:
-    """Return a text on one line that Markdown shows unchanged, in a paragraph, a list, a heading or a table cell.
+    """Escape a text as one line of Markdown, for a paragraph, a list, a heading or a table cell.
 
-    Only markup of CommonMark and GitHub is escaped, so that ordinary names stay unchanged: an underscore between
-    letters, brackets without an address, a lone ampersand.
+    Only characters that CommonMark or GitHub would interpret are escaped. Ordinary names stay unchanged, for example
+    with an underscore between letters, brackets without an address, or a single ampersand.
     """
     line = _MARKDOWN.sub(r"\\\g<0>", one_line(text, most=LONGEST_TEXT))
     return re.sub(r"^(\d+)([.)])(?=\s|$)", r"\1\\\2", line)
@@ -167,7 +169,7 @@ _MARKDOWN = re.compile(
 
 
 def markdown_code(text: object) -> str:
-    """Return a text on one line as code in Markdown, also in a cell of a table."""
+    """Return a text as one line of inline code in Markdown, also valid in a table cell."""
     line = one_line(text, most=LONGEST_TEXT).replace("|", "\\|")
     fence = "`" * (1 + max((len(run) for run in re.findall("`+", line)), default=0))
     room = " " if line.startswith("`") or line.endswith("`") or not line.strip() else ""
@@ -180,7 +182,10 @@ def markdown_address(address: str) -> str:
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a table; its cells are already Markdown (:func:`markdown_text`, :func:`markdown_code`)."""
+    """Return the lines of a Markdown table.
+
+    Escape the cells first, with :func:`markdown_text` or :func:`markdown_code`.
+    """
     return [_row(head), "|" + "---|" * len(head), *map(_row, rows)]
 
 
@@ -190,9 +195,9 @@ def _row(cells: Sequence[str]) -> str:
 
 # ------------------------------------------------------------------------------------------------------------- tables
 def csv_text(text: str) -> str:
-    """Return a text with bounded length for a CSV cell that is not interpreted as a formula.
+    """Return a text of limited length for a CSV cell, protected from being interpreted as a formula.
 
-    A text that a spreadsheet would interpret gets a leading apostrophe (OWASP, "CSV Injection").
+    A text that a spreadsheet would read as a formula gets a leading apostrophe (OWASP, "CSV Injection").
     """
     text = printable(text, most=LONGEST_TEXT)
     return f"'{text}" if text.lstrip(" \N{NO-BREAK SPACE}").startswith(_FORMULA_STARTS) else text
@@ -204,7 +209,7 @@ _FORMULA_STARTS = tuple("=+-@\t\r\n\N{FULLWIDTH EQUALS SIGN}\N{FULLWIDTH PLUS SI
 
 
 def latex_text(text: str) -> str:
-    """Return a text that LaTeX prints unchanged; control characters become spaces."""
+    """Escape a text for LaTeX. Control characters become spaces."""
     return "".join(_LATEX.get(c, c if c.isprintable() else " ") for c in printable(text, most=LONGEST_TEXT))
 
 

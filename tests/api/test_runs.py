@@ -172,7 +172,7 @@ def test_a_run_of_which_every_trial_broke_is_an_error(tmp_path):
 @pytest.mark.parametrize(
     ("policy", "changes", "text"),
     [
-        (Broken, {}, "policy: Broken is a class. Give an instance: Broken"),
+        (Broken, {}, "policy: Broken is a class. Pass an instance: Broken"),
         (object(), {}, "policy: object has no 'info'"),
         (Broken(), {"workers": 2}, "workers: a policy instance can only be used in this process. Give one worker, or"),
         ("noop", {"trials": 0}, "trials: 0 is out of range. It must be ≥ 1"),

@@ -163,7 +163,7 @@ def _dies_at_seed_2(trial_id):
 def test_a_trial_that_kills_its_worker_is_named_and_the_others_are_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "examine", _dies_at_seed_2)
     trials = [TrialId("morning_coffee", "T1", seed) for seed in range(6)]
-    with pytest.raises(WorkerError, match=r"^morning_coffee/T1/2: 3 worker processes died while they ran it"):
+    with pytest.raises(WorkerError, match=r"^morning_coffee/T1/2: 3 worker processes died while running it"):
         certify(trials, tmp_path, workers=2)
     assert len((tmp_path / "journal.jsonl").read_bytes().splitlines()) >= 2, "the header and a trial"
 

@@ -141,7 +141,7 @@ def test_broken_trials_stay_in_the_denominator_and_are_named(side):
     assert found.group("success").rates[1] == Rate(37, 40)
     assert found.group("system").rates[1] == Rate(3, 40)
     assert any(note.startswith("1/60 trials of broken are not finished") for note in found.notes)
-    assert any(note.startswith("2/60 trials of broken broke down without a record") for note in found.notes)
+    assert any(note.startswith("2/60 trials of broken have no record because of an error") for note in found.notes)
     run = found.to_json()["runs"][1]
     assert (run["compared"], run["unfinished"], run["without_record"]) == (60, 1, 3)
 
@@ -160,7 +160,7 @@ def test_without_shared_seeds_the_trials_are_independent(side):
     with pytest.raises(InvalidInputError, match="--sequential"):
         compare([one, two], sequential=True)
     third = side("third", {}, seeds=range(20))
-    assert any("Alone, these share trials: one and third." in n for n in compare([one, two, third]).notes)
+    assert any("These pairs of runs share trials: one and third." in n for n in compare([one, two, third]).notes)
 
 
 def test_runs_without_a_common_condition_are_refused(side):
@@ -196,7 +196,7 @@ def test_sequential_evidence_is_that_of_the_pairs_in_the_order_of_the_run(side):
     assert found.process.decided_at == 13
     assert found.different
     text = compare([one, two], sequential=True).verdict[0]
-    assert text.startswith("Decided after 13 pairs, for any number of looks: one is better than two")
+    assert text.startswith("Decided after 13 pairs, valid for any number of inspections: one is better than two")
 
 
 def test_sequential_evidence_stops_at_the_first_unfinished_pair(side):

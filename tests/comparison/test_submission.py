@@ -127,7 +127,7 @@ def first_trial(form, **values):
         (lambda f: change(f, trials=f["trials"][1:]), "it was changed"),
         (lambda f: first_trial(f, success=False), "success is False, which contradicts the label success"),
         (lambda f: first_trial(f, label="luck"), "'luck' is not a label"),
-        (lambda f: first_trial(f, status="broken"), "wrong record_sha256"),
+        (lambda f: first_trial(f, status="broken"), "record_sha256 must be set if"),
         (lambda f: first_trial(f, seed=True), "seed"),
         (lambda f: first_trial(f, progress=1.5), "progress"),
         (lambda f: change(f, trials=[*f["trials"], f["trials"][0]]), "occurs twice"),

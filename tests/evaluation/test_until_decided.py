@@ -325,7 +325,7 @@ def test_a_comparison_leaves_out_what_outcomes_have_chosen(tmp_path, decided):
     result = compare(load_sides([decided.path, place]))
     assert [len(side) for side in result.matching.trials] == [2, 2], "one variation and its twin with the first seed"
     (note,) = [note for note in result.notes if "of its first 1 seed are compared" in note]
-    assert "2 trials that depended on outcomes are left out" in note
+    assert "2 trials whose selection depended on outcomes are left out" in note
 
 
 def test_options_that_contradict_each_other_are_refused(tmp_path, capsys):

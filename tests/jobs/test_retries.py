@@ -36,7 +36,7 @@ def test_the_items_of_a_worker_that_died_run_alone_and_only_the_one_to_blame_is_
             done.append(item)
     assert (done, given_up) == ([0, 2], [1])
     assert book.reason("SIGKILL") == (
-        f"{MAX_DEATHS} helpers died while they ran it (SIGKILL); run the same command again to retry it"
+        f"{MAX_DEATHS} helpers died while running it (SIGKILL); run the same command again to retry it"
     )
 
 

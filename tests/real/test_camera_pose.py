@@ -302,7 +302,7 @@ def write(path, image):
 def test_the_command_says_how_far_and_which_way(pictures, tmp_path, capsys):
     assert main(["real", "check-cameras", write(tmp_path / "a.png", pictures["placed"]), "--ruler-mm", "100"]) == 0
     told = capsys.readouterr().out
-    assert "nothing: it is placed" in told
+    assert "none, the pose is correct" in told
     assert re.search(r"reprojection error 0\.\d\d px", told)
     moved = write(tmp_path / "b.jpg", pictures["moved"])
     with pytest.raises(SystemExit) as status:
@@ -417,13 +417,13 @@ def test_the_command_notes_a_squeezed_image_and_a_sheet_that_is_turned_around(pi
     squeezed = cv2.resize(pictures["placed"], (640, 360))
     with pytest.raises(SystemExit):
         main(["real", "check-cameras", write(tmp_path / "a.png", squeezed), "--ruler-mm", "100", "--json"])
-    assert "640 x 360 pixels, which is not 4:3" in json.loads(capsys.readouterr().out)["notes"][-1]
+    assert "640 x 360 pixels, expected an aspect ratio of 4:3" in json.loads(capsys.readouterr().out)["notes"][-1]
     turned = rendered(POSES["placed"], picture=sheet_picture()[::-1, ::-1].copy())
     with pytest.raises(SystemExit):
         main(["real", "check-cameras", write(tmp_path / "b.png", turned), "--ruler-mm", "100"])
     told = " ".join(capsys.readouterr().out.split())
     assert "cm behind the arm" in told
-    assert "the sheet is turned around" in told
+    assert "rotate the sheet by 180 degrees" in told
 
 
 def test_without_opencv_the_extra_is_named(pictures, monkeypatch):

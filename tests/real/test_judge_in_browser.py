@@ -179,7 +179,7 @@ def test_a_judge_works_through_the_films_by_keys(open_program, folder):
     assert "that was the last film" in page.value("document.getElementById('message').textContent")
     assert page.complaints() == []
     code, said = program.end()
-    assert (code, "6 of 6 films are judged by ada" in said) == (0, True)
+    assert (code, "ada has judged 6 of 6 videos" in said) == (0, True)
     votes = {t.code: t.seen_by("judge")[0].decision for t in read_run(folder).trials}
     assert [votes[t.code].outcome for t in desk.trials] == ["froze", "other", "froze", "froze", "froze", "froze"]
     assert votes[desk.trials[1].code].note == "9 it waved"

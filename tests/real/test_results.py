@@ -237,7 +237,7 @@ def test_every_command_goes_on_beside_a_damaged_trial(tmp_path, capsys, caplog):
     damage(tmp_path / "trials" / first, "header")
     assert main(["real", "report", str(tmp_path)]) == 0
     told = "".join(capsys.readouterr())
-    assert f"{first} is damaged and therefore unscored: " in told
+    assert f"{first} is unscored because its files are damaged: " in told
     assert "trial.json" in told
     assert main(["real", "status", str(tmp_path)]) == 0
     assert f"{first} is damaged: " in capsys.readouterr().out

@@ -415,7 +415,7 @@ def test_no_link_leads_out_of_the_folder(tmp_path) -> None:
     folder = RunFolder.start(tmp_path / "run", PLAN)
     (tmp_path / "elsewhere").mkdir()
     (folder.path / "records").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(InvalidInputError, match="by a link"):
+    with pytest.raises(InvalidInputError, match="through a link"):
         folder.record_path("fast_food", "R1", 0)
 
 

@@ -6,7 +6,9 @@ from contextlib import contextmanager
 from betterbench.errors import InvalidInputError
 
 _OTHER_NAMES = {"name": "names", "policy_timeout": "policy_timeout_s"}
-"""Arguments named differently from their option: lists are plural, and quantities include their unit."""
+"""Python arguments whose names differ from their command-line options: lists are plural, and quantities name their
+unit.
+"""
 
 
 @contextmanager

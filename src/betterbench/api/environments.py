@@ -20,7 +20,7 @@ def make_env(
     looks: str = "seen",
     render_mode: str | None = None,
 ) -> TaskEnv:
-    """Return one task as a Gymnasium environment without a wrapper; ``gymnasium.make`` adds its wrappers.
+    """Return a task as an unwrapped Gymnasium environment; ``gymnasium.make`` adds wrappers.
 
     Args:
         task: Task id ("fast_food").

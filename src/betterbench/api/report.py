@@ -42,7 +42,7 @@ FILMS = 40
 """Default maximum number of trials shown as films."""
 
 SOLVED_FILMS = 2
-"""Maximum number of successful trials per run shown as films. They look alike, so a few suffice."""
+"""Maximum number of successful trials per run shown as films. Successful trials look alike, so a few are enough."""
 
 
 @contextmanager
@@ -56,8 +56,8 @@ class ReportListener:
 
     Attributes:
         say: Function that takes a one-line message.
-        warn: Callback that receives the warning that films cannot be rendered on this machine.
-        bar: Context manager for a named step, which yields a callback for progress (done, total).
+        warn: Callback for the warning that this machine cannot render films.
+        bar: Context manager that shows a progress bar for a named step and yields the callback ``(done, total)``.
     """
 
     say: Callable[[str], None] = logger.info
@@ -66,7 +66,7 @@ class ReportListener:
 
 
 class BuiltReport(NamedTuple):
-    """Path of a report page, with a one-line verdict on each of its runs."""
+    """Report page, and a one-line verdict on each run."""
 
     page: Path
     verdicts: tuple[str, ...]
@@ -82,9 +82,9 @@ def build_report(
     films: int = FILMS,
     listener: ReportListener = ReportListener(),
 ) -> BuiltReport:
-    """Diagnose runs, render the moments of their failures, and return the page with the verdicts.
+    """Diagnose runs, render their failures, write the report page, and return its path and verdicts.
 
-    ``films`` is the maximum number of trials shown as films, over all runs; 0 renders nothing. ``twins`` contains one
+    ``films`` limits the number of trials shown as films over all runs; 0 renders nothing. ``twins`` contains one
     base-suite run for each LIBERO-PRO run, or is empty.
     """
     if twins and len(twins) != len(runs):
@@ -190,7 +190,7 @@ def report_into(
 def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
     """Return the trials to film, the most informative first.
 
-    After the failures come one trial of every other cell of the tasks' own matrices, and a few successes.
+    Failures come first, then one trial of each remaining cell of the diagnostic matrices, then a few successes.
     """
     aside = {t.key for t in diagnosis.trials if t.success or t.ambiguous}
     showings = trials_worth_showing(diagnosis, len(diagnosis.trials), repeats=True)
@@ -206,7 +206,7 @@ def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
 
 
 def _conditions_of_matrices() -> frozenset[str]:
-    """Return the conditions ("fruit_basket/O6") listed in the tasks' own matrices."""
+    """Return the conditions ("fruit_basket/O6") in the diagnostic matrices of the tasks."""
     return frozenset(
         f"{task.id}/{name}"
         for task in all_tasks()
@@ -217,9 +217,9 @@ def _conditions_of_matrices() -> frozenset[str]:
 
 
 def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: int, listener: ReportListener) -> Media:
-    """Render films of at most ``films`` trials, over all runs, and one image of each other failure.
+    """Render films of at most ``films`` trials over all runs, and one image for each remaining failure.
 
-    In LIBERO no path is drawn, because the camera pose is not recorded.
+    For LIBERO, no gripper path is drawn because the camera pose is not recorded.
     """
     say = listener.say
     one_each = zip_longest(*(_choice(diagnosis) for diagnosis in diagnoses))
@@ -277,7 +277,7 @@ def _sides(showing: Showing) -> list[tuple[str, str]]:
 
 
 def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
-    """Return the panel of a twin film for a trial."""
+    """Return the panel that shows a trial in a twin film."""
     place = trial.variation or trial.condition
     return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name, trial.success)
 
@@ -304,7 +304,7 @@ def _paths(
 def _thumbnails(
     run: RunFolder, diagnosis: RunDiagnosis, made: Mapping[str, Thumbnails], listener: ReportListener
 ) -> dict[str, Thumbnails]:
-    """Return the missing scene images of variations: each shows one trial at reset next to its twin."""
+    """Render the missing images of the variations' scenes, each with a trial and its twin at reset."""
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
     chosen: dict[str, TrialDiagnosis] = {}
     for trial in diagnosis.trials:

@@ -68,8 +68,8 @@ def evaluate(
         workers: Number of worker processes, for an address; None for one per CPU core. A script with more than one
             worker needs ``if __name__ == "__main__":``, because each worker imports it again.
         policy_timeout_s: Deadline for an answer from a policy that does not run on a server [s].
-        certificate: Certificate of ``better certify``, or its folder; the packaged one if not given.
-        uncertified: Whether to also run trials that no certificate covers.
+        certificate: Certificate written by ``better certify``, or its folder; default: the packaged certificate.
+        uncertified: Whether to run trials without a certificate as well.
         allow_changed_policy: Whether to resume even if the policy's declarations have changed since the run began.
         on_progress: Called at the start and after every trial.
 

@@ -1,4 +1,4 @@
-"""Address of a page as the operator's browser opens it."""
+"""Web addresses of browser pages."""
 
 
 def origin_of(host: str, port: int) -> str:

@@ -20,7 +20,7 @@ from betterbench.browser.incoming import MAX_MESSAGE_BYTES, IncomingMessages
 from betterbench.policies.serving.callers import is_own_host, is_own_origin
 
 OPEN_TIMEOUT_S = 5.0
-"""Time limit for a new connection to send its request [s]."""
+"""Maximum time that a new connection may take to send its request [s]."""
 _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Frame-Options": "DENY",
@@ -33,7 +33,7 @@ _UNREADABLE = "This request cannot be read.\n"
 
 
 def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: Any) -> Any:  # noqa: ANN401
-    """Return the inner server's answer, or a rejection if the inner server raises an error.
+    """Return the wrapped server's response, or status 400 if the server raises an error.
 
     Otherwise, a duplicate header or a path with invalid bytes would print a traceback.
     """
@@ -44,11 +44,11 @@ def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: An
 
 
 class Gate:
-    """Request filter: only requests with the token and from the page itself are admitted.
+    """Request filter that admits only requests that contain the token and come from the page itself.
 
     Attributes:
         token: Token at the beginning of every request path.
-        is_closed: Whether a server is protected by the gate; a server without it must not be used.
+        is_closed: Whether the gate protects a server. Do not use a server while this is False.
     """
 
     def __init__(self, host: str, incoming: IncomingMessages, *, verb: str) -> None:
@@ -58,7 +58,7 @@ class Gate:
         self._incoming = incoming
 
     def path_inside(self, path: str) -> str | None:
-        """Return the rest of a request's path after the token, or None without the right token."""
+        """Return the part of a request's path after the token, or None if the token is missing or wrong."""
         plain, mark, query = path.partition("?")
         given, _, rest = plain.removeprefix("/").partition("/")
         if not hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode()):
@@ -66,7 +66,7 @@ class Gate:
         return f"/{rest}{mark}{query}"
 
     def admits(self, request: Any) -> str | None:  # noqa: ANN401 - of websockets
-        """Return the path of an admitted request, or None for a rejected one."""
+        """Return the path of a request after the token, or None if the request is rejected."""
         hosts = request.headers.get_all("Host")
         if not is_own_host(hosts, self._host) or not is_own_origin(request.headers.get_all("Origin"), hosts):
             return None
@@ -74,7 +74,7 @@ class Gate:
 
     @contextmanager
     def before_servers(self) -> Iterator[None]:
-        """Protect every websocket server started inside the context, because viser offers no hook for a gate."""
+        """Protect every websocket server that is started inside the context. viser has no hook for access control."""
         module = importlib.import_module("websockets.asyncio.server")
         serve = module.serve
 

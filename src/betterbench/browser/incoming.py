@@ -1,8 +1,8 @@
-"""Filter for incoming messages: only the page's message types reach viser.
+"""Filter for incoming messages, which passes only the page's own message types to viser.
 
-A message can set any property of any viser element, and call any function that viser has registered. A wrong value
-could end the session or lock out later pages, and one kind of message would publish the page on the internet. Each
-message is therefore validated with the schema of the page's messages. viser itself checks the rest.
+A viser message can set any property of any element and call any registered function. A wrong value could end the
+session or lock out later pages, and one kind of message would publish the page on the internet. Each message is
+therefore validated with the schema of the page's messages. viser itself checks the rest.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, Field, TypeAdapter
 
 MAX_MESSAGE_BYTES = 1 << 16
-"""Largest message of a page [byte]; a connection that sends a larger message is closed."""
+"""Maximum size of a message [byte]; a connection that sends a larger message is closed."""
 LARGEST = 1e6
-"""Largest accepted number in a message: a length [m], a size [pixel] or a share."""
+"""Largest number accepted in a message, which may be a length [m], a size [pixel] or a fraction."""
 LEFT_OUT = "an unexpected message of the page was ignored; reload the page"
 
 InputKind = Literal["button", "number", "text"]
@@ -29,7 +29,7 @@ _Name = Annotated[str, Field(max_length=64)]
 
 
 class _Message(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
-    """A message of the page."""
+    """Message sent by the page."""
 
 
 class _Camera(_Message):
@@ -75,21 +75,21 @@ _TYPES: dict[InputKind, tuple[type, ...]] = {"button": (bool,), "number": (int, 
 
 
 class IncomingMessages:
-    """Rules for accepted messages. A server without them must not be used."""
+    """Validation rules for incoming messages. A server must not run without them."""
 
     def __init__(self, complain: Callable[[str], None]) -> None:
-        """Reject messages for panel elements until they are registered; ``complain`` gets reports of rejections."""
+        """Reject messages for panel elements that are not registered yet; ``complain`` is called for each rejection."""
         self._complain = complain
         self._kinds: dict[str, InputKind] = {}
 
     def expect(self, uuid: str, kind: InputKind) -> None:
-        """Accept values of a panel element."""
+        """Register a panel element and the type of its values."""
         if kind not in get_args(InputKind):
             raise AssertionError(kind)
         self._kinds[uuid] = kind
 
     def admits(self, raw: object) -> bool:
-        """Return whether viser may read a message."""
+        """Return whether a message is valid and may be passed to viser."""
         if not isinstance(raw, bytes) or len(raw) > MAX_MESSAGE_BYTES:
             return False
         try:
@@ -103,7 +103,7 @@ class IncomingMessages:
         return kind is not None and isinstance(value, _TYPES[kind]) and isinstance(value, bool) == (kind == "button")
 
     def before(self, handler: Callable[[Any], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
-        """Return a connection handler that gets only accepted messages."""
+        """Wrap a connection handler so that it receives only valid messages."""
 
         async def handle(connection: Any) -> None:  # noqa: ANN401 - of websockets
             await handler(_Filtered(connection, self))
@@ -111,7 +111,7 @@ class IncomingMessages:
         return handle
 
     async def next_of(self, connection: Any) -> Any:  # noqa: ANN401
-        """Return the next accepted message of a connection."""
+        """Return the next valid message of a connection."""
         while True:
             raw = await connection.recv()
             if self.admits(raw):
@@ -120,7 +120,7 @@ class IncomingMessages:
 
 
 class _Filtered:
-    """Connection wrapper that yields only accepted messages."""
+    """Connection wrapper that yields only valid messages."""
 
     def __init__(self, connection: Any, incoming: IncomingMessages) -> None:  # noqa: ANN401
         self._connection, self._incoming = connection, incoming
@@ -129,5 +129,5 @@ class _Filtered:
         return getattr(self._connection, name)
 
     async def recv(self) -> Any:  # noqa: ANN401
-        """Return the next accepted message."""
+        """Return the next valid message."""
         return await self._incoming.next_of(self._connection)

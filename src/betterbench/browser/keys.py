@@ -1,4 +1,4 @@
-"""Keys and gamepads of a page: the script that sends their state, and the message format."""
+"""Keyboard and gamepad input of a page: the script that sends the state, and its message format."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.json_form import read_form
 from betterbench.quoting import markup_text
 
 MARK = "better-page:"
-"""Prefix of the strings that the page sends."""
+"""Prefix of the page's key messages."""
 NO_PUSH = (0.0,) * 6
 MOST_TAPS_AT_ONCE = 8
 
@@ -23,7 +23,7 @@ _Key = Annotated[str, Field(max_length=20)]
 
 
 class PageKeys(BaseModel, extra="forbid", allow_inf_nan=False):
-    """Message from the page: held keys, number of taps per key since the page was opened, and axes in [-1, 1]."""
+    """State of keys and gamepad: held keys, taps per key since the page was opened, and axes in [-1, 1]."""
 
     held: Annotated[list[_Key], Field(max_length=20)] = []
     taps: dict[_Key, Annotated[int, Field(ge=0)]] = {}
@@ -36,13 +36,13 @@ _KEYS = TypeAdapter(PageKeys)
 
 
 def read_keys(text: str) -> PageKeys:
-    """Parse a message of the script; raise InvalidInputError if the text has another form."""
+    """Parse a message of the script; raise InvalidInputError if it is malformed."""
     data = text.removeprefix(MARK).encode(errors="replace")
     return read_form(_KEYS, data, where="page", cure="Reload the page")
 
 
 def new_taps(sent: PageKeys, known: dict[str, int], names: Sequence[str]) -> list[str]:
-    """Return the taps since the last message of a page, whose counts ``known`` are updated."""
+    """Return the taps since the last message of a page, and update its counts in ``known``."""
     made = [
         name
         for name in names

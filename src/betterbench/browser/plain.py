@@ -26,9 +26,9 @@ from betterbench.policies.serving.callers import LOOPBACK_NAMES, is_own_host, is
 MOST_BYTES = 1 << 16
 """Largest request [byte]."""
 TIMEOUT_S = 10.0
-"""Longest time that a connection may be idle [s]."""
+"""Maximum idle time of a connection [s]."""
 _RANGE = re.compile("bytes=([0-9]{0,15})-([0-9]{0,15})")
-"""A request for one range (RFC 9110, section 14); any other one is answered with the whole content."""
+"""Request for a single range (RFC 9110, section 14). Any other request is answered with the complete content."""
 
 _HEADERS = {
     "Referrer-Policy": "no-referrer",
@@ -46,7 +46,7 @@ Answer = tuple[str, bytes]
 
 
 class PlainServer:
-    """A server of one page, which listens until it is closed."""
+    """HTTP server for a single page. It listens until it is closed."""
 
     def __init__(
         self,
@@ -60,10 +60,10 @@ class PlainServer:
         """Listen.
 
         Args:
-            get: Function by path below the token ("", "state"), which returns the answer, or None for status 404. The
-                functions are called from many threads.
-            post: Function that executes a command, given as the JSON object sent to "do", and returns a JSON value. The
-                text of a BetterError is sent to the page.
+            get: Functions by path after the token ("", "state"). Each returns the response, or None for status 404, and
+                may be called from several threads at once.
+            post: Function that executes a command, the JSON object sent to "do", and returns a JSON value. If it raises
+                a BetterError, the text of the error is sent to the page.
             host: Interface.
             port: Port; 0 for any free one.
             verb: CLI subcommand that serves the page ("better teleop"), for rejection messages.
@@ -164,7 +164,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         return None
 
     def _send_part(self, kind: str, data: bytes) -> None:
-        """Send the requested range of an answer, or all of it; browsers cannot seek in a film without ranges."""
+        """Send a response, or only the requested range of it. Browsers need ranges to seek in a film."""
         found = _RANGE.fullmatch(self.headers.get("Range", ""))
         first, last = ("", "") if found is None else found.groups()
         if not (first or last) or (first and last and int(last) < int(first)):

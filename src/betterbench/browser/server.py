@@ -31,9 +31,9 @@ def load_viser() -> Any:  # noqa: ANN401 - a module
 
 
 def free_port(host: str, port: int) -> int:
-    """Return a port to listen on: the given one, or any free port for 0.
+    """Return the requested port if it is free, or any free port for 0.
 
-    Raise InvalidInputError if it is not available.
+    Raise InvalidInputError if the requested port is not available.
     """
     if not 0 <= port <= 65535:
         raise InvalidInputError("--port", f"{port} is not a port", "Give 0 to 65535; 0 chooses a free port")
@@ -82,8 +82,8 @@ class PageServer:
         if not self._gate.is_closed:
             self.viser.stop()
             raise MissingDependencyError(
-                f"this version of viser ({viser.__version__}) starts its server in a way that {verb} does not "
-                "support, so that access could not be controlled. Install the version of the extra 'teleop'"
+                f"{verb} cannot control access to the server of this viser version ({viser.__version__}). Install "
+                f"the version required by the extra 'teleop'"
             )
         if self.port != wanted:  # the port was taken in the meantime, and viser chose the next port
             self.viser.stop()
@@ -101,11 +101,11 @@ class PageServer:
         return self._host in LOOPBACK_NAMES
 
     def expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401 - viser's
-        """Accept values of an element, which is identified by a UUID that viser sends only to the page."""
+        """Register an element, so that its values are accepted. Its UUID is known only to the page."""
         self._incoming.expect(element._impl.uuid, kind)
 
     def close(self) -> None:
-        """Close all connections and stop listening, waiting at most :data:`STOP_S` for a page that does not answer."""
+        """Close all connections and stop listening. Wait at most :data:`STOP_S` for pages that do not respond."""
         with contextlib.redirect_stdout(io.StringIO()):  # viser prints that it has stopped
             self._stopping.start()
             self._stopping.join(STOP_S)

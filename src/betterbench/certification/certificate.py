@@ -32,7 +32,7 @@ CLAUSES: Mapping[str, str] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Clause:
-    """Result of one clause: whether it is fulfilled, with a reason or remark (may be empty)."""
+    """Result of one clause: whether it holds, and an optional reason or remark."""
 
     passed: bool
     text: str = ""
@@ -45,17 +45,17 @@ class TrialCertificate:
 
     Attributes:
         condition: Name of the variation or of the training condition.
-        clauses: Finding per clause, "a" to "e".
-        steps: Control steps that the expert used.
-        penetration_mm: Deepest overlap between an object and anything else in the initial state [mm], 0 if nothing
-            overlaps.
+        clauses: Result of each clause, "a" to "e".
+        steps: Number of control steps of the expert's episode.
+        penetration_mm: Deepest penetration between an object and another body in the initial state [mm], 0 without
+            penetration.
         drift_mm: Largest motion of an untouched object in the first 0.2 s [mm].
         joint_margin_rad: Smallest distance between an arm joint and its limit in the grasps planned for clause (d)
             [rad]; None if none was planned.
         support_slack_mm: Smallest distance from a pick or a target to the border of its jitter region [mm]; None if the
             expert touched nothing.
-        watched: Whether the correct behavior is to touch nothing; every episode then runs until the step limit.
-        primitives: Primitives of the expert's episode, one phrase each.
+        watched: Whether the correct behavior is to touch nothing. Every episode then runs to the step limit.
+        primitives: Descriptions of the primitives in the expert's episode.
         expert_s: Wall time of the expert's episode [s].
         total_s: Wall time of the complete examination [s].
     """
@@ -84,12 +84,12 @@ class TrialCertificate:
 
     @property
     def passed(self) -> bool:
-        """Whether all clauses are fulfilled."""
+        """Whether all clauses hold."""
         return all(c.passed for c in self.clauses.values())
 
     @property
     def failed(self) -> tuple[str, ...]:
-        """Letters of the clauses that are not fulfilled."""
+        """Letters of the clauses that do not hold."""
         return tuple(letter for letter in CLAUSES if not self.clauses[letter].passed)
 
     @property
@@ -101,7 +101,7 @@ class TrialCertificate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CertificateVersions:
-    """Versions that, in addition to the seeds, determine a certificate.
+    """Versions that a certificate depends on, in addition to the seeds.
 
     The suite version determines the random streams.
 
@@ -150,17 +150,17 @@ class Certificate:
 
     @property
     def passed(self) -> bool:
-        """Whether all clauses are fulfilled on all trials."""
+        """Whether all clauses hold for all trials."""
         return all(t.passed for t in self.trials)
 
     @property
     def ambiguous(self) -> tuple[TrialCertificate, ...]:
-        """The trials whose premise is broken, so that they can be neither solved nor failed."""
+        """Trials with a broken premise, which have no right or wrong outcome."""
         return tuple(t for t in self.trials if _is_ambiguous(t.task, t.condition))
 
     @property
     def solved(self) -> Rate:
-        """Share of the other trials that the expert solved."""
+        """Rate at which the expert solved the trials that are not ambiguous."""
         rest = [t for t in self.trials if not _is_ambiguous(t.task, t.condition)]
         return Rate(sum(t.clauses["a"].passed for t in rest), len(rest))
 
@@ -170,7 +170,10 @@ class Certificate:
         return sum(t.expert_s for t in self.trials) / len(self.trials) if self.trials else 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, including a derived summary per condition that is not read back."""
+        """Return a JSON-serializable dict.
+
+        Its summary per condition is for readers and is ignored by :meth:`from_json`.
+        """
         form = asdict(self)
         form["seeds"] = seed_ranges(self.seeds)
         form["clause_texts"] = dict(CLAUSES)
@@ -197,7 +200,7 @@ _CERTIFICATE = TypeAdapter(Certificate)
 
 @functools.cache
 def _is_ambiguous(task: str, condition: str) -> bool:
-    """Return whether the premise of a condition is broken; False for a condition that is not known here."""
+    """Return whether the premise of a condition is broken; False for an unknown condition."""
     try:
         return resolve_condition(task, condition).condition.expected is Expected.AMBIGUOUS
     except UnknownNameError:
@@ -210,10 +213,10 @@ class Summary:
 
     Attributes:
         n: Number of trials.
-        passed: Number of trials in which all clauses are fulfilled.
-        clauses: Number of trials in which each clause is fulfilled.
-        steps_share: Largest fraction of the step limit that the expert used, among solved trials; None if it solved
-            none, or if episodes always last until the limit.
+        passed: Number of trials for which all clauses hold.
+        clauses: Number of trials for which each clause holds.
+        steps_share: Largest fraction of the step limit that the expert needed in a solved trial. None if no trial was
+            solved, or if episodes always run to the limit.
         notes: Distinct remarks on clauses, each with an example seed.
     """
 
@@ -271,7 +274,7 @@ def _summary(group: list[TrialCertificate]) -> Summary:
 
 
 def seed_ranges(seeds: Iterable[int]) -> str:
-    """Return seeds as text: "0-19,23"."""
+    """Format seeds as ranges ("0-19,23")."""
     ranges: list[list[int]] = []
     for seed in sorted(set(seeds)):
         if ranges and seed == ranges[-1][1] + 1:

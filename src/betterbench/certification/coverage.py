@@ -22,12 +22,13 @@ from betterbench.tasks.user_files import options_for, suite_file
 SOLVED_SHARE = 0.95
 """Minimum share of a condition's trials that the expert must solve.
 
-The few unsolved trials are attributed to the expert and are listed. Clauses (b) to (e) must hold on every single trial.
+The remaining failures are attributed to the expert, and the trials are listed. Clauses (b) to (e) must hold for every
+trial.
 """
 MOST_SEEDS = 1_000_000
-"""Largest seed allowed in a range; a malicious file with a larger range could exhaust memory."""
+"""Largest seed allowed in a range. Expanding a larger range from an untrusted file could exhaust memory."""
 MAX_BYTES = 256 << 20
-"""Largest certificate that is read [byte]."""
+"""Maximum size of a certificate file [byte]."""
 
 FORM: Literal["betterbench coverage"] = "betterbench coverage"
 
@@ -35,8 +36,8 @@ FORM: Literal["betterbench coverage"] = "betterbench coverage"
 class Gap(NamedTuple):
     """First trial not covered by a certificate, with the reason.
 
-    ``refused`` is true if the trial was examined under the current versions and failed; a new examination would fail
-    too.
+    ``refused`` is True if the trial was examined with the current versions and failed, so that examining it again would
+    not help.
     """
 
     trial: TrialId
@@ -47,12 +48,12 @@ class Gap(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Seeds:
-    """The seeds of one condition, as ranges ("0-19,23").
+    """Seeds of one condition, as ranges ("0-19,23").
 
     Attributes:
         certified: Certified seeds.
         unsolved: Certified seeds that the expert did not solve.
-        refused: Seeds that were examined and failed, with the letters of the clauses.
+        refused: Seeds that were examined and failed, by the letters of the failed clauses.
     """
 
     certified: str = ""
@@ -73,8 +74,8 @@ class Coverage:
     def of(cls, certificate: Certificate) -> Coverage:
         """Return the coverage of a certificate.
 
-        A trial is covered if clauses (b) to (e) are fulfilled and the expert solves it, or at least 95 % of its
-        condition's trials.
+        A trial is covered if clauses (b) to (e) hold and the expert solves this trial or at least 95 % of the trials of
+        its condition.
         """
         groups: dict[str, list[Any]] = {}
         for t in certificate.trials:
@@ -99,7 +100,7 @@ class Coverage:
         """Return the coverage restricted to some tasks.
 
         Args:
-            current: Versions in use, of these tasks.
+            current: Current versions, including those of the tasks.
 
         Raises:
             InvalidInputError: If one of the tasks was certified under other versions.
@@ -114,7 +115,7 @@ class Coverage:
         return Coverage(current, kept)
 
     def joined(self, other: Coverage, tasks: Sequence[str]) -> Coverage:
-        """Return this coverage merged with that of a certificate for other tasks, in the order of ``tasks``."""
+        """Merge this coverage with the coverage of other tasks, in the order of ``tasks``."""
         numbers = {**self.versions.tasks, **other.versions.tasks}
         conditions = sorted(
             {**self.conditions, **other.conditions}.items(), key=lambda c: tasks.index(c[0].split("/")[0])
@@ -166,7 +167,7 @@ class Coverage:
         return None
 
     def unsolved(self, trials: Iterable[TrialId]) -> tuple[TrialId, ...]:
-        """Return the planned trials that are covered but were not solved by the expert."""
+        """Return the covered trials of a plan that the expert did not solve."""
         seeds = {name: parse_ranges(s.unsolved) for name, s in self.conditions.items() if s.unsolved}
         return tuple(t for t in trials if t.seed in seeds.get(f"{t.task}/{t.condition}", ()))
 
@@ -213,7 +214,7 @@ def packaged_name(suite: str) -> str:
 
 
 def coverage_of(tasks: Iterable[str]) -> Coverage:
-    """Return the certificate of some tasks, from the folder of their suite or from the package.
+    """Return the coverage of some tasks, from the folder of their suite or from the package.
 
     Raises:
         InvalidInputError: If the certificate of the folder is unreadable.
@@ -256,10 +257,10 @@ def cure_for(
     robot: str = USUAL_ROBOT,
     unmeasured: Sequence[str] = (),
 ) -> str:
-    """Return the remedy for an uncertified trial, for a run that begins at the seed ``first``.
+    """Return the remedy for an uncertified trial of a run whose first seed is ``first``.
 
-    ``tasks`` are all tasks of the run, because one certificate must cover the run; empty for the whole suite. The
-    ``unmeasured`` tasks are defined in users' files, and their demonstrations must be measured first.
+    ``tasks`` are all tasks of the run, because one certificate must cover the complete run; empty for the whole suite.
+    ``unmeasured`` are tasks from user files whose demonstrations must be measured first.
     """
     if gap.refused:
         return "Choose other seeds with --seed and --trials, or run it with --uncertified"

@@ -28,13 +28,13 @@ from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.tasks.relations import RELATIONS
 
 MOST_POSES = 12
-"""Maximum number of final poses per asset and target region; the first poses are kept."""
+"""Maximum number of final poses per asset and target region. Later poses are dropped."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DemonstratedPut:
-    """One placement in a demonstration, in the units of the file; see ``Releases`` and ``FinalPoses``."""
+    """Placement in a demonstration, in the units of ``Releases`` and ``FinalPoses``."""
 
     slot: str
     relation: str
@@ -52,12 +52,12 @@ class DemonstratedPut:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstration:
-    """Demonstration of the expert.
+    """Measured demonstration of the expert.
 
     Attributes:
-        problem: Reason for a failure, empty if solved.
+        problem: Reason why the demonstration failed; empty if it succeeded.
         puts: Its placements.
-        together: Final poses at each target where it left several objects.
+        together: Final poses of the objects at each target that received several objects.
     """
 
     task: str
@@ -76,7 +76,8 @@ class Demonstration:
 def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...], tuple[TrialId, ...]]:
     """Return the demonstrations to measure for a task, cycling through its training conditions.
 
-    Returns: Demonstrations without pre-placed objects first, then those that start in the final states of the former.
+    Returns: Demonstrations without pre-placed objects, followed by demonstrations that start with objects pre-placed as
+    measured in the former.
     """
     conditions = [task.training[i % len(task.training)] for i in range(number)]
     trials = [(c, TrialId(task.id, c.name, FIRST_DEMONSTRATION_SEED + i)) for i, c in enumerate(conditions)]
@@ -89,8 +90,8 @@ def demonstrate(trial: TrialId, so_far: Demonstrated | None = None, *, robot: st
 
     Args:
         trial: A training condition and a seed of demonstrations.
-        so_far: Earlier measurements of the task, for conditions that begin with pre-placed objects.
-        robot: Name of the robot; by default the one that the task is laid out for.
+        so_far: Measurements so far, which determine the poses of pre-placed objects.
+        robot: Name of the robot; default: the robot for which the task is laid out.
     """
     task = get_task(trial.task)
     with measured_so_far(task.id, so_far):
@@ -109,7 +110,7 @@ def demonstrate(trial: TrialId, so_far: Demonstrated | None = None, *, robot: st
 
 
 def _together(left: Sequence[Preplaced], relation: str) -> tuple[JointPoses, ...]:
-    """Return the final poses at each target where a demonstration left several objects."""
+    """Return the final poses of the objects at each target that received several objects."""
     places: dict[tuple[str, str, str], list[FinalPose]] = {}
     for p in left:
         places.setdefault(p.place, []).append(FinalPose(p.kind, p.asset, LeaningPose.of(p.pose)))
@@ -150,7 +151,7 @@ def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrat
     left: dict[tuple[str, str, str, str, str, str], list[FlatPose]] = {}
     for put in puts:
         places.setdefault((put.slot, put.relation, put.region, put.level), []).append(put)
-        if RELATIONS[put.relation].surface is not None:  # an object can be pre-placed there
+        if RELATIONS[put.relation].surface is not None:  # objects can be pre-placed at this target
             what = (put.kind, put.asset, put.target_kind, put.target_asset, put.relation, put.region)
             left.setdefault(what, []).append(put.pose)
     return Demonstrated(
@@ -168,7 +169,7 @@ def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrat
 
 
 def _apart(heights_mm: Iterable[float]) -> tuple[float, ...]:
-    """Return sorted heights, skipping each height within half a millimeter of the previous one."""
+    """Return the sorted heights, without those within 0.5 mm of the previous one."""
     kept: list[float] = []
     for height in sorted(heights_mm):
         if not kept or height > kept[-1] + 0.5:

@@ -37,16 +37,18 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.relations import RELATIONS
 
 REST_STEPS = 4
-"""Number of control steps of zero action after which an initial state must be at rest: 0.2 s."""
+"""Number of control steps without motion during which an initial state must stay at rest: 0.2 s."""
 DRIFT_M = 0.001
 """Largest motion of an untouched object in that time [m]."""
 PENETRATION_M = 0.0015
-"""Largest overlap treated as normal contact of the soft-constraint solver [m]; resting assets overlap by < 0.5 mm."""
+"""Largest penetration accepted as normal contact of MuJoCo's soft constraints [m]. Resting assets penetrate by less
+than 0.5 mm.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class InitialRest:
-    """Result of clause (c), with the largest overlap and drift in the initial state [mm]."""
+    """Result of clause (c), with the largest penetration and drift in the initial state [mm]."""
 
     clause: Clause
     penetration_mm: float
@@ -55,7 +57,7 @@ class InitialRest:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Result of clause (a), and a result for every primitive in the expert's episode."""
+    """Result of clause (a), and the result of every primitive in the expert's episode."""
 
     clause: Clause
     steps: int
@@ -64,7 +66,7 @@ class _Episode:
 
 
 def examine(trial: TrialId, *, looks: Looks = "seen", robot: str | None = None) -> TrialCertificate:
-    """Return the results of all clauses for a trial, fulfilled or not. Raises UnknownNameError for an unknown trial."""
+    """Examine all clauses for a trial. Raises UnknownNameError for an unknown trial."""
     found = resolve_condition(trial.task, trial.condition)
     support = Support.SEEN if found.variation is None else found.variation.support
     training = found.variation is None
@@ -83,7 +85,7 @@ def examine_condition(
     looks: Looks = "seen",
     robot: str | None = None,
 ) -> TrialCertificate:
-    """Examine one seed of a condition, which need not be registered."""
+    """Examine one seed of a condition. The condition may be unregistered."""
     began = time.perf_counter()
     scene = Scene(
         task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"], looks=looks, robot_name=robot
@@ -120,7 +122,7 @@ def examine_condition(
 
 
 def examine_rest(scene: Scene, *, steps: int = REST_STEPS) -> InitialRest:
-    """Check the initial state of a trial for some control steps without moving the arm."""
+    """Check clause (c): run a few control steps without moving the arm."""
     before = scene.reset(check_premise=False)
     span = f"in {steps / scene.control_rate_hz:g} s"
     deepest, where = _penetration(scene)
@@ -143,7 +145,7 @@ def examine_rest(scene: Scene, *, steps: int = REST_STEPS) -> InitialRest:
 
 
 def _penetration(scene: Scene) -> tuple[float, str]:
-    """Return the largest overlap between an object and another body [m], and the names of the pair."""
+    """Return the largest penetration between an object and another body [m], and the names of the pair."""
     contact = scene.data.contact
     names, n = scene.body_names, len(scene.info.objects)
     deepest, where = 0.0, ""
@@ -169,7 +171,7 @@ def _premise(condition: Condition, state: WorldState) -> Clause:
 
 
 def _to_be_grasped(condition: Condition, state: WorldState) -> tuple[str, ...]:
-    """Return the objects named by the instruction that are not yet at their goal."""
+    """Return the objects named in the instruction that are not at their goal yet."""
     names: dict[str, None] = {}
     for goal in condition.instruction.subgoals:
         for name in condition.resolve(goal.reference):
@@ -179,17 +181,18 @@ def _to_be_grasped(condition: Condition, state: WorldState) -> tuple[str, ...]:
 
 
 def _shut_targets(condition: Condition) -> tuple[str, ...]:
-    """Return the drawers that must receive an object but are closed at the start."""
+    """Return the drawers that are closed at the start and must receive an object."""
     targets = dict.fromkeys(g.target for g in condition.instruction.subgoals)
     return tuple(t for t in targets if condition.object(t).role == "drawer" and not condition.opened.get(t))
 
 
 def planned_grasps(scene: Scene, state: WorldState) -> tuple[dict[str, str | None], float | None]:
-    """Plan a grasp for each instructed object that is not yet at its goal.
+    """Plan a grasp for each object of the instruction that is not at its goal yet.
 
     Returns:
-        Per object, the reason why no grasp was found, or None; and the smallest distance between an arm joint and its
-        limit in the planned grasps [rad], None without one. A drawer has a reason, because its handle is not planned.
+        Per object, the reason why no grasp was found, or None. Drawers always have a reason, because no grasp of the
+        handle is planned. Also returns the smallest distance between an arm joint and its limit in the planned grasps
+        [rad], or None if there is no plan.
     """
     condition = scene.condition
     planner, ik = Planner(scene), ArmIK(scene.compiled.robot)
@@ -216,7 +219,7 @@ def planned_grasps(scene: Scene, state: WorldState) -> tuple[dict[str, str | Non
 
 
 def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
-    """Return the result of clause (d), which a planned grasp in the initial state or the expert's success fulfills."""
+    """Return the result of clause (d): each object has a planned grasp, or the expert succeeds."""
     if not reasons:
         return Clause(passed=True, text="no object needs to be grasped")
     later = {name: reason for name, reason in reasons.items() if reason is not None}
@@ -230,7 +233,7 @@ def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """Observed episode of the expert.
+    """Episode of the expert, with its primitives.
 
     Attributes:
         problem: Reason for a failure, empty if solved.
@@ -245,7 +248,7 @@ class Watched:
 
 
 def watch_expert(scene: Scene) -> Watched:
-    """Run the expert on the trial and track its primitives."""
+    """Run the expert on the trial and extract the primitives of its episode."""
     task, condition = scene.task, scene.condition
     state = scene.reset(check_premise=False)
     tracker = GoalTracker(condition, scene.info, template=task.template, control_rate_hz=scene.control_rate_hz)
@@ -285,7 +288,7 @@ def _expert(scene: Scene) -> _Episode:
 
 
 def _why_not(condition: Condition, info: SceneInfo, tracker: GoalTracker, truth: Truth, steps: int) -> str:
-    """Return the reason why the expert's episode was not solved."""
+    """Return the reason why the expert failed."""
     if condition.expected is not Expected.SUCCEED:
         return f"scored wrong after {steps} steps: {'a forbidden interaction' if truth.forbidden else 'not at rest'}"
     missing = [name for name, done in zip(tracker.subgoal_names, truth.subgoals, strict=True) if not done]

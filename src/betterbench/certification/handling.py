@@ -1,8 +1,8 @@
-"""Handling: the picks, puts and slides in an episode, derived from its states and not reported by the policy.
+"""Handling: picks, puts and slides in an episode, derived from the recorded states.
 
 A **pick** stores the last pose of the object at rest before the gripper touched it. A **put** stores the release point
-and the resulting relation between the object and a target. A **slide** is a motion of a drawer along its rails. A
-**pre-placed** object is at its target from the start, and its pose there is stored.
+and the resulting relation between the object and a target. A **slide** is a motion of a drawer along its rails. For a
+**pre-placed** object, which is at its target from the start, the pose is stored.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from betterbench.tasks.relations.closed import GAP
 from betterbench.tasks.relations.placing import foot
 
 SLIDE_M = GAP
-"""Minimum distance at which a drawer counts as moved [m]."""
+"""Minimum distance that a drawer must move to count as moved [m]."""
 LONGEST_CHAIN = 8
-"""Maximum number of supports between a target and a slot: a stack of four on an object in a mounted drawer has six."""
+"""Maximum number of supports between a target and a slot. A stack of four on an object in a mounted drawer has six."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """An object picked from ``pose`` (``T_world_object``), its last pose at rest before the gripper touched it."""
+    """Pick of an object. ``pose`` is its last ``T_world_object`` at rest before the gripper touched it."""
 
     object: str
     kind: str
@@ -35,7 +35,7 @@ class Pick:
 
 
 class Release(NamedTuple):
-    """Release point of an object: height of the object's base above the table, and the base position at the target [m].
+    """Release point of an object: height of its base above the table, and its horizontal position at the target [m].
 
     The position is in the target's frame, relative to the center of the target region.
     """
@@ -47,19 +47,19 @@ class Release(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """A released object, with its target and the slot below.
+    """Put of an object, with its target and the slot below.
 
     Attributes:
         kind: Kind of the object.
         asset: Identity of the object's asset.
-        relation: Relation name to its target, or None if it was lost on the way.
-        region: Region of the target, if it has several.
-        slot: Slot of the target or of its support; None if there is none.
-        level: Number of objects below this one, down to the slot; a drawer's mount is not included.
+        relation: Name of the relation to the target, or None if the object was dropped on the way.
+        region: Region of the target, if the target has several.
+        slot: Slot of the target or of the support below it; None if there is none.
+        level: Number of objects between this object and the slot, without the mount of a drawer.
         pose: Pose ``T_world_object`` at rest.
         target_asset: Identity of the target's asset.
-        target_pose: Pose of the target region's center at that time, ``T_world_middle``; equals ``pose`` if there is no
-            target.
+        target_pose: Pose of the center of the target region at that time, ``T_world_middle``; equal to ``pose`` without
+            a target.
         release: Release point.
     """
 
@@ -81,7 +81,7 @@ class Put:
 
 @dataclass(frozen=True, slots=True)
 class Preplaced:
-    """An object that is at its target at the start.
+    """Object that is at its target at the start.
 
     Attributes:
         kind: Kind of the object.
@@ -106,7 +106,7 @@ class Preplaced:
 
 @dataclass(frozen=True, slots=True)
 class DrawerMove:
-    """A drawer that was opened or closed, with the slot of its cabinet."""
+    """Opened or closed drawer, with the slot of its cabinet."""
 
     object: str
     kind: str
@@ -117,17 +117,17 @@ Primitive = Pick | Put | DrawerMove | Preplaced
 
 
 class Handling:
-    """Tracker of the primitives in an episode; it must see every state since reset, in order."""
+    """Tracker of the primitives in an episode. Pass it every state since reset, in order."""
 
     def __init__(self, task: Task, condition: Condition, *, finger_moves_m: float = 0.0) -> None:
-        """Prepare for an episode.
+        """Initialize the tracker for an episode.
 
         Args:
             task: Task of the episode.
             condition: Condition of the episode.
-            finger_moves_m: Distance by which a fixed finger moves to touch an object before the jaw closes [m], see
-                ``Jaw.closing_shift_m``. A push up to this distance is part of the grasp, also if the object loses
-                contact again before the jaw closes. It is 0 for parallel jaws.
+            finger_moves_m: Distance that the gripper moves to bring its fixed finger into contact before the jaw closes
+                [m], see ``Jaw.closing_shift_m``. A push up to this distance is part of the grasp, even if contact is
+                lost before the jaw closes. 0 for parallel jaws.
         """
         self._finger_moves_m = finger_moves_m
         self._condition = condition
@@ -181,15 +181,15 @@ class Handling:
             self._settle(state)
 
     def finish(self) -> tuple[Primitive, ...]:
-        """Return all primitives in the episode by start time, with slides last."""
+        """Return all primitives of the episode, sorted by start time, slides last."""
         if self._last is not None:
             self._settle(self._last)
         return (*self._found, *self._slid.values())
 
     def left(self) -> tuple[Preplaced, ...]:
-        """Return the objects that lie in the last state where objects can be pre-placed.
+        """Return the objects whose final position is one at which objects can be pre-placed.
 
-        Their poses may differ from those of their puts, because later objects can move earlier ones.
+        Their final poses may differ from those after their puts, because objects placed later can move them.
         """
         state, relation = self._last, self._relations[0]
         if state is None or relation.surface is None:
@@ -207,7 +207,7 @@ class Handling:
         return tuple(sorted(found, key=lambda p: (p.kind, p.asset, p.target_kind, p.region)))
 
     def _settle(self, state: WorldState) -> None:
-        """Record where the released object has come to rest."""
+        """Record the pose at which a released object came to rest."""
         name = self._settling
         if name is None:
             return
@@ -230,7 +230,7 @@ class Handling:
     def _put(
         self, state: WorldState, name: str, target: str | None = None, relation: str | None = None, region: str = ""
     ) -> Put:
-        """Return the put of an object, without a target if the object was lost in transit."""
+        """Return the put of an object, without a target if the object was dropped on the way."""
         info, to = state.info.object(name), target or name
         slot, level, base = ground_of(self._condition, to, self._resting_on) if target else (None, 0, name)
         let_go = self._grasped or state
@@ -262,7 +262,7 @@ def _middle_of(state: WorldState, target: str, relation: str | None, region: str
 
 
 def _preplaced(condition: Condition, relation: Relation, state: WorldState) -> list[Preplaced]:
-    """Return the objects that rest at a target at the start, in an order independent of their names."""
+    """Return the objects at rest at a target at the start, in an order that does not depend on their names."""
     found = []
     for name, place in condition.preplaced.items():
         pose = _middle_of(state, place.target, relation.name, place.region).inverse() @ state.pose(name)
@@ -280,7 +280,7 @@ def _in_fingers(state: WorldState, name: str) -> bool:
 
 
 def ground_of(condition: Condition, name: str, resting_on: Mapping[str, str]) -> tuple[str | None, int, str]:
-    """Return the slot (or None) below an object, its level above the slot without mounts, and the lowest object."""
+    """Return the slot below an object (or None), its level above the slot without mounts, and the lowest object."""
     level = 1
     for _ in range(LONGEST_CHAIN):
         mount = condition.object(name).mount

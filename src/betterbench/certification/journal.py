@@ -1,6 +1,7 @@
-"""Certification journals for resuming: a header with versions, and one line per trial, synced to disk.
+"""Journal of a certification, from which it can be resumed: a header with versions, and one synced line per trial.
 
-The lines of a version 2 journal are linked, starting with the header; version 1 journals are read with a warning.
+The lines of a version 2 journal are linked by hashes, starting with the header. Version 1 journals are read with a
+warning.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ CURE = "Restore the file from a copy, or work in a new folder"
 @strict_form
 @dataclass(frozen=True, slots=True)
 class JournalHeader:
-    """First line of a journal: its kind, and the versions when it was created."""
+    """First line of a journal: its kind, and the versions at its creation."""
 
     form: str
     package_version: str = ""
@@ -40,7 +41,7 @@ class JournalHeader:
     robot: str = USUAL_ROBOT
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; the default robot is omitted, as in journals of earlier versions."""
+        """Return a JSON-serializable dict. The default robot is omitted, as in earlier journals."""
         form = asdict(self)
         if self.robot == USUAL_ROBOT:
             del form["robot"]
@@ -69,7 +70,7 @@ def holds_journal(folder: Path) -> bool:
 
 
 class VersionedJournal(LineJournal):
-    """Journal that can be resumed only with the same versions, and by one process at a time.
+    """Journal that can only be resumed with the same versions, by one process at a time.
 
     Raises:
         RunConflictError: If another process writes to the folder, or the journal was started under other versions.
@@ -101,7 +102,7 @@ class VersionedJournal(LineJournal):
             self._link = link or self._link
 
     def _take_in_line(self, form: dict[str, Any], where: str) -> None:
-        """Read a line after the header; ``where`` is the location for error messages."""
+        """Read a line after the header; ``where`` is its location for error messages."""
         raise NotImplementedError
 
     def _check_header(self, line: bytes) -> None:
@@ -126,7 +127,7 @@ def forms_after_header(path: Path, lines: list[bytes]) -> Iterator[tuple[dict[st
 
 
 class CertificationJournal(VersionedJournal):
-    """Certification journal; trials examined with another task version are examined again.
+    """Certification journal. Trials examined with another task version are examined again.
 
     Raises as :class:`VersionedJournal` does.
     """
@@ -144,7 +145,7 @@ class CertificationJournal(VersionedJournal):
         return round(sum(self._sessions.values()), 3)
 
     def append(self, trial: TrialCertificate, *, session: str, elapsed_s: float) -> None:
-        """Append an examined trial and force it to disk."""
+        """Append an examined trial and sync it to disk."""
         self._append_form(asdict(_Line(trial, self._versions.tasks[trial.task], session, round(elapsed_s, 3))))
         self.trials[trial.key] = trial
         self._sessions[session] = elapsed_s

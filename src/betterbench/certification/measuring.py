@@ -48,7 +48,7 @@ class DemonstrationJournal(VersionedJournal):
         super().__init__(folder / DEMONSTRATIONS_NAME, versions)
 
     def append(self, found: Demonstration) -> None:
-        """Append a demonstration and force it to disk."""
+        """Append a demonstration and sync it to disk."""
         self._append_form(asdict(_Line(found, self._versions.tasks[found.task])))
         self.found[found.key] = found
 
@@ -75,7 +75,7 @@ def measure(
         number: Demonstrations per task, cycling through its training conditions.
         workers: Worker processes.
         robot: Name of the robot.
-        on_progress: Called at the start of each turn and after every demonstration.
+        on_progress: Called at the start of each pass and after every demonstration.
 
     Raises:
         InvalidInputError: If there are fewer demonstrations than training conditions, or the number of workers is out
@@ -118,7 +118,7 @@ def _demonstrate(so_far: Mapping[str, Demonstrated], robot: str, trial: TrialId)
 
 
 def destination(task: str) -> Path | None:
-    """Return the output path next to the file that defines a task, or None for a packaged suite task."""
+    """Return the output path next to the file that defines a task, or None for a task of a packaged suite."""
     own = companion_of(task)
     return None if own is None else own.path
 
@@ -131,7 +131,7 @@ def write_demonstrations(found: Mapping[str, Demonstrated]) -> tuple[Path, ...]:
     written = []
     for path, tasks in files.items():
         if path is not None:
-            with OutputFile(path, "certify", is_ours=lambda _: True):  # other kinds of files would have failed to load
+            with OutputFile(path, "certify", is_ours=lambda _: True):  # other file types cannot be loaded
                 write_durably(path, updated_text(path, tasks).encode())
             written.append(path)
             continue

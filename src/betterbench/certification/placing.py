@@ -1,8 +1,8 @@
-"""Placement of another robot's base in a task, and the objects that it can grasp from there.
+"""Adaptation of a task to another robot: base position, and the objects within its reach.
 
-All positions of a task are in the base frame of the robot that it is laid out for. For another robot, the base is moved
-to the position from which the robot reaches the most slots; the slots do not move. The result is a separate task with
-its own name, version, demonstrations and certificate.
+All positions of a task are in the base frame of its original robot. For another robot, the base is moved to the
+position from which this robot reaches the most slots. The slots do not move. The result is a separate task with its own
+name, version, demonstrations and certificate.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from betterbench.tasks import Task, suite_of, task_to_json
 from betterbench.tasks.authoring.laid_out import laid_out
 
 GRID_M = 0.01
-"""Distance between tried base positions [m]."""
+"""Grid spacing of the candidate base positions [m]."""
 FARTHEST_M = 0.8
-"""Largest tried displacement of the base along each axis [m]."""
+"""Largest displacement of the base along each axis [m]."""
 OBJECT_HEIGHT_M = 0.03
-"""Height of a grasp above the table for which the ring of reach is computed [m]."""
+"""Height above the table of the grasps for which the reach is computed [m]."""
 MARGIN_M = 0.01
-"""Distance of a slot from the edges of the ring of reach, for its jitter [m]."""
+"""Required distance of a slot from the limits of the reach, to allow for jitter [m]."""
 WIDEST_RAD = math.radians(100.0)
-"""Largest angle between a slot and the robot's forward direction [rad]."""
+"""Maximum angle between a slot and the robot's forward direction [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +40,10 @@ class Placed:
     """A task laid out for another robot.
 
     Attributes:
-        task: The task; its name consists of the original task's name and the robot's name, with "placed" after them if
-            a packaged task has that name.
+        task: The adapted task, named after the original task and the robot, with "placed" at the end if a packaged task
+            has that name.
         base_m: Position of the robot's base, in the base frame of the original's robot [m].
-        outside: Names of the slots that are out of reach from there.
+        outside: Names of the slots that are out of reach from this position.
     """
 
     task: Task
@@ -53,13 +53,13 @@ class Placed:
 
 @dataclass(frozen=True, slots=True)
 class GraspCount:
-    """Planned grasps of one object.
+    """Number of trials with a planned grasp of one object.
 
     Attributes:
         name: Name of the object.
         planned: Number of trials with a planned grasp.
-        trials: Number of trials in which the object is to be grasped.
-        reason: The most frequent reason why no grasp was found; empty if every grasp was planned.
+        trials: Number of trials in which the object must be grasped.
+        reason: Most frequent reason why no grasp was found; empty if a grasp was always found.
     """
 
     name: str
@@ -70,13 +70,13 @@ class GraspCount:
 
 @dataclass(frozen=True, slots=True)
 class Feasibility:
-    """Feasibility of a task for its robot, measured on its training conditions.
+    """Feasibility of a task for its robot, measured in the training conditions.
 
     Attributes:
         solved: Number of trials that the expert solved.
         trials: Number of trials.
-        grasps: Planned grasps from the start, by object.
-        problem: The most frequent problem of the expert, empty if there is none.
+        grasps: Grasps planned from the initial state, one entry per object.
+        problem: Most frequent reason why the expert failed; empty without failures.
     """
 
     solved: int
@@ -86,9 +86,9 @@ class Feasibility:
 
 
 def ring_of(spec: RobotSpec) -> tuple[float, float]:
-    """Return the smallest and the largest horizontal distance from the center of its reach at which a robot grasps [m].
+    """Return the minimum and maximum horizontal distance from the reach center at which a robot can grasp [m].
 
-    The tool points down.
+    The tool points straight down.
     """
     limits = spec.steering
     up = OBJECT_HEIGHT_M + limits.back_m - limits.center[2]
@@ -97,16 +97,16 @@ def ring_of(spec: RobotSpec) -> tuple[float, float]:
 
 
 def place_task(task: Task, spec: RobotSpec) -> Placed:
-    """Return a task laid out for another robot, with the base where the fewest slots are out of its reach.
+    """Adapt a task to another robot, with the base at the position where the fewest slots are out of reach.
 
-    Among equally good positions, the one with the slots nearest to the middle of the robot's reach is chosen.
+    Ties are resolved in favor of the position whose slots are closest to the middle of the reach.
 
-    Raises InvalidInputError if the task is laid out for this robot already.
+    Raises InvalidInputError if the task is already laid out for this robot.
     """
     if task.robot == spec.name:
         problem = f"{task.id} is already laid out for robot {spec.name!r}"
         raise InvalidInputError("--robot", problem, "Give another robot, or use the original task")
-    form = task_to_json(task)  # lists the slots of the operations, too
+    form = task_to_json(task)  # includes the slots of the operations
     slots = np.array([(slot["x"], slot["y"]) for slot in form["slots"]])
     near, far = ring_of(spec)
     center = np.array(spec.steering.center[:2])
@@ -131,7 +131,7 @@ def place_task(task: Task, spec: RobotSpec) -> Placed:
 
 
 def measure_feasibility(task: Task, *, seeds: int, on_trial: Callable[[], None] = lambda: None) -> Feasibility:
-    """Plan the grasps from the start and let the expert act, in each training condition with each of the first seeds.
+    """Plan grasps from the initial state and run the expert, for each training condition and each of the first seeds.
 
     ``on_trial`` is called after each trial.
     """
@@ -144,7 +144,7 @@ def measure_feasibility(task: Task, *, seeds: int, on_trial: Callable[[], None] 
             scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
             found, _ = planned_grasps(scene, scene.reset(check_premise=False))
             problem = watch_expert(scene).problem
-        except BetterError as error:  # such as poses of pre-placed objects that were never measured
+        except BetterError as error:  # for example, poses of pre-placed objects that were not measured
             found, problem = {}, one_line(error)
         for name, reason in found.items():
             tried[name] += 1

@@ -1,4 +1,4 @@
-"""Check that a certificate covers the trials of a run, with an error that gives the remedy."""
+"""Check whether a certificate covers the trials of a run."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _NAMED = 5
 
 
 def require_certified(plan: Plan, certificate: Path | None = None) -> str:
-    """Check that a certificate covers every trial of a plan, and return a sentence about its limits.
+    """Check that a certificate covers every trial of a plan, and return a note about uncertified or unsolved trials.
 
-    Without a path, the suite's certificate is used, from the package or from the folder of the suite. If it covers
-    only the seen looks, trials with unseen looks are allowed, and the sentence states that they are not certified. The
-    sentence is empty if the expert solved all trials.
+    Without a path, the certificate of the suite is used, from the package or from the folder of the suite. If it covers
+    only the seen looks, unseen looks are allowed, and the note states that they are not certified. The note is empty if
+    all trials are certified and solved by the expert.
 
     Raises:
         InvalidInputError: If a trial is not covered; the message names the first such trial and the remedy.
@@ -48,10 +48,10 @@ def require_coverage(
     looks: Looks = "seen",
     robot: str = USUAL_ROBOT,
 ) -> str:
-    """Check that a certificate covers every planned trial, and return a sentence about unsolved trials.
+    """Check that a certificate covers every planned trial, and return a note about trials that the expert failed.
 
-    The sentence is empty if the expert solved all trials. The run's first ``seed`` and ``trials_per_variation`` appear
-    in the suggested command.
+    The note is empty if the expert solved all trials. The ``seed`` and ``trials_per_variation`` of the run are used in
+    the suggested command.
 
     Raises:
         InvalidInputError: If a trial is not covered; the message names the first such trial and the remedy.

@@ -1,4 +1,4 @@
-"""Certification of many trials by worker processes, with a journal and a final certificate."""
+"""Certification of many trials in worker processes, with a journal and a final certificate."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from betterbench.version import __version__
 
 
 def versions_in_use(tasks: Sequence[str], *, robot: str = USUAL_ROBOT) -> CertificateVersions:
-    """Return the versions on which a certificate for some tasks and a robot depends."""
+    """Return the current versions that a certificate for some tasks and a robot depends on."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
     return CertificateVersions(__version__, SUITE_VERSION, engine_version(), numbers, robot=robot)
 
@@ -46,7 +46,7 @@ def certify(
     """Examine every trial not yet in the folder's journal, and write ``certificate.json``.
 
     Returns:
-        The certificate of exactly these trials, in order.
+        Certificate of these trials, in the given order.
 
     Raises:
         InvalidInputError: If no trial is given, the number of workers is out of range, or a task's demonstrations have
@@ -97,5 +97,5 @@ def write_coverage(certificate: Certificate | Coverage, path: Path) -> Path:
 
 
 def write_json(path: Path, form: object) -> None:
-    """Write a JSON document durably."""
+    """Write a JSON document with :class:`DurableFile`."""
     write_durably(path, (json_text(form, indent=1, allow_nan=False) + "\n").encode())

@@ -1,4 +1,4 @@
-"""Support of a training distribution: picks, placements and drawer moves, and a check that an episode stays inside."""
+"""Support of a training distribution: its picks, placements and drawer moves, compared with those of an episode."""
 
 from __future__ import annotations
 
@@ -16,19 +16,18 @@ from betterbench.tasks.relations import RELATIONS
 POSITION_TOLERANCE_M = 0.001
 """Tolerance around a slot's jitter region [m], equal to the drift that clause (c) allows."""
 YAW_TOLERANCE_RAD = 0.02
-"""Tolerance beyond a slot's yaw jitter [rad]; assets at rest rotate less."""
+"""Tolerance beyond a slot's yaw jitter [rad], larger than any rotation of assets at rest."""
 PUSHED_TOLERANCE_M = 0.005
-"""Position tolerance of a movable target [m]; placing an object on it may push it this far."""
+"""Position tolerance of a movable target [m]. Placing an object on it may push it by this distance."""
 LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
-"""Largest distance and rotation of a pre-placed object from the nearest final pose in demonstrations [m], [rad]."""
+"""Maximum distance [m] and rotation [rad] between a pre-placed object and the nearest final pose in demonstrations."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Result for one primitive: description, reason if it is outside the training distribution (or None), and slack.
+    """Result for one primitive: description, reason why it is outside the training distribution (or None), and slack.
 
-    The slack is the distance to the border of the jitter region [m], negative outside; None if there is no jitter
-    region.
+    The slack is the distance to the border of the jitter region [m], negative outside, or None without a jitter region.
     """
 
     text: str
@@ -65,9 +64,9 @@ class TrainedSupport:
 
     @classmethod
     def of(cls, task: Task, demonstrated: Demonstrated) -> TrainedSupport:
-        """Collect the primitives required by the training conditions, and those in the demonstrations.
+        """Collect the primitives of the training conditions and of the demonstrations.
 
-        Closing a drawer is a slide; every other subgoal picks its object and puts it at a target.
+        Closing a drawer is a slide. Every other subgoal is a pick of its object and a put at its target.
         """
         picks: dict[str, Slot] = {}
         grasped: set[str] = set()
@@ -102,7 +101,7 @@ class TrainedSupport:
         )
 
     def judge_all(self, primitives: Sequence[Primitive]) -> tuple[Found, ...]:
-        """Return the result for each primitive of an episode; pre-placed objects at one target are judged together."""
+        """Return the result for each primitive of an episode. Pre-placed objects at one target are judged together."""
         places: dict[tuple[str, str, str], list[Preplaced]] = {}
         for p in primitives:
             if isinstance(p, Preplaced):
@@ -167,7 +166,7 @@ class TrainedSupport:
         return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
 
     def _release_astray(self, put: Put) -> str | None:
-        """Describe how a release deviates from every demonstrated release at its target; None if it does not."""
+        """Describe the deviation of a release from the demonstrated releases at its target, or return None."""
         trained = self.demonstrated.releases_at((put.slot, put.relation, put.region, put.level))
         if trained is None:
             return "where no measured demonstration releases an object"
@@ -195,9 +194,9 @@ class TrainedSupport:
         return Found(text, f"{text}, {far} from the nearest pose in which demonstrations leave such an object", None)
 
     def _apart(self, there: Sequence[Preplaced]) -> Apart | None:
-        """Return the smallest deviation of several objects in one place from how a demonstration left them there.
+        """Return the smallest deviation of several objects at one target from their final poses in a demonstration.
 
-        None if no measured demonstration left the same assets together.
+        None if no measured demonstration has the same assets there.
         """
         known = self.demonstrated.joint_poses_at(there[0].target_asset, self.relation, there[0].region)
         deviations = []
@@ -226,16 +225,16 @@ def _is_near(pose: Pose, trained: FlatPose) -> bool:
 
 
 def _offset_m(pose: Pose, trained: FlatPose) -> float:
-    """Return the distance of two poses at a target, seen from above [m]."""
+    """Return the horizontal distance of two poses at a target [m]."""
     return math.dist(pose.position[:2], (0.001 * trained.x_mm, 0.001 * trained.y_mm))
 
 
 def _turn(pose: Pose, trained: FlatPose) -> float:
-    """Return the heading of a pose relative to a training pose [rad], in [-pi, pi]."""
+    """Return the yaw of a pose relative to a training pose, in [-pi, pi] [rad]."""
     return math.remainder(yaw_of(pose.quaternion) - math.radians(trained.yaw_deg), math.tau)
 
 
 def slack_m(slot: Slot, pose: Pose) -> float:
-    """Return the distance from a pose to the border of a slot's jitter region [m]. The value is negative outside."""
+    """Return the distance from a pose to the border of a slot's jitter region [m], negative outside."""
     dx, dy = abs(pose.position[0] - slot.x), abs(pose.position[1] - slot.y)
     return slot.jitter_m - max(dx, dy)

@@ -18,7 +18,7 @@ _interrupts: list[int] = []
 
 
 def was_interrupted() -> bool:
-    """Return whether Ctrl-C was pressed. Interrupted native code may raise a different error than KeyboardInterrupt."""
+    """Return whether Ctrl-C was pressed. Interrupted native code may raise an error other than KeyboardInterrupt."""
     return bool(_interrupts)
 
 
@@ -28,7 +28,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _too_late(number: int, _frame: FrameType | None) -> None:
-    """Ignore the first Ctrl-C after the work is done; a second Ctrl-C ends a process that hangs."""
+    """Ignore the first Ctrl-C after the work is done. A second Ctrl-C ends a process that hangs."""
     signal.signal(number, signal.SIG_DFL)
 
 
@@ -39,7 +39,7 @@ def _ignore_too_late() -> None:
 
 
 def main() -> None:
-    """Entry point of the command ``better``."""
+    """Entry point of the ``better`` command."""
     if sys.argv[1:] == ["--version"]:
         from betterbench.version import __version__
 
@@ -48,7 +48,7 @@ def main() -> None:
     try:
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # SIGINT is ignored in a background process
             signal.signal(signal.SIGINT, _interrupt)
-            atexit.register(_ignore_too_late)  # exit functions are called last in, first out
+            atexit.register(_ignore_too_late)  # exit functions are called in reverse order of registration
         # imported here because tyro is slow to import and --version does not need it
         from betterbench.cli.main import main as run
 
@@ -57,7 +57,7 @@ def main() -> None:
             signal.signal(signal.SIGINT, signal.SIG_DFL)
         elif signal.getsignal(signal.SIGINT) is _interrupt:
             signal.signal(signal.SIGINT, _too_late)
-    except BaseException as error:  # during imports; afterwards run() handles it
+    except BaseException as error:  # Ctrl-C during imports; later, run() handles it
         if not isinstance(error, KeyboardInterrupt) and not was_interrupted():
             raise  # Python wraps a KeyboardInterrupt in __set_name__ in a RuntimeError
         sys.stderr.write("interrupted\n")

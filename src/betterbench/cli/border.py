@@ -63,7 +63,7 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "variants": (1, 10_000),
     "workers": (1, 256),
 }
-"""Smallest and largest value of each numeric option, by option name. Ports are checked when they are bound."""
+"""Minimum and maximum of each numeric option, by option name. Ports are checked when they are bound."""
 
 
 def guarded(function: Callable[..., None]) -> Callable[..., None]:

@@ -1,6 +1,6 @@
 """Machine checks of ``better doctor``.
 
-Each check imports the simulator itself, so a failed import is reported as a failed check.
+Each check imports the simulator separately, so that a failed import is reported as a failed check.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _try(name: str, check: Callable[[], str]) -> Check:
 
 
 def _extras() -> list[Check]:
-    """List the installed extras. A missing extra is not a failure."""
+    """List the installed extras. Missing extras are not failures."""
     return [
         Check(
             f"extra {name}",
@@ -62,7 +62,7 @@ def _extras() -> list[Check]:
 
 
 def _worlds() -> list[Check]:
-    """List the installed simulators of other worlds. A missing simulator is not a failure."""
+    """List the installed simulators of other worlds. Missing simulators are not failures."""
     try:
         from betterbench.sim.worlds import all_worlds
     except BetterError as error:  # the registry imports MuJoCo, which rejects a wrong MUJOCO_GL

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from betterbench.jobs import OnCount
 
 LONGEST_MESSAGE = 20_000
-"""Maximum number of characters in a message or table cell; only text from outside (files, servers) reaches it."""
+"""Maximum length of a message or table cell [characters]. Only external text (files, servers) can be longer."""
 
 NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
-"""Pattern of a numeric cell; a column of numbers is right-aligned."""
+"""Pattern of a numeric cell. Numeric columns are right-aligned."""
 
 
 class Terminal(Console):
@@ -38,7 +38,7 @@ class Terminal(Console):
     """
 
     def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - those of rich
-        """Print with rich, without control characters and with commands that work in this installation.
+        """Print with rich, without control characters and with commands adapted to this installation.
 
         Brackets are read as a style only if ``markup`` is set.
         """
@@ -85,7 +85,7 @@ def _replaced(problem: UnicodeError) -> tuple[str, int]:
 
 
 def make_streams_patient() -> None:
-    """Replace characters that standard output and standard error cannot encode, as on an ASCII or Latin-1 terminal."""
+    """Let standard output and standard error replace characters that they cannot encode, as on an ASCII terminal."""
     codecs.register_error(_STAND_IN, _replaced)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and "utf" not in stream.encoding.lower():
@@ -94,12 +94,15 @@ def make_streams_patient() -> None:
 
 _STAND_IN = "betterbench-stand-in"
 
-_documents: list[TextIO] = []  # the stream reserved for the JSON document
+_documents: list[TextIO] = []  # the reserved stream for the JSON document
 
 
 @contextmanager
 def document_alone() -> Iterator[None]:
-    """Reserve standard output for :func:`print_json`; all other output, also of policies, goes to standard error."""
+    """Reserve standard output for :func:`print_json`.
+
+    All other output, including that of policies, goes to standard error.
+    """
     out = sys.stdout
     out.flush()
     with ExitStack() as stack:
@@ -135,7 +138,7 @@ def print_json(document: object) -> None:
 
 
 def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print one line per row, with the last column, which is prose, indented below it."""
+    """Print one line per row. The last column, which is running text, is indented below the line."""
     widths = [max(map(len, column)) for column in zip(columns[:-1], *(row[:-1] for row in rows), strict=True)]
     for number, (*cells, prose) in enumerate((columns, *rows)):
         line = "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
@@ -145,7 +148,7 @@ def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None) -> None:
-    """Print a table; numeric columns are right-aligned, and brackets in names are not read as styles."""
+    """Print a table. Numeric columns are right-aligned, and brackets in names are not interpreted as styles."""
     from rich.table import Table
     from rich.text import Text
 
@@ -161,9 +164,9 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title:
 
 
 def print_item(text: str, *, indent: int = 0) -> None:
-    """Print a list item; on a terminal, the item is wrapped at words, with a hanging indent.
+    """Print a list item. On a terminal, it is wrapped at words with a hanging indent.
 
-    A number stays on one line with its percent sign.
+    A number and its percent sign stay on the same line.
     """
     line = " " * indent + one_line(text, most=LONGEST_MESSAGE)
     if OUT.is_terminal:
@@ -174,15 +177,15 @@ def print_item(text: str, *, indent: int = 0) -> None:
 
 
 def say(text: str, *, whole: bool = False) -> None:
-    """Print a message on standard error, wrapped at words on a terminal and unwrapped elsewhere.
+    """Print a message on standard error, wrapped at words on a terminal.
 
-    With ``whole``, lines are not wrapped, so that a path can be copied.
+    With ``whole``, lines are never wrapped, so that a path can be copied.
     """
     ERR.print(text, markup=False, soft_wrap=whole or not ERR.is_terminal)
 
 
 def complain(problem: str) -> None:
-    """Print an error as :func:`say` does, on one line even if an untrusted name contains line breaks."""
+    """Print an error like :func:`say`, on one line even if an untrusted name contains line breaks."""
     from rich.text import Text
 
     ERR.print(
@@ -214,8 +217,8 @@ def progress_bar(what: str, total: int, *, estimate: bool = True, stays: bool = 
     """Show a progress bar on standard error, or print occasional progress lines if standard error is not a terminal.
 
     A ``total`` of 0 means that the amount of work is not known yet. With ``estimate=False``, the bar shows no times and
-    no progress lines are printed; use it if the caller's note already contains the times. With ``stays``, the bar
-    remains at the end and shows the elapsed time; use it for the main work of a command and not for intermediate steps.
+    no progress lines are printed, for callers whose note contains the times. With ``stays``, the bar remains at the end
+    and shows the elapsed time, for the main work of a command.
     """
     from betterbench.cli.progress import WorkProgress
 

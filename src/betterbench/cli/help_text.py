@@ -20,7 +20,7 @@ VALUES: dict[type, str] = {str: "TEXT", int: "INT", float: "FLOAT", Path: "PATH"
 """Placeholder for the value of an option, by its type."""
 
 WIDEST = 100
-"""Longest line of a description [characters]."""
+"""Maximum length of a line in a description [characters]."""
 
 INDENT = "  "
 """Indentation of continuation lines; tyro joins lines that begin with a letter."""
@@ -29,7 +29,7 @@ INDENT = "  "
 def description_of(function: object) -> str:
     """Return a function's description without its arguments, wrapped to the terminal width.
 
-    A long example is broken so that both lines can be pasted into a shell.
+    A long example is split so that both lines can be pasted into a shell.
     """
     text = inspect.getdoc(function) or ""
     width = min(shutil.get_terminal_size().columns, WIDEST)
@@ -46,7 +46,7 @@ def description_of(function: object) -> str:
 
 
 def color_as_asked() -> None:
-    """Turn off colors in help and error boxes if NO_COLOR is set or standard error is not a terminal."""
+    """Disable colors in help and error boxes if NO_COLOR is set or standard error is not a terminal."""
     if os.environ.get("NO_COLOR") or not sys.stderr.isatty():
         tyro._experimental_options["ansi_codes"] = False
 
@@ -90,7 +90,7 @@ def _worded(name: str, hint: Any, default: object) -> Any:  # noqa: ANN401 - a t
             False,
             (),
             inspect.Parameter.empty,
-        )  # the description states the default, or there is no value to show
+        )  # the description already states the default, or there is no value to show
         value = _value(name, bare, _marks(hint))
         if value and tyro.conf.Positional in _marks(hint) and default is not inspect.Parameter.empty:
             value = f"[{value}]"

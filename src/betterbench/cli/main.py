@@ -54,14 +54,14 @@ class Verb:
     """A subcommand of the command line.
 
     Attributes:
-        function: Its "module:name" in the package of subcommands, or the full name of a function of
-            betterbench-calibration.
+        function: Location of the function: "module:name" in the package of subcommands, or the full name of a function
+            of betterbench-calibration.
         takes_tasks: Whether it accepts ``--task-file`` and ``--asset-dir``.
         takes_suite: Whether it accepts ``--suite`` in addition to its own options. Without ``--tasks``, the subcommand
             then works on the tasks of the suite.
         takes_run_file: Whether its options may be given in a run file.
-        commands: Nested commands ("import" of ``better assets import``), each with its own options; the function of the
-            subcommand then only provides their overview as its help.
+        commands: Nested commands ("import" of ``better assets import``), each with its own options. The function of the
+            subcommand then only provides the overview as help text.
     """
 
     function: str
@@ -72,7 +72,7 @@ class Verb:
     commands: Mapping[str, Verb] = field(default_factory=dict)
 
     def load(self, telling: Telling) -> Callable[..., None]:
-        """Import the function of the subcommand and add the options common to all subcommands."""
+        """Import the function of the subcommand, and add the options of all subcommands."""
         module, _, name = self.function.partition(":")
         if module.startswith(_CALIBRATION):
             problem = "This subcommand is part of betterbench-calibration, which is not installed"
@@ -113,17 +113,17 @@ VERBS: dict[str, Verb] = {
     "review": Verb("review:review_command", "Review imported meshes and scenes in the browser.", takes_suite=True),
     "real": Verb(
         "real:real_command",
-        "Run the diagnostic protocol on a real arm.",
+        "Run the diagnostic protocol on a real robot arm.",
         commands={
-            "sheet": Verb("real_sheet:sheet_command", "Write the marker sheet to print.", takes_tasks=False),
+            "sheet": Verb("real_sheet:sheet_command", "Write the marker sheet for printing.", takes_tasks=False),
             "check-cameras": Verb(
                 "real_check_cameras:check_cameras_command", "Measure the front camera's pose.", takes_tasks=False
             ),
             "plan": Verb("real_plan:plan_command", "Plan randomized trials on a real arm.", takes_tasks=False),
             "run": Verb("real_run:run_command", "Run planned trials on a real arm.", takes_tasks=False),
-            "status": Verb("real_status:status_command", "Show the state of a protocol.", takes_tasks=False),
-            "judge": Verb("real_judge:judge_command", "Judge the films of a protocol blind.", takes_tasks=False),
-            "report": Verb("real_report:report_command", "Report a protocol on a real arm.", takes_tasks=False),
+            "status": Verb("real_status:status_command", "Show the progress of a protocol.", takes_tasks=False),
+            "judge": Verb("real_judge:judge_command", "Judge the videos of a protocol blind.", takes_tasks=False),
+            "report": Verb("real_report:report_command", "Write the report on a protocol.", takes_tasks=False),
         },
     ),
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
@@ -132,7 +132,7 @@ VERBS: dict[str, Verb] = {
     "show": Verb("show:show_command", "Draw a training scene beside a test scene.", takes_suite=True),
     "generate": Verb("generate:generate_command", "Write scenarios for a template or a sentence."),
     "build": Verb("build:build_command", "Build certified tasks from scenarios."),
-    "place": Verb("place:place_command", "Lay tasks out for another robot and measure its reach."),
+    "place": Verb("place:place_command", "Adapt tasks to another robot and measure its reach."),
     "certify": Verb("certify:certify_command", "Certify that trials can be solved with trained motions."),
     "calibrate": Verb(
         "calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault.", takes_suite=True
@@ -145,9 +145,9 @@ VERBS: dict[str, Verb] = {
     "amplify": Verb("amplify:amplify_command", "Generate demonstrations for new initial states.", takes_suite=True),
     "dataset": Verb("dataset:dataset_command", "Make a training set with its dataset card and audit."),
     "train": Verb("train:train_command", "Train a small policy on demonstrations.", takes_suite=True),
-    "study": Verb("study:study_command", "Train learners on each arm of a study and compare them."),
+    "study": Verb("study:study_command", "Train learners on several data distributions and compare them."),
     "shortcuts": Verb(
-        "shortcuts:shortcuts_command", "Find shortcuts that a dataset offers a learner.", takes_suite=True
+        "shortcuts:shortcuts_command", "Find shortcuts that a learner could exploit in a dataset.", takes_suite=True
     ),
     "diagnose": Verb(
         "diagnose:diagnose_command", "Explain why each trial of a run succeeded or failed.", takes_suite=True
@@ -225,12 +225,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception:
         if not was_interrupted():
             raise
-        return _interrupted(given)  # native code raised this error because of the interrupt
+        return _interrupted(given)  # native code raised this error because of Ctrl-C
     return 0
 
 
 def every_command() -> dict[str, Verb]:
-    """Return all subcommands by name; the name of a nested command has two words ("assets import")."""
+    """Return all subcommands by name. The name of a nested command has two words ("assets import")."""
     found = dict(VERBS)
     for name, verb in VERBS.items():
         found |= {f"{name} {command}": each for command, each in verb.commands.items()}
@@ -238,7 +238,10 @@ def every_command() -> dict[str, Verb]:
 
 
 def _chosen(given: Sequence[str]) -> tuple[str, Verb, list[str]]:
-    """Return the chosen subcommand's name, the subcommand and the remaining arguments; options may precede the name."""
+    """Return name and description of the chosen subcommand, and the remaining arguments.
+
+    Options may precede the name.
+    """
     verb, rest = VERBS[given[0]], list(given[1:])
     if not verb.commands or not rest:
         return given[0], verb, rest
@@ -273,7 +276,7 @@ def _log_handler() -> logging.Handler:
 
 
 def _show_overview(given: Sequence[str]) -> None:
-    """Print the overview, the error for a missing subcommand, or a shell completion script; always exits."""
+    """Print the overview, an error for a missing subcommand, or a shell completion script, and exit."""
     command = better_command()
     here = "" if command == "better" else f"\n\nHere, better is started as {command}."
     completion = any(word.startswith("--tyro-") for word in given)  # completion needs the options of every subcommand
@@ -358,7 +361,7 @@ def _with_suite(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a subcommand whose help lists ``--run-file``; :meth:`Verb.words` has already processed that option."""
+    """Return a subcommand whose help lists ``--run-file``. :meth:`Verb.words` has already processed the option."""
 
     def verb(*args: object, run_file: Path | None = None, **options: object) -> None:
         del run_file

@@ -1,4 +1,4 @@
-"""User name and process exit of subcommands with a browser page."""
+"""Functions for subcommands with a browser page: name of the person, and exit of the process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from betterbench.errors import InvalidInputError, one_line
 
 
 def person_named(name: str | None, option: str) -> str:
-    """Return a person's name, by default the user name; raise InvalidInputError if it is not one short line."""
+    """Return a person's name, by default the user name. Raises InvalidInputError unless it is a short line."""
     try:
         who = getpass.getuser() if name is None else name
     except (KeyError, OSError):  # this process's user id has no user name
@@ -23,7 +23,7 @@ def person_named(name: str | None, option: str) -> str:
 
 
 def end_process() -> None:
-    """Exit the process although threads are still running.
+    """Exit the process even if threads are still running.
 
     Threads that compile a scene, render an image or wait for the browser cannot be interrupted. Call this after all
     results are written and the locks are released.

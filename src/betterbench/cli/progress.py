@@ -1,4 +1,4 @@
-"""Progress of long-running work: a one-line bar on a terminal of any width, occasional progress lines elsewhere."""
+"""Progress of long-running work: a one-line bar on a terminal, or occasional progress lines elsewhere."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from rich.text import Text
 
 LEAST_BAR, MOST_BAR = 8, 24
 NOTE_ROOM = 36
-"""Columns reserved for the note, so that the bar keeps its width when the note changes."""
+"""Number of columns reserved for the note, so that the bar keeps its width when the note changes."""
 
 LEAST_WHAT, LEAST_NOTE = 16, 16
 
 ECHO = 3
-"""Columns left free at the end of the line, so that the ^C of an interrupt does not wrap."""
+"""Number of free columns at the end of the line, so that the ^C of an interrupt does not cause a line break."""
 
 FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
 """Time until the first progress line without a terminal, and interval between later lines [s]."""
 
 
 class _Widths(NamedTuple):
-    """Column widths of the parts of the line that can shrink; an omitted part has width 0."""
+    """Column widths of the parts of the line that can shrink. An omitted part has width 0."""
 
     what: int
     bar: int
@@ -37,7 +37,7 @@ class _Widths(NamedTuple):
 
 
 def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
-    """Divide the columns not used by counts and times. All parts but the first include a leading space.
+    """Divide the columns that counts and times do not use. All parts except the first include a leading space.
 
     Args:
         room: Total columns.
@@ -70,15 +70,15 @@ def _clock(seconds: float) -> str:
 
 
 def took(seconds: float, size: int) -> str:
-    """Return the size of a data set and the time to make it: "1.1 GB on disk, 0:22:55 in this session".
+    """Format the size of a data set and the time it took: "1.1 GB on disk, 0:22:55 in this session".
 
-    The time covers only this session; a resumed job took longer in total.
+    The time of earlier sessions of a resumed job is not included.
     """
     return f"{filesize.decimal(size)} on disk, {_clock(seconds)} in this session"
 
 
 def _count_text(task: Task) -> str:
-    """Return the progress as text ("  7/120"), empty while the total is unknown."""
+    """Format the progress ("  7/120"), empty while the total is unknown."""
     if task.total is None:
         return ""
     total = f"{int(task.total)}"
@@ -86,7 +86,7 @@ def _count_text(task: Task) -> str:
 
 
 def _time_text(task: Task) -> str:
-    """Return the time left ("0:04:12 left"), or the elapsed time if the work has ended or its total is unknown."""
+    """Format the time left ("0:04:12 left"), or the elapsed time if the work has ended or its total is unknown."""
     left = None if task.finished else task.time_remaining
     return f"{_clock(task.elapsed or 0.0)}     " if left is None else f"{_clock(left)} left"
 
@@ -130,7 +130,7 @@ class WorkProgress(Progress):
 
     Args:
         console: Console on which the bar is drawn, if it is a terminal.
-        timed: Whether to show the elapsed or remaining time; if not, the elapsed time replaces a missing note.
+        timed: Whether to show the elapsed or remaining time. If not, a missing note is replaced by the elapsed time.
         stays: Whether the bar remains after the work has ended.
         log: Function that receives the lines if there is no terminal; None to print no lines.
     """
@@ -143,7 +143,7 @@ class WorkProgress(Progress):
         self._next_line = time.monotonic() + FIRST_LINE_S
 
     def update(self, task_id: TaskID, **changes: Any) -> None:  # noqa: ANN401 - those of rich
-        """Show a new state of the work, as :class:`rich.progress.Progress` does."""
+        """Show a new state of the work, with the arguments of :class:`rich.progress.Progress`."""
         super().update(task_id, **changes)
         if self._log is not None and time.monotonic() >= self._next_line:
             self._next_line = time.monotonic() + NEXT_LINE_S

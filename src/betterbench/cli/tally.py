@@ -16,11 +16,11 @@ class RunTally:
     """Counts of a run in progress.
 
     Attributes:
-        ambiguous: Planned trials that have no right or wrong outcome; they are not judged.
-        judged: Trials with a record that have a right or wrong outcome.
-        successes: Judged trials that succeeded.
-        policy_errors: Trials that ended with an error of the policy.
-        broken: Trials that broke down in this session; the same command runs them again.
+        ambiguous: Number of planned trials without a right or wrong outcome, which are not judged.
+        judged: Number of trials with a record and a right or wrong outcome.
+        successes: Number of judged trials that succeeded.
+        policy_errors: Number of trials that ended with an error of the policy.
+        broken: Number of trials without a record because of an error in this session. The same command runs them again.
     """
 
     ambiguous: frozenset[TrialId] = frozenset()
@@ -43,7 +43,7 @@ class RunTally:
             return
         try:
             outcome = run.outcome(entry)
-        except RecordError:  # the record was removed; its trial is run again
+        except RecordError:  # the record was removed, so its trial is run again
             return
         if entry.key not in self.ambiguous:
             self.judged += 1
@@ -69,7 +69,7 @@ class RunTally:
 
 
 def pace(progress: Progress) -> str:
-    """Return trials per minute of this session and the time left, or an empty string before its first trial has ended.
+    """Return trials per minute of this session and the time left; empty before the first trial has ended.
 
     For a run with ``--until-decided``, the time left is an upper bound.
     """
@@ -93,7 +93,7 @@ def duration(seconds: float) -> str:
 
 
 def service_text(service: PolicyService | None) -> str:
-    """Return a sentence about a policy's answer times, or an empty string if they are unknown."""
+    """Return a sentence about a policy's answer times; empty if they are unknown."""
     if service is None:
         return ""
     parts = [f"{_milliseconds(service.p50_s)} per answer (slowest {_milliseconds(service.max_s)})"]
@@ -113,7 +113,7 @@ def _milliseconds(seconds: float) -> str:
 
 
 def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
-    """Return the time spent in each part of a run, and a sentence that names the bottleneck and its remedy.
+    """Return the time spent in each part of a run, and a sentence about the bottleneck with a remedy.
 
     ``drawn_here`` is True if the workers render the images, and False if a world's own simulator does. ``chosen`` is
     True if a warm-up chose the number of environments.
@@ -127,7 +127,7 @@ def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
 
 
 def bottleneck_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
-    """Return the sentence of :func:`times_text` about the bottleneck of a run and its remedy."""
+    """Return a sentence about the bottleneck of a run, with a remedy."""
     if times.bottleneck == "policy" and times.envs is None:
         return "The policy runs inside the workers and is the bottleneck: use more --workers."
     if times.bottleneck == "policy":

@@ -29,7 +29,7 @@ _LEAST_ROOM = 1 << 20
 
 
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
-    """Return a run's metrics by name ("success_rate/fast_food/T1"), with their confidence bounds.
+    """Return the metrics of a run with confidence bounds, by name ("success_rate/fast_food/T1").
 
     Labels are counted over the trials of variations ("labels/timeout"), without ambiguous trials.
     """
@@ -85,7 +85,7 @@ def write_metrics(
 
 
 def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
-    """Write one event file, replacing that of an earlier export, because TensorBoard would show both.
+    """Write one event file, and replace that of an earlier export, because TensorBoard would show both.
 
     The file is written elsewhere and then moved: on a full disk, the writer thread would die, and waiting for it would
     hang.
@@ -105,8 +105,8 @@ def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
 def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, name: str, project: str) -> None:
     """Write one complete run next to the runs of earlier exports; on failure, nothing is left behind.
 
-    On a full disk, wandb exits normally with missing data, so the free space is checked before and after. The run is
-    written to a temporary folder and moved at the end, because ``wandb sync`` would upload a partial run.
+    On a full disk, wandb exits normally although data are missing, so the free space is checked before and after. The
+    run is written to a temporary folder and then moved, because ``wandb sync`` would upload a partial run.
     """
     import wandb
 

@@ -1,4 +1,4 @@
-"""Reader of hand-written YAML files. Aliases are rejected because they can expand without bound."""
+"""Reader of hand-written YAML files. Aliases are rejected because their expansion can exhaust memory."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
     import yaml
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        """YAML loader that reads 1e-3 as a number, as in YAML 1.2; YAML 1.1 requires a decimal point."""
+        """YAML loader that parses 1e-3 as a number, as in YAML 1.2. YAML 1.1 requires a decimal point."""
 
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+0123456789"))
 
@@ -46,7 +46,7 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
 
 
 def _require_once(path: Path, node: yaml.Node | None) -> None:
-    """Reject duplicate fields, of which YAML would silently keep only the last value."""
+    """Reject duplicate fields, of which PyYAML would silently keep only the last."""
     if node is None or isinstance(node.value, str):
         return
     fields = [key.value for key, _ in node.value] if node.tag.endswith(":map") else []

@@ -1,4 +1,4 @@
-"""Pairwise comparison of policies in success and failures, with corrected tests."""
+"""Pairwise comparison of the successes and failures of policies, with corrected tests."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class Comparison:
 
     Attributes:
         matching: Trials that were compared.
-        groups: Success overall, on training conditions, per axis and per task; then failure kinds and labels over all
-            variations.
-        sequential: Sequential evidence on success, valid during the runs; empty unless requested.
-        verdict: Result in sentences, most important first.
+        groups: Success overall, on training conditions, per axis and per task, followed by failure kinds and labels
+            over all variations.
+        sequential: Sequential evidence on success, which is valid while runs are unfinished; empty unless requested.
+        verdict: Sentences that state the result, most important first.
         standings: Comparison of each policy with the pretenders (simulated faulty policies), on the compared trials.
     """
 
@@ -51,12 +51,12 @@ class Comparison:
     standings: tuple[Standing, ...] = ()
 
     def group(self, measure: str, scope: str = "overall") -> Group | None:
-        """Return a group of the comparison, or None if there is none."""
+        """Return the group of a measure and a scope, or None."""
         return next((g for g in self.groups if (g.measure, g.scope) == (measure, scope)), None)
 
     @property
     def first_is_worse(self) -> bool:
-        """Whether the first side is significantly worse than another side on all variations together."""
+        """Whether the first side is significantly worse than any other side over all variations."""
         overall = self.group("success")
         mine = () if overall is None else (c for c in overall.contrasts if c.first == self.sides[0].name)
         return any(c.different and c.higher == c.second for c in mine)
@@ -94,13 +94,13 @@ def compare(
     """Compare runs of several policies on the trials that they share.
 
     Every planned trial counts, including trials that failed to run. Two policies differ significantly if the
-    Holm-corrected p-value is at most alpha and the confidence interval of the difference excludes zero. The test is
-    exact but treats pairs as independent; the interval accounts for pairs that share a scene.
+    Holm-corrected p-value is at most alpha and the confidence interval of the difference excludes zero. The exact test
+    treats pairs as independent, whereas the interval accounts for pairs that share a scene.
 
     Args:
         sides: The runs, at least two, with different names.
         alpha: Significance level of each test family; the intervals have confidence 1 - alpha.
-        sequential: Whether to add sequential evidence, which may be inspected any number of times during the runs.
+        sequential: Whether to add sequential evidence, which stays valid if unfinished runs are inspected repeatedly.
         allow_mixed: Whether to compare runs with different versions or engines.
 
     Raises:
@@ -133,13 +133,13 @@ def compare(
 
 
 class _Question(NamedTuple):
-    """Group before testing: a measure and its trials."""
+    """Untested group: a measure, and the trials to compare."""
 
     measure: str
     scope: str
 
     def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
-        """Return the trials in the scope, each with whether it has the counted outcome."""
+        """Return the trials in the scope, each with a boolean that is True for the counted outcome."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 
     def _holds(self, t: TrialDiagnosis) -> bool:
@@ -152,7 +152,7 @@ class _Question(NamedTuple):
 
 
 def _families(matching: Matching) -> Iterator[list[_Question]]:
-    """Yield the families of groups whose p-values are corrected together."""
+    """Yield the families, which are groups whose p-values are corrected together."""
     varied = [t for side in matching.trials for t in side if t.variation is not None]
     yield [_Question("success", "overall")]
     yield [_Question("success", "training")]
@@ -165,7 +165,10 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
 
 
 def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Matching, alpha: float) -> Iterator[Group]:
-    """Yield the groups of a family with jointly corrected p-values, without groups in which a side has no trials."""
+    """Test a family and yield its groups, with jointly corrected p-values.
+
+    Groups in which a side has no trials are skipped.
+    """
     counted = {q: [q.counted(side) for side in matching.trials] for q in family}
     asked = [q for q, sides in counted.items() if all(sides)]
     pairs = list(itertools.combinations(range(len(names)), 2))
@@ -179,7 +182,7 @@ def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Match
     contrasts: list[Contrast] = []
     for (question, tally, c), p in zip(drafts, corrected, strict=True):
         different = p <= alpha and c.difference.excludes_zero
-        # The detectable difference is computed for success only; it is the same for failures of the same trials.
+        # The detectable difference is only computed for success, because it is the same for failures of these trials.
         smallest = (
             could_have_shown(tally, paired=matching.paired, alpha=alpha / len(drafts))
             if question.measure == "success" and not different
@@ -195,7 +198,7 @@ def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Match
 def _contrast(
     question: _Question, tally: OutcomeCounts, names: tuple[str, str], *, paired: bool, alpha: float
 ) -> Contrast:
-    """Return the contrast of two sides, before the p-value is corrected over the family."""
+    """Return the contrast of two sides, with an uncorrected p-value."""
     purpose = f"{question.measure}:{question.scope}"
     difference, test, p = judged(tally, paired=paired, purpose=purpose, confidence=1.0 - alpha)
     return Contrast(
@@ -215,8 +218,8 @@ def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequen
 def _sequential(sides: Sequence[Side], matching: Matching, alpha: float) -> Iterator[SequentialContrast]:
     """Yield the sequential evidence for every pair of sides.
 
-    Pairs are used in run order, up to the first pair that a side has not finished. The selection of pairs
-    then does not depend on outcomes, and a later inspection continues where this one stopped.
+    Pairs are used in run order, up to the first pair that one side has not finished. The selection therefore does not
+    depend on outcomes, and a later inspection extends it.
     """
     order = sorted(
         (k for k, t in enumerate(matching.trials[0]) if t.variation is not None),

@@ -1,4 +1,4 @@
-"""Contrasts between two policies on the same trials: a difference with its interval and test."""
+"""Contrasts between two policies: a difference in rates, with its interval and test."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from betterbench.statistics import (
 from betterbench.tasks import stream
 
 BOSCHLOO_LIMIT = 300
-"""Maximum number of trials per side for Boschloo's test, which takes 2 s at this size. Above it Barnard's test is used,
-which agrees closely.
+"""Maximum number of trials per side for Boschloo's test, which takes 2 s at this size. Larger samples use Barnard's
+test, whose results are very similar.
 """
 
 
@@ -40,12 +40,12 @@ class Contrast:
     Attributes:
         measure: "success", a failure kind or a label.
         scope: "overall" (variations), "training", "axis:temporal_extrapolation" or a task's id (its variations).
-        first: Name of the side with positive sign.
-        second: Name of the side with negative sign.
+        first: Name of the side from which the other side is subtracted.
+        second: Name of the side that is subtracted.
         table: Counts of the four kinds of pairs, or None if the trials are not paired.
         p_adjusted: p-value after Holm's correction over the family.
         family: Number of contrasts in the family.
-        different: Whether the two rates differ significantly: ``p_adjusted`` is at most alpha and the interval excludes
+        different: Whether the rates differ significantly: ``p_adjusted`` is at most alpha, and the interval excludes
             zero.
         smallest: Smallest difference that these trials could have detected, or None if not computed.
     """
@@ -86,8 +86,8 @@ class Group:
     """Comparison of all sides on one measure within one scope.
 
     Attributes:
-        letters: Compact letters of each side. Two sides share a letter exactly if they do not differ significantly. "a"
-            belongs to the side with the highest rate.
+        letters: Compact letter display. Two sides share a letter if and only if they do not differ significantly. The
+            side with the highest rate has "a".
     """
 
     measure: str
@@ -112,9 +112,9 @@ class SequentialContrast:
     """Sequential comparison of two policies' success rates, valid while the runs are unfinished.
 
     Attributes:
-        planned: Number of pairs in both plans.
-        table: Counts of the used pairs: all before the first one that a side has not finished.
-        process: The evidence after each pair, at level alpha over the number of contrasts.
+        planned: Number of pairs that both sides plan.
+        table: Counts of the four kinds of pairs, before the first pair that a side has not finished.
+        process: Evidence after each pair, at level alpha divided by the number of contrasts.
         p_adjusted: Anytime-valid p-value after Holm's correction over the pairs of sides.
         different: Whether ``p_adjusted`` is at most alpha.
     """
@@ -144,7 +144,7 @@ class SequentialContrast:
 
 
 Counted = tuple[tuple[TrialDiagnosis, bool], ...]
-"""Trials, each with whether it has the counted outcome."""
+"""Trials, each with a boolean that is True for the counted outcome."""
 
 
 def rate_of(counted: Counted) -> Rate:
@@ -154,7 +154,7 @@ def rate_of(counted: Counted) -> Rate:
 
 @dataclass(frozen=True, slots=True)
 class OutcomeCounts:
-    """Counts of one outcome on two sides.
+    """Trials of two sides, with the counted outcome.
 
     Attributes:
         first: Trials of one side.
@@ -181,7 +181,7 @@ class OutcomeCounts:
 
 
 def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: float) -> tuple[Difference, str, float]:
-    """Return the difference, the name of the test, and the p-value."""
+    """Return the difference in rates, the name of the test, and the p-value."""
     if paired:
         difference = wider_paired_difference(
             tally.outcomes,
@@ -198,7 +198,7 @@ def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: floa
 
 
 def could_have_shown(tally: OutcomeCounts, *, paired: bool, alpha: float) -> DetectableDifference | None:
-    """Return the smallest difference that this many trials detect with 80 % power, or None without trials.
+    """Return the smallest difference that these trials can detect with 80 % power, or None without trials.
 
     For pairs, the observed share of discordant pairs is assumed: policies that fail on different trials need more
     pairs.

@@ -1,11 +1,11 @@
-"""Conventions of a plan and its records that affect outcomes."""
+"""Conventions that affect outcomes, read from a plan and its records."""
 
 from __future__ import annotations
 
 from typing import Any
 
 _PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_rate_hz", "looks")
-"""Conventions that a plan stores as a single value."""
+"""Conventions that are single values in a plan."""
 
 
 def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # noqa: ANN401 -- JSON of a file
@@ -13,7 +13,7 @@ def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # 
 
     Args:
         plan: plan as JSON; missing conventions are skipped.
-        versions: Versions found in the records, which take precedence.
+        versions: Versions in the records, which override those of the plan.
     """
     found = {name: _shown(plan[name]) for name in _PLAIN if name in plan}
     for prefix, group in (("engine", "engine"), ("task_version", "task_versions")):

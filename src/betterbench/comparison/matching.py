@@ -1,4 +1,4 @@
-"""Matching of trials across runs, with notes about the trials that are left out."""
+"""Matching of trials across runs, with notes on excluded trials."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.statistics.wording import plural
 
 _DECISIVE = ("suite_version", "schema_version", "task_version:", "engine:", "robot", "control_rate_hz", "looks")
-"""Conventions that define a trial; results under different conventions are not comparable."""
+"""Conventions that define a trial. Results under different conventions are not comparable."""
 
 _CAMERAS = ("camera_preset", "render_quality")
-"""Conventions that do not matter if a policy used no image."""
+"""Conventions that are ignored if a policy used no images."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +23,8 @@ class Matching:
     """The compared trials of several runs.
 
     Attributes:
-        paired: Whether all sides have the same trials; otherwise they share only conditions.
-        trials: Trials of each side in plan order; if paired, every side has the same order of keys.
+        paired: Whether all sides have the same trials. Otherwise, they only share conditions.
+        trials: Trials of each side in plan order. If paired, all sides have the same keys in the same order.
     """
 
     paired: bool
@@ -36,12 +36,12 @@ class Matching:
 def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching:
     """Return the trials shared by all sides, matched by task, variation or condition, and seed.
 
-    For a run until decided, only the trials of its first round count, because outcomes selected the others. Ambiguous
-    trials do not count.
+    For a run with ``--until-decided``, only the trials of its first round are used, because earlier outcomes determined
+    the later ones. Ambiguous trials are excluded.
 
     Raises:
         RunConflictError: If versions, engines, robots or control rates differ and mixing is not allowed.
-        InvalidInputError: If the runs share no condition.
+        InvalidInputError: If the runs have no condition in common.
     """
     notes = list(_clashes(sides, allow_mixed=allow_mixed))
     notes += [note for side in sides for note in _until_decided(side)]
@@ -66,7 +66,7 @@ def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching
 
 
 def _same_conditions(sides: Sequence[Side]) -> tuple[tuple[TrialDiagnosis, ...], ...]:
-    """Return the trials in conditions shared by all sides.
+    """Return the trials in conditions that all sides share.
 
     Raises:
         InvalidInputError: If they share none.
@@ -95,7 +95,7 @@ def _unpaired_note(sides: Sequence[Side]) -> str:
         if keys[i] & keys[j]
     ]
     if meeting:
-        return f"{text} Alone, these share trials: {', '.join(meeting)}."
+        return f"{text} These pairs of runs share trials: {', '.join(meeting)}."
     return text
 
 
@@ -127,20 +127,20 @@ def _until_decided(side: Side) -> Iterator[str]:
         first = plural(len(decided.first_seeds), "seed")
         chosen = plural(len(side.diagnosis.trials) - len(side.diagnosis.shown_trials), "trial")
         yield (
-            f"{side.name} ran until its variations were decided: only the trials of its first {first} are "
-            f"compared; {chosen} that depended on outcomes are left out."
+            f"{side.name} ran with --until-decided: only the trials of its first {first} are compared; {chosen} "
+            f"whose selection depended on outcomes are left out."
         )
 
 
 def _ambiguous(side: Side) -> Iterator[str]:
-    """Yield a note about the trials that have no right or wrong outcome."""
+    """Yield a note about ambiguous trials."""
     trials = [t for t in side.diagnosis.shown_trials if t.ambiguous]
     if trials:
         yield f"{plural(len(trials), 'ambiguous trial')} of {side.name} cannot be right or wrong and are not compared."
 
 
 def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
-    """Yield a note about trials that count as failures because no usable record exists."""
+    """Yield a note about trials that count as failures because they have no usable record."""
     unfinished = sum(t.key in side.unfinished for t in trials)
     lost = sum(t.record is None and t.key not in side.unfinished for t in trials)
     stopped = sum(t.kind is Kind.SYSTEM and t.record is not None for t in trials)
@@ -148,6 +148,6 @@ def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
     if unfinished:
         yield f"{unfinished}/{n} trials of {side.name} are not finished and count as failures; continue the run."
     if lost:
-        yield f"{lost}/{n} trials of {side.name} broke down without a record and count as failures."
+        yield f"{lost}/{n} trials of {side.name} have no record because of an error and count as failures."
     if stopped:
         yield f"{stopped}/{n} trials of {side.name} ended with a policy error and count as failures."

@@ -21,9 +21,9 @@ class Side:
     """One run in a comparison.
 
     Attributes:
-        name: The policy's declared name; the folder name is added if two names are equal.
+        name: Name that the policy declared. The folder name is added if two names are equal.
         unfinished: Keys of planned trials that have neither ended nor failed to run.
-        conventions: Versions and conventions by name, from the plan and from the records.
+        conventions: Versions and conventions by name, from the plan and the records.
     """
 
     name: str
@@ -42,8 +42,8 @@ def load_sides(
 ) -> tuple[Side, ...]:
     """Read and diagnose the runs of a comparison; ``names`` overrides the policy names.
 
-    A path is a run's folder, or a submission's file, whose outcomes are used as stored. ``on_progress`` is
-    called with a run's name, the number of its processed trials, and the number of its trials.
+    A path is the folder of a run, or a submission file, whose outcomes are used as stored. ``on_progress`` is called
+    with the name of a run, the number of processed trials, and the total number of trials.
 
     Raises:
         InvalidInputError: If fewer than two runs are given, a run is given twice, the names do not match the runs, or a
@@ -71,7 +71,7 @@ def load_sides(
 
 
 def name_sides(sides: Sequence[Side]) -> tuple[Side, ...]:
-    """Return the sides with unique names; the folder is added if two runs have the same policy."""
+    """Return the sides with unique names. The folder name is added if two runs have the same policy."""
     names = told_apart([s.diagnosis.policy for s in sides], [s.path for s in sides])
     return tuple(replace(s, name=name) for s, name in zip(sides, names, strict=True))
 
@@ -85,7 +85,7 @@ def _load(run: RunFolder, name: str, *, allow_mixed: bool, on_progress: Callable
 
 
 def _heading(source: RunFolder | Submission, path: Path) -> RunFolder:
-    """Return the run of a source; for a submission, a run with only its address and name."""
+    """Return the run of a source. For a submission, it contains only the policy address and name."""
     if isinstance(source, RunFolder):
         return source
     return RunFolder(path, {"policy": source.policy}, {"policy": {"name": source.name}})

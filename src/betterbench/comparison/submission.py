@@ -29,7 +29,7 @@ from betterbench.version import __version__
 
 SUBMISSION_FORMAT = "betterbench-submission"
 SUBMISSION_SCHEMA_VERSION = 1
-"""Version of the file format; it increases when an older reader would misinterpret a newer file."""
+"""Version of the file format, increased when older versions would misread a newer file."""
 
 _MAX_BYTES = 64 * 1024 * 1024
 _CURE = "Give the folder of a run, or a file written by better export"
@@ -47,11 +47,11 @@ class SubmittedTrial:
 
     Attributes:
         condition: Name of the variation or of the training condition.
-        status: "done" with a record, "broken" without one, "unfinished" if the run has not reached it.
+        status: "done" with a record, "broken" if an error prevented a record, "unfinished" if it has not been run yet.
         progress: Fraction of the requested subgoals that were completed in a valid order.
         steps: Control steps.
         duration_s: Simulated time [s].
-        record_sha256: Hash of its record's file, or None without one.
+        record_sha256: SHA-256 of the record file, or None without a record.
     """
 
     task: Line
@@ -68,7 +68,11 @@ class SubmittedTrial:
     def __post_init__(self) -> None:
         """Raise InvalidInputError if the fields contradict each other."""
         if (self.status == "done") != (self.record_sha256 is not None):
-            raise InvalidInputError(self.key, f"a trial that is {self.status} has the wrong record_sha256", _CURE)
+            raise InvalidInputError(
+                self.key,
+                f"record_sha256 must be set if, and only if, the trial is done; its status is {self.status}",
+                _CURE,
+            )
         labels = {label.value: label for label in all_labels()}
         if self.label not in labels:
             raise InvalidInputError(self.key, f"{self.label!r} is not a label of this version", _CURE)
@@ -90,16 +94,16 @@ class Submission:
 
     Attributes:
         name: Policy name.
-        policy: Its address.
-        declared: Policy's declaration about itself.
+        policy: Policy address.
+        declared: Declaration of the policy about itself.
         betterbench: Version that judged the trials.
         conventions: Versions and conventions by name, from the plan and the records.
         thresholds: Thresholds of the diagnosis by name.
-        plan_sha256: Plan hash as canonical JSON.
-        left_out: Number of trials of a run with ``--until-decided`` that depended on outcomes and are therefore not a
-            fair sample.
-        trials: Every other planned trial, in plan order.
-        sha256: Hash of all other fields as canonical JSON. It detects damage but does not authenticate the author.
+        plan_sha256: SHA-256 of the plan as canonical JSON.
+        left_out: Number of excluded trials: ambiguous trials, and trials that a run with ``--until-decided`` selected
+            by earlier outcomes.
+        trials: All other planned trials, in plan order.
+        sha256: SHA-256 of all other fields as canonical JSON. It detects damage but does not authenticate the author.
     """
 
     format: Literal["betterbench-submission"]
@@ -120,7 +124,7 @@ class Submission:
         return asdict(self)
 
     def file_bytes(self) -> bytes:
-        """Return the file: JSON with one field or trial per line, so that versions can be compared as text."""
+        """Return the content of the file: JSON with one field or trial per line, which is easy to diff."""
         form = self.to_json()
         trials, seal = form.pop("trials"), form.pop("sha256")
         fields = [f"{json_text(key)}: {json_text(value)}" for key, value in form.items()]
@@ -129,13 +133,13 @@ class Submission:
         return f"{{\n{text}\n}}\n".encode()
 
     def sealed(self) -> Submission:
-        """Return the submission with the hash of its content."""
+        """Return the submission with ``sha256`` set."""
         form = self.to_json()
         del form["sha256"]
         return replace(self, sha256=_hash_of(form))
 
     def diagnosis(self) -> RunDiagnosis:
-        """Return the outcomes as a diagnosis without attempts and evidence.
+        """Convert the outcomes to a diagnosis without attempts and evidence.
 
         Raises:
             UnknownNameError: If a task or a condition does not exist here.
@@ -148,7 +152,7 @@ class Submission:
 
     @property
     def unfinished(self) -> frozenset[str]:
-        """Keys of the trials that the run has not reached."""
+        """Keys of the trials that have not been run."""
         return frozenset(t.key for t in self.trials if t.status == "unfinished")
 
 
@@ -157,11 +161,11 @@ _BEGINNING = b'{\n"format": "betterbench-submission"'
 
 
 def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCount | None = None) -> Submission:
-    """Return a run's outcomes, diagnosed now.
+    """Diagnose a run, and return its outcomes as a submission.
 
     Args:
-        run: The run; for a run until decided, only the trials of its first round are used.
-        name: Policy name in the submission; default: its declared name.
+        run: The run. With ``--until-decided``, only the trials of its first round are used.
+        name: Policy name in the submission; default: the name that the policy declared.
         on_progress: Called with the number of processed trials and the total number of trials.
 
     Raises:
@@ -188,7 +192,12 @@ def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCou
         "left_out": len(diagnosis.trials) - len(even),
         "trials": [asdict(_submitted(run, t, ended=t.key in ended)) for t in even],
     }
-    return read_form(_FORM, form, where=str(run.path), cure="Give a short printable --name").sealed()
+    return read_form(
+        _FORM,
+        form,
+        where=str(run.path),
+        cure="Give a --name of printable characters that is not empty and not too long",
+    ).sealed()
 
 
 def is_submission(path: Path) -> bool:
@@ -213,12 +222,14 @@ def read_submission(path: Path) -> Submission:
     if twice:
         raise InvalidInputError(f"{where}: trials", f"{twice[0]} occurs twice", _CURE)
     if whole.sha256 != found.sha256:
-        raise InvalidInputError(where, "its content does not match its sha256, so it was changed", _CURE)
+        raise InvalidInputError(
+            where, "its content does not match its sha256, so it was changed after it was written", _CURE
+        )
     return found
 
 
 def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount | None = None) -> None:
-    """Check a submission against the records of a run; ``on_progress`` is called as by :func:`submission_of`.
+    """Check a submission against the records of a run. ``on_progress`` is called as in :func:`submission_of`.
 
     Raises:
         RunConflictError: If they disagree; the message names the first difference.
@@ -251,7 +262,7 @@ def _resolved(task: str, condition: str) -> ResolvedCondition:
 def _diagnosed(trial: SubmittedTrial, policy: str) -> TrialDiagnosis:
     """Return the diagnosis of a submitted trial, without evidence."""
     resolved = _resolved(trial.task, trial.condition)
-    # Submissions before version 0.2 labeled unfinished trials as a policy error.
+    # Before version 0.2, submissions labeled unfinished trials as policy errors.
     label = Label.UNFINISHED if trial.status == "unfinished" else Label(trial.label)
     text = "A submission contains only outcomes; the evidence is in the original run."
     return TrialDiagnosis(
@@ -275,7 +286,7 @@ def _file_hash(path: Path) -> str:
 
 
 def submission_lines(submission: Submission) -> Iterator[str]:
-    """Yield a submission's content as sentences."""
+    """Yield sentences that summarize a submission."""
     counts = Counter(t.status for t in submission.trials)
     solved = sum(t.success for t in submission.trials)
     yield f"{submission.name}: {len(submission.trials)} trials, {solved} succeeded"
@@ -284,6 +295,6 @@ def submission_lines(submission: Submission) -> Iterator[str]:
             yield f"{counts[status]} of them are {status} and count as failures"
     if submission.left_out:
         yield (
-            f"{submission.left_out} trials are left out: those of a run until decided that depended on outcomes, and "
-            "ambiguous ones, which cannot be right or wrong"
+            f"{submission.left_out} trials are left out: trials after the first round of --until-decided, whose "
+            f"selection depended on outcomes, and ambiguous trials"
         )

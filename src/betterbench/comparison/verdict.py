@@ -1,4 +1,4 @@
-"""Verdict of a comparison in sentences, including what the trials cannot show."""
+"""Verdict of a comparison in sentences, with the differences that the trials could not have detected."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.tasks.worlds.facts import facts_of_task
 __all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 
 MANY = 3
-"""Maximum number of policies for which each pair gets a sentence; with more, compact letters are used."""
+"""Maximum number of policies for which each pair gets a sentence. With more policies, compact letters are used."""
 
 SHOWN_PARTS = 6
 """Maximum number of groups named in one sentence."""
@@ -37,7 +37,7 @@ def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) 
 
 
 def scope_text(scope: str) -> str:
-    """Return a description of a scope; a task of another world keeps its name."""
+    """Return the description of a scope. Tasks of other worlds keep their names."""
     if not facts_of_task(scope).measured:
         return scope
     return {"overall": "all variations", "training": "training conditions"}.get(
@@ -82,7 +82,7 @@ def _limit(c: Contrast, n: int, kind: str) -> str:
 
 
 def _ranking(group: Group) -> str:
-    """Return all policies in order with their letters, and the differences that undecided pairs could have detected."""
+    """Return all policies in order of success, with their letters, and the detectable difference of undecided pairs."""
     order = sorted(zip(group.rates, group.names, group.letters, strict=True), key=lambda row: -(row[0].value or 0.0))
     listed = ", ".join(f"{name} {counted(rate)} {letters}" for rate, name, letters in order)
     where = "Training conditions" if group.scope == "training" else "Variations"
@@ -109,7 +109,7 @@ def _parts(groups: Sequence[Group], main: Group) -> Iterator[str]:
             listed = "; ".join(_part(c) for c in apart[:SHOWN_PARTS])
             more = f"; and {len(apart) - SHOWN_PARTS} more, see below" if len(apart) > SHOWN_PARTS else ""
             but = "" if pair.different else ", although not in success overall"
-            yield f"{pair.first} and {pair.second} differ in parts{but}: {listed}{more}."
+            yield f"{pair.first} and {pair.second} differ in some groups{but}: {listed}{more}."
 
 
 def _part(c: Contrast) -> str:
@@ -131,6 +131,9 @@ def _sequential(c: SequentialContrast, alpha: float, contrasts: int) -> str:
         worse = c.second if better == c.first else c.first
         stop = f" The runs may stop: {left} of {c.planned} pairs are left." if left else ""
         at = "" if c.process.decided_at is None else f" after {c.process.decided_at} pairs"
-        return f"Decided{at}, for any number of looks: {better} is better than {worse} ({counts}; {reach}).{stop}"
+        return (
+            f"Decided{at}, valid for any number of inspections: {better} is better than {worse} ({counts}; "
+            f"{reach}).{stop}"
+        )
     rest = f"{left} of {c.planned} pairs are left to run" if left else f"all {n} pairs are used"
     return f"Not decided between {c.first} and {c.second} after {n} pairs ({counts}; {reach}); {rest}."

@@ -1,8 +1,8 @@
-"""Demonstrations: production, training sets, shortcut audits, and export for other trainers.
+"""Demonstrations: collection, training sets, shortcut audits, and export for other trainers.
 
 - ``making``: expert demonstrations (`better collect`), and generation from a few of them (`better amplify`).
 - ``teleop``: human demonstrations in the browser (`better teleop`).
-- ``shortcuts``: associations in demonstrations that a learner could use as shortcuts (`better shortcuts`).
+- ``shortcuts``: associations in demonstrations that a learner could exploit (`better shortcuts`).
 - ``export``: data sets in the formats of LeRobot and robomimic (`better export`).
 - ``sets``: a training set with its card, checks and audit (`better dataset`).
 - ``recipes``: training configurations for openpi, GR00T, Being-H and LeRobot (`better recipe`).

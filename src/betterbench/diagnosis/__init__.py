@@ -1,13 +1,13 @@
-"""Diagnosis: a label and an explanation for each trial of a policy, from its record alone.
+"""Diagnosis: a label with an explanation for each trial of a policy, computed only from its record.
 
 - ``analysis``: the events of one episode: approaches, grasp attempts, halts, collisions, harm.
-- ``modes``: one file per failure mode, with the rule that recognizes it.
+- ``modes``: one file per failure mode, with its detector.
 - ``thresholds``: the numbers that labels depend on.
 - ``trial``, ``labels``, ``ruling``: the label of each trial, from the evidence of all modes. ``readers`` selects the
   reader for a world's records, and ``libero`` reads LIBERO records.
 - ``rule_likelihood``, ``task_rules``, ``second_pass``: the rule that explains a policy's wrong first attempts
   (likelihood of one rule, rules in one task, rules over all tasks). ``instruction_effect``, ``favorite_thing``,
-  ``decider``: whether the policy uses the instruction, and what decides instead.
+  ``decider``: use of the instruction, or the cue that the policy uses instead.
 - ``run``, ``stored``, ``changes``: the diagnosis of a run, its file, and the differences between two diagnoses.
 - ``measures``: the metrics of a run, and the confusion and power matrices of the diagnosis itself.
 """

@@ -1,8 +1,8 @@
-"""Words and targets that a policy consistently confuses, found from the first attempts of a complete run.
+"""Words and targets that a policy consistently confuses, according to the first attempts in a run.
 
-A policy can use the instruction but misunderstand some of its words, for example take the fork for the spoon and the
-spoon for the fork. One trial cannot distinguish this from chance, so the label of such a trial is ``wrong_object``.
-Several trials with the same words can distinguish it, because random confusion would be correct in some of them.
+A policy may use the instruction but misunderstand some of its words, for example by exchanging fork and spoon. A single
+trial cannot distinguish this from chance, so its label is ``wrong_object``. Several trials with the same words can,
+because a random choice would be correct in some of them.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.labels import Label
 
 MEMORIZED_PLACE = "memorized_place"
-"""Evidence rule for a correct object placed at its training target instead of the requested one."""
+"""Evidence rule for a correct object placed at its target in training instead of the requested one."""
 
 WRONG_PLACES = "It brings the correct objects to wrong targets; this run does not show why."
-"""Conclusion for a policy whose wrong targets are not explained by training."""
+"""Conclusion about a policy whose wrong targets are not explained by training."""
 
 _SHOWN = 4
 """Maximum number of confused words listed in a sentence."""
@@ -34,17 +34,17 @@ _SHOWN = 4
 
 @dataclass(frozen=True, slots=True)
 class _FirstWord:
-    """The instruction's word for the first object, and all words for the object of the first attempt."""
+    """Word of the instruction for the first object, and all words for the object of the first attempt."""
 
     word: str
     taken: frozenset[str]
 
 
 def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence on words that are mistaken for other words of the task, or an empty text.
+    """Return a sentence about words that are mistaken for other words of the task, or an empty string.
 
-    Nearly all trials with these words must agree, significantly more often than one half, and the words must explain at
-    least half of the failures. The policy must act on at least two different words; with a single word, it may have a
+    Nearly all trials with these words must agree, significantly more than half of them, and the words must explain at
+    least half of the failures. At least two different words must be confused, because a single word may indicate a
     favorite object.
 
     Args:
@@ -70,9 +70,9 @@ def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagn
 
 
 def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
-    """Return the first word of a trial's instruction and the words for the attempted object.
+    """Return the first word of a trial's instruction, and the words for the attempted object.
 
-    None if either is unknown, or if the attempt is at another object of the same instruction, which is a question of
+    None if one of them is unknown, or if the attempt is at another object of the same instruction, which concerns the
     order.
     """
     try:
@@ -97,7 +97,7 @@ def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
 def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
     """Return the word for which each confused word is mistaken.
 
-    Two trials are needed, or one trial if the two words are mistaken for each other.
+    This requires two trials, or one trial if the two words are mistaken for each other.
     """
     cases: dict[str, list[frozenset[str]]] = defaultdict(list)
     for one in found:
@@ -115,9 +115,9 @@ def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
 
 
 def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence on correct objects at wrong targets if nearly all failures are of this kind, or an empty text.
+    """Return a sentence about correct objects at wrong targets, if nearly all failures are of this kind, or "".
 
-    The text is also empty if training explains nearly all of these targets, because this is a habit.
+    It is also empty if training explains nearly all of these targets, because this is a habit.
 
     Args:
         failed: Variation trials that failed at reasoning.

@@ -1,4 +1,4 @@
-"""Differences between a diagnosis and the stored diagnosis of the same run, per trial and with reasons."""
+"""Differences between a diagnosis and the stored diagnosis of the same run, with reasons for each trial."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ _Value = TypeVar("_Value")
 Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
 """Kind of change of a trial between two diagnoses.
 
-For the same record, the "label", the "rule" behind the same label, or the "evidence" of the same rule has changed.
-"record": the record itself has changed, because the run continued. "new" and "gone": only one of the two diagnoses
-contains the trial.
+"label": another label for the same record. "rule": the same label by another rule. "evidence": the same rule with other
+evidence. "record": another record, because the run continued. "new" and "gone": only one of the two diagnoses contains
+the trial.
 """
 
 _SAME_TIME = 1e-6
-"""Times that differ by less than this are equal [s]; a control step is 0.05 s."""
+"""Maximum difference of two equal times [s]. A control step is 0.05 s."""
 
 
 @dataclass(frozen=True, slots=True)
 class ThresholdChange:
-    """One threshold that differs."""
+    """Threshold that differs."""
 
     name: str
     before: float | None
@@ -36,12 +36,12 @@ class ThresholdChange:
 
 @dataclass(frozen=True, slots=True)
 class TrialChange:
-    """One trial whose judgment has changed.
+    """Trial whose diagnosis has changed.
 
     Attributes:
-        before: The stored judgment, or None for a new trial.
-        now: The judgment now, or None for a trial that is gone.
-        reasons: Reasons for the change, as shown by the two judgments; sentences without a period.
+        before: Stored diagnosis, or None for a new trial.
+        now: New diagnosis, or None for a trial that is gone.
+        reasons: Reasons for the change that the two diagnoses show, as sentences without a period.
     """
 
     key: str
@@ -52,7 +52,7 @@ class TrialChange:
 
     @property
     def labels(self) -> tuple[str, str]:
-        """The previous and the present label, or "none" for a missing trial."""
+        """Stored and new label, "none" for a missing trial."""
         return ("none" if self.before is None else self.before.label, "none" if self.now is None else self.now.label)
 
     def to_json(self) -> dict[str, Any]:
@@ -65,7 +65,7 @@ class TrialChange:
 
 @dataclass(frozen=True, slots=True)
 class MetricChange:
-    """One metric that differs."""
+    """Metric that differs."""
 
     name: str
     scope: str
@@ -75,7 +75,7 @@ class MetricChange:
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisChanges:
-    """Differences between a diagnosis and a stored diagnosis of the same run: thresholds, trials and metrics."""
+    """Differences between a new and a stored diagnosis of a run: thresholds, trials and metrics."""
 
     version_before: str
     version_now: str
@@ -116,7 +116,7 @@ class DiagnosisChanges:
 
 
 def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChanges:
-    """Return the differences between two diagnoses of one run."""
+    """Compare two diagnoses of a run."""
     thresholds = tuple(ThresholdChange(n, a, b) for n, a, b in _differences(before.thresholds, now.thresholds))
     names = tuple(t.name for t in thresholds)
     trials = tuple(_trial(key, a, b, names) for key, a, b in _differences(before.trials, now.trials))
@@ -127,7 +127,7 @@ def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChan
 def _differences(
     before: Mapping[_Key, _Value], now: Mapping[_Key, _Value]
 ) -> Iterator[tuple[_Key, _Value | None, _Value | None]]:
-    """Yield the keys whose values differ, with both values, in the new mapping's order."""
+    """Yield the keys whose values differ, with both values, in the order of the new mapping."""
     for key in (*now, *(k for k in before if k not in now)):
         a, b = before.get(key), now.get(key)
         if a != b:
@@ -147,7 +147,7 @@ def _trial(key: str, before: StoredTrial | None, now: StoredTrial | None, thresh
 
 
 def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
-    """Return a clause on how the judged record has changed, or None without signs of a change."""
+    """Return a clause about a change of the judged record, or None if no change is visible."""
     if before.has_record != now.has_record:
         return "the trial has a record now" if now.has_record else "its record is missing"
     if (before.steps, before.success) != (now.steps, now.success):
@@ -156,7 +156,7 @@ def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
 
 
 def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...]) -> Iterator[str]:
-    """Yield the possible causes of a change between two judgments of the same record."""
+    """Yield the possible causes of a change between two diagnoses of the same record."""
     if thresholds:
         yield f"{'threshold' if len(thresholds) == 1 else 'thresholds'} {', '.join(thresholds)} changed"
     same_attempts = before.attempts == now.attempts
@@ -171,7 +171,7 @@ def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...])
 
 
 def _of_rules(before: StoredTrial, now: StoredTrial) -> str:
-    """Return a clause on the change of the deciding rule."""
+    """Return a clause about a change of the deciding rule."""
     same = before.rule == now.rule
     later = now.start_s - before.start_s
     if later < -_SAME_TIME:

@@ -1,4 +1,4 @@
-"""Cues by which a policy that ignores the instruction may choose: an object's slot, kind, color or distance."""
+"""Cues that a policy may use instead of the instruction: slot, kind, color or distance of an object."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _BY_PLACE = "the place of the object"
 
 @dataclass(frozen=True, slots=True)
 class Decider:
-    """Cues that could explain the first targets instead of the instruction, as far as the trials distinguish them.
+    """Cues that explain the first targets of a policy that ignores the instruction.
 
     Attributes:
-        names: Cues that explain the first attempts, each on its own; empty if no known cue does.
+        names: Cues that each explain the first attempts; empty if no known cue does.
     """
 
     names: tuple[str, ...]
@@ -38,9 +38,9 @@ class Decider:
 
 
 def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
-    """Return the cues that could explain the policy's choices if it does not use the instruction.
+    """Return the cues that explain the choices of a policy that does not use the instruction.
 
-    ``choices`` are the first attempts of each task. The favored slot or kind may differ from task to task.
+    ``choices`` contains the first attempts in each task. The favored slot or kind may differ between tasks.
     """
     every = [choice for mine in choices.values() for choice in mine if choice.slot is not None]
     things = [choice for choice in every if choice.thing]
@@ -55,6 +55,6 @@ def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
 
 
 def _usual(names: Sequence[str]) -> str | None:
-    """Return the most frequent name if nearly all names agree, or None."""
+    """Return the most frequent name if nearly all names agree, otherwise None."""
     most = max(sorted(set(names)), key=names.count, default=None)
     return most if most is not None and names.count(most) >= NEARLY_ALL * len(names) else None

@@ -1,7 +1,7 @@
-"""Exposure of a variation: the faults that its test condition can reveal, given the training distribution.
+"""Exposure of a variation: the failure modes that its test condition can reveal, given the training distribution.
 
-Each failure mode has a function that takes an :class:`Exposure` and returns whether the variation tests for that fault.
-A variation may claim only failure modes for which this function returns True.
+Each failure mode has a function that takes an :class:`Exposure` and returns whether the variation can reveal this mode.
+A variation may only claim failure modes for which the function returns True.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from betterbench.tasks.interventions import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """Test condition with the condition of its training twin and the regularities of training.
+    """Test condition, its training condition, and the regularities of training.
 
     Attributes:
         task: The task.
         base: Training condition from which the variation is derived.
         test: Test condition.
-        trained: Regularities of the training conditions.
+        trained: Training distribution of the task.
     """
 
     task: Task
@@ -53,7 +53,7 @@ class Exposure:
         return self.test.instruction.subgoals
 
     def slots(self, goal: Subgoal) -> set[str]:
-        """Return the start slots of the objects that a subgoal refers to."""
+        """Return the initial slots of the objects that a subgoal refers to."""
         return {self.test.layout[n] for n in self.test.resolve(goal.reference) if n in self.test.layout}
 
     @property
@@ -63,23 +63,23 @@ class Exposure:
 
     @property
     def due(self) -> tuple[Subgoal, ...]:
-        """Subgoals with which an episode may begin."""
+        """Subgoals that may be done first."""
         return self.open_goals[:1] if self.test.instruction.ordered else self.open_goals
 
     @property
     def right_slots(self) -> set[str]:
-        """Slots of all objects that may be picked first."""
+        """Slots of the objects that may be picked first."""
         return {slot for goal in self.due for slot in self.slots(goal)}
 
     def movable_in(self, slot: str) -> str | None:
-        """Return the kind of the movable object in a slot at the start, or None."""
+        """Return the kind of the movable object that is in a slot at the start, or None."""
         name = self.test.occupant(slot)
         if name is None or self.test.object(name).role not in ("item", "distractor"):
             return None
         return self.test.object(name).kind
 
     def known(self, kind: str) -> bool:
-        """Return whether some instruction of the task refers to an object kind."""
+        """Return whether an instruction of the task refers to an object kind."""
         return kind in self.trained.known_kinds(self.test)
 
     def kinds(self, goal: Subgoal) -> set[str]:
@@ -88,15 +88,15 @@ class Exposure:
 
     @property
     def lacks_later_step(self) -> bool:
-        """Whether training, with this instruction, has a step after the first one whose object is not in the scene.
+        """Whether a later step of training with this instruction has no object in the scene.
 
-        False if the condition is ambiguous: no behavior is a failure there.
+        False if the condition is ambiguous, because no behavior is a failure then.
         """
         return self.test.expected is not Expected.AMBIGUOUS and max(absent_steps(self.task, self.test), default=0) > 0
 
 
 def absent_steps(task: Task, condition: Condition) -> set[int]:
-    """Return the indices of training steps, with the same instruction, whose object is not in the scene at all."""
+    """Return the indices of the steps of training with the same instruction whose object is not in the scene."""
     here = {o.kind for o in condition.objects}
     return {
         number

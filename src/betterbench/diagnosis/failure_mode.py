@@ -1,4 +1,4 @@
-"""Failure modes: the class registered by each file in ``modes``, and the input of its detector."""
+"""Failure modes: the class that each file in ``modes`` registers, and the input of its detector."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from betterbench.tasks.user_files import registered
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialView:
-    """Input of a failure mode's detector: a record and its analysis.
+    """Input of a detector: a record and its analysis.
 
     Attributes:
         record: The trial record, with its outcome.
-        episode: The analyzed record: every grasp attempt and placement, compared with the instruction.
-        unexplained: True in the second round of detectors, if no detector found evidence in the first round.
+        episode: Analysis of the record, with every grasp attempt and placement.
+        unexplained: True in the second round of detectors, which follows if no detector found evidence in the first
+            round.
     """
 
     record: Record
@@ -33,7 +34,7 @@ class TrialView:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the episode reached its step limit with a subgoal not done, or done only in the last rows."""
+        """Whether the episode reached its step limit with a subgoal that was not done, or only in the last rows."""
         done = self.episode.trace.done
         all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
         just_reached = bool(self.record.goal[self.episode.trace.rows - 1])
@@ -46,21 +47,21 @@ Finder = Callable[[TrialView], Evidence | None]
 
 @dataclass(frozen=True, slots=True)
 class FailureMode:
-    """Outcome label with its detector and its texts for tables and reports.
+    """Outcome label, with its detector and its texts for tables and reports.
 
-    As a decorator, an instance registers itself with the decorated detector.
+    Use an instance as a decorator of its detector to register both.
 
     Attributes:
-        short: Name of one or two words, for a segment of a bar chart.
-        definition: Condition on the record, one sentence (suite, section 5).
-        conclusion: Conclusion about a policy whose failures are mostly of this kind, one sentence.
-        sharper: Function that returns a more specific conclusion from the trials with this mode, or an empty text.
-        finding: Start of the sentence that counts the trials with this mode; empty if the mode yields no finding.
-        detail: Function that returns the end of that sentence: the common properties of these trials.
+        short: Name of one or two words, for bar charts.
+        definition: Condition on the record in one sentence (suite, section 5).
+        conclusion: Conclusion about a policy with mostly this kind of failure, in one sentence.
+        sharper: Function that returns a more specific conclusion from the trials with this mode, or an empty string.
+        finding: Beginning of the sentence that counts the trials with this mode; empty if the mode yields no finding.
+        detail: Function that returns the end of that sentence, with the common properties of these trials.
         rule: Kind of rule that explains the mode in the second pass (see ``ruling``), or None.
-        needs_rule: Whether the mode must be proven by an upheld rule; otherwise, the trial is labeled ``wrong_object``.
-        title: Full name, if it differs from the words of the label.
-        exposed_by: Function that returns whether a variation can reveal this fault; None if every variation can.
+        needs_rule: Whether an upheld rule must prove the mode. Without proof, the trial is labeled ``wrong_object``.
+        title: Full name if it differs from the label.
+        exposed_by: Function that returns whether a variation can reveal this mode; None if every variation can.
     """
 
     label: Label
@@ -77,7 +78,7 @@ class FailureMode:
     find: Finder = field(default=lambda _: None, repr=False)
 
     def __call__(self, find: Finder) -> Finder:
-        """Register the mode with its finder.
+        """Register the mode with its detector.
 
         Raises:
             InvalidInputError: If the label already has a mode.
@@ -101,12 +102,12 @@ class FailureMode:
 
     @property
     def family(self) -> str:
-        """Color family: "right", "reasoning", "execution" or "system"."""
+        """Color group in figures: "right", "reasoning", "execution" or "system"."""
         return "right" if self.label.kind is Kind.NONE else self.label.kind.value
 
 
 def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDiagnosis]], str]:
-    """Return a function that returns the sentence for the evidence rule of nearly all trials, or ""."""
+    """Return a function that maps trials to the sentence for the evidence rule of nearly all of them, or ""."""
 
     def sharper(trials: Sequence[TrialDiagnosis]) -> str:
         rule, count = Counter(trial.evidence.rule for trial in trials).most_common(1)[0]
@@ -118,11 +119,11 @@ def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDia
 _MODES: dict[Label, FailureMode] = {}
 
 MODES: Mapping[Label, FailureMode] = MappingProxyType(_MODES)
-"""All modes by label, in the order of the labels; ``diagnosis.modes`` fills it when it is imported."""
+"""All modes by label, in label order. Importing ``diagnosis.modes`` registers them."""
 
 
 def remove_mode(label: Label) -> None:
-    """Remove a mode; used by tests."""
+    """Remove a mode, for tests."""
     del _MODES[label]
 
 

@@ -1,9 +1,9 @@
-"""Favorite object kind of a policy, in a world whose tasks do not share scenes.
+"""Favorite object kind of a policy, in worlds whose tasks do not share scenes.
 
 In betterbench's own scenes, trials that differ only in the instruction show whether it is used
 (:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO, every task has its own scene, so no such pairs exist.
-However, the same object kinds appear in many scenes of a suite. A policy that takes the milk in every scene with milk
-does not use the instruction.
+However, the same kinds of objects occur in many scenes of a suite. A policy that goes for the milk in every scene with
+milk does not use the instruction.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ class FavoriteThing:
     """Object kind that a policy goes for in every scene that contains it.
 
     Attributes:
-        kind: The kind.
+        kind: Object kind.
         rate: Trials that begin with an attempt at this kind, among trials whose scene contains it but whose instruction
             names another kind.
-        asked: Number of other kinds requested in these trials.
+        asked: Number of other kinds that were requested in these trials.
     """
 
     kind: str
@@ -34,14 +34,14 @@ class FavoriteThing:
     asked: int
 
     def words(self) -> str:
-        """Return a sentence that counts the trials."""
+        """Sentence that counts the trials."""
         return (
             f"In scenes with an object of kind {self.kind!r} and a request for another kind ({self.asked} kinds in "
             f"total), the first attempt is at the {self.kind} in {self.rate.k} of {self.rate.n} trials."
         )
 
     def finding(self, suite: str) -> str:
-        """Return the finding of a suite."""
+        """Return the finding for a suite."""
         low, high = 100 * self.rate.low, 100 * self.rate.high
         return (
             f"{suite}: It goes for the {self.kind} in every scene that contains it, regardless of the instruction: in "
@@ -51,7 +51,7 @@ class FavoriteThing:
 
 
 def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
-    """Return the object kind that a policy provably goes for in every scene of a suite that contains it, or None.
+    """Return the kind that a policy provably goes for in every scene of a suite that contains it, or None.
 
     The instructions of at least :data:`LEAST_PAIRS` trials with such an object must name another kind,
     :data:`LEAST_ASKED` kinds in total. The policy must attempt this kind more often than a policy that picks one of two

@@ -1,4 +1,4 @@
-"""Findings that need several trials of a policy, as sentences, and notes on the limits of the run."""
+"""Findings from several trials of a policy, and notes on the limits of the run, as sentences."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ _SHOWN = 5
 
 
 def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules]) -> tuple[str, ...]:
-    """Return one sentence per task and failure mode, most frequent first, reasoning before execution."""
+    """Return one sentence per task and failure mode.
+
+    Reasoning failures come before execution failures, frequent modes first.
+    """
     groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
     planned: dict[tuple[str, str], int] = defaultdict(int)
     for t in trials:
@@ -53,10 +56,10 @@ def find_notes(
     even_pairs: int | None = None,
     cure: str = "run their training conditions with the same seeds",
 ) -> tuple[str, ...]:
-    """Return the limits of the run, one sentence each.
+    """Return one sentence for each limit of the run.
 
-    ``missing`` are the trials that failed to run, ``even_pairs`` the pairs from the first round of a run with
-    ``--until-decided``, and ``cure`` tells the user how to get missing twins.
+    ``missing`` are the trials without a record because of an error, ``even_pairs`` the pairs in the first round of a
+    run with ``--until-decided``, and ``cure`` is the advice on missing twins.
     """
     notes = []
     if pending:
@@ -118,11 +121,11 @@ def _first_few(keys: Sequence[str]) -> str:
 
 
 def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRules | None) -> str:
-    """Return the statistical support of a rule as a clause, or an empty string for labels that need no rule."""
+    """Return a clause with the statistical evidence for a rule, or an empty string for labels without a rule."""
     if found is None or mode.rule is None:
         return ""
     slot = next((t.first_slot for t in members if t.first_slot is not None), None)
-    if mode.rule == PLACE:  # a slot may have the name of another slot at the same position
+    if mode.rule == PLACE:  # slots at the same position share one name
         rule = _rule(found, place_rule(slot or "")) or next(
             (r for r in found.rules if r.family == PLACE and r.name in found.upheld), None
         )

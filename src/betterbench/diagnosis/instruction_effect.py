@@ -1,7 +1,7 @@
-"""Instruction effect: fraction of trial pairs whose first target depends on the instruction (suite, section 4).
+"""Instruction effect: fraction of trial pairs in which the first target depends on the instruction (suite, section 4).
 
-Trials of one seed begin with the same scene if their conditions have the same objects in the same slots, because the
-random streams do not depend on the condition. Every run therefore contains pairs of trials that differ only in the
+Random streams do not depend on the condition. Trials with the same seed therefore begin with the same scene if their
+conditions have the same objects in the same slots, and a run contains pairs of trials that differ only in the
 instruction. If the two instructions name different first objects, a policy that uses the instruction goes to different
 objects, correctly or not. A policy that ignores the instruction goes to the same object in both trials.
 """
@@ -33,11 +33,11 @@ SAME_THING = "same_thing_whatever_the_instruction"
 """
 
 _PLACE_DIGITS = 4
-"""Decimals to which positions [m] and rotations are rounded when initial states are compared: 0.1 mm."""
+"""Number of decimals of positions [m] and rotations when initial states are compared (0.1 mm)."""
 
 
 def scene_of(record: Record) -> str:
-    """Return a digest of the initial state: objects, their poses, and the pose of the arm."""
+    """Return a digest of the initial state: objects with their poses, and the pose of the arm."""
     things = sorted(
         (thing.asset, thing.kind, np.round([*position, *quaternion], _PLACE_DIGITS).tolist())
         for thing, position, quaternion in zip(
@@ -45,7 +45,7 @@ def scene_of(record: Record) -> str:
         )
     )
     arm = np.round([*record.joint_positions[0], record.finger_width[0]], _PLACE_DIGITS).tolist()
-    # Adding zero turns -0.0 into 0.0, so that equal numbers have the same JSON and the same hash.
+    # Adding zero converts -0.0 to 0.0, so that equal numbers have equal JSON and equal hashes.
     form = json.dumps([[a, k, [x + 0.0 for x in numbers]] for a, k, numbers in things] + [[x + 0.0 for x in arm]])
     return hashlib.sha256(form.encode()).hexdigest()[:16]
 
@@ -65,7 +65,7 @@ def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
 
 
 def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
-    left = {trial.key: trial for trial in sorted(group, key=lambda t: t.variation is None)}  # variations choose first
+    left = {trial.key: trial for trial in sorted(group, key=lambda t: t.variation is None)}  # variations first
     while left:
         trial = left.pop(next(iter(left)))
         others = [t for t in left.values() if not set(t.intended_any) & set(trial.intended_any)]
@@ -76,7 +76,7 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 
 
 def first_target(trial: TrialDiagnosis) -> str | None:
-    """Return a trial's first target: the name of the object or of the empty slot, or None.
+    """Return the first target of a trial: the name of an object or of an empty slot, or None.
 
     A drawer moved for an object is not a first target.
     """
@@ -86,8 +86,8 @@ def first_target(trial: TrialDiagnosis) -> str | None:
 def changes_target(pair: Pair) -> bool:
     """Return whether the first target changes with the instruction.
 
-    Both trials begin with the same scene. If one of the two grasps missed its object, only its slot is known; the slots
-    of both attempts are then compared.
+    Both trials begin with the same scene. If one of the two grasps missed its object, only its slot is known, so the
+    slots of both attempts are compared.
     """
     one, other = pair
     if one.first_attempt and other.first_attempt:
@@ -98,10 +98,10 @@ def changes_target(pair: Pair) -> bool:
 def instruction_effects(trials: Sequence[TrialDiagnosis]) -> Iterator[Metric]:
     """Yield the instruction effect over all trials and per task.
 
-    Training conditions and variations are treated the same.
+    Training conditions and variations are treated alike.
 
-    The p-value is the probability of at most this many changes for a policy that picks one of two objects at random
-    (exact).
+    The p-value is the exact probability of at most this many changes for a policy that picks one of two objects at
+    random.
     """
     ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
     pairs = instruction_pairs(ended)
@@ -133,7 +133,7 @@ def is_unused(effect: Metric | None, *, tests: int = 1) -> bool:
 def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:
     """Return the tasks in which a policy provably ignores the instruction, each with the metric that proves it.
 
-    A proof over all tasks applies to each task whose own pairs do not contradict it. Otherwise a task needs its own
+    A proof over all tasks applies to each task whose own pairs do not contradict it. All other tasks need their own
     proof.
     """
     effects = {m.scope: m for m in instruction_effects(trials)}
@@ -145,17 +145,17 @@ def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:
 
 
 def effect_words(effect: Metric) -> str:
-    """Return the sentence with the counted pairs of an instruction effect."""
+    """Return the sentence that counts the pairs of an instruction effect."""
     return f"In {_counted(effect)} the first target is the same."
 
 
 def unused_sentence(effect: Metric) -> str:
-    """Return the conclusion that the instruction is not used, if the instruction effect proves it."""
+    """Return the conclusion that the instruction is not used, or an empty string without proof."""
     return f"It does not use the instruction: the first target is the same in {_counted(effect)}."
 
 
 def effect_sentence(effect: Metric | None) -> str:
-    """Return a sentence that concludes from an instruction effect: used, not used, or undecided."""
+    """Return the conclusion from an instruction effect: used, not used, or undecided."""
     if effect is None or not effect.n:
         return (
             "This run has no two trials that differ only in the instruction and have different first targets, so "

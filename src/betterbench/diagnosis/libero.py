@@ -1,9 +1,9 @@
-"""Diagnosis of LIBERO trials: conversion of their records for the detectors, and the limits of LIBERO's suites.
+"""Diagnosis of LIBERO trials: conversion of records for the detectors, and notes on LIBERO's suites.
 
-LIBERO defines no conditions for a task. The instructed objects are read from the goal in the task's file, the training
-distribution from the base suite's files (:mod:`betterbench.tasks.worlds.libero_training`), and the initial positions
-from the record. Table regions are LIBERO's regions. Heights are measured from the table, as in betterbench's own
-scenes.
+LIBERO's tasks have no conditions. The instructed objects are read from the goal in the task file, the training
+distribution from the files of the base suite (:mod:`betterbench.tasks.worlds.libero_training`), and the initial
+positions from the record. Table regions are those of LIBERO. Heights are measured from the table, as in betterbench's
+own scenes.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ AXES = {
     "task": Axis.PRIMITIVE_RECOMPOSITION,
     "object": Axis.ADVERSARIAL_OBJECT_PERTURBATION,
 }
-"""Axis of each LIBERO-PRO change; paraphrases of the instruction have none."""
+"""Axis of each LIBERO-PRO change. Paraphrases of the instruction have no axis."""
 
 NOTE = (
     "LIBERO's tasks have one training condition each, and most instructions name one object: habits of order, "
@@ -70,12 +70,12 @@ PLUS_NOTE = (
 TWINS_CURE = "run the base suite with initial states of the same numbers, and name that run with --twins"
 
 BASE = "base"
-"""Name of a task's only training condition."""
+"""Name of the only training condition of a task."""
 
 
 @dataclass(frozen=True, slots=True)
 class LiberoRun:
-    """Training distribution and instructions that the diagnosis of a LIBERO run needs.
+    """Training distribution and instructions for the diagnosis of a LIBERO run.
 
     Attributes:
         trained: Training distribution of the base suite.
@@ -87,11 +87,11 @@ class LiberoRun:
 
     @classmethod
     def of(cls, regime: Sequence[TrainedTask], instructions: Mapping[str, str]) -> Self:
-        """Read these data from the stored plan of a run."""
+        """Read the data from the stored plan of a run."""
         return cls(trained_in(regime), instructions)
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the reading of one record. Raises RecordError if the record lacks a field of a LIBERO record."""
+        """Return the first pass over a record. Raises RecordError if a field of a LIBERO record is missing."""
         here = on_our_table(record)
         goals = _goals(here.metadata)
         if goals is None:
@@ -124,7 +124,7 @@ class LiberoRun:
 
 
 def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return the LIBERO-PRO suites that would add information to runs of base suites.
+    """Return advice on LIBERO-PRO suites that would add information to runs of base suites.
 
     The result is empty if such a suite was run.
     """
@@ -138,12 +138,12 @@ def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def suite_of(task: str) -> str:
-    """Return the base suite of a LIBERO task ("libero_object-03"); a suite's tasks are judged together."""
+    """Return the base suite of a LIBERO task ("libero_object-03"). The tasks of a suite are judged together."""
     return task.rpartition("-")[0]
 
 
 def on_our_table(record: Record) -> Record:
-    """Return a LIBERO record with heights measured from its table and target regions named as in betterbench.
+    """Convert a LIBERO record: heights above the table, and names of target regions as in betterbench.
 
     Raises:
         RecordError: If the record names no regions on a table.
@@ -173,14 +173,14 @@ def on_our_table(record: Record) -> Record:
 
 
 def _with_regions(thing: ObjectInfo) -> ObjectInfo:
-    """Return an object with the regions that the relations "in" and "on" use."""
+    """Return an object with the regions for the relations "in" and "on"."""
     inside = [replace(r, name="inside") for r in thing.regions if r.name == "contain_region"]
     half = (0.5 * thing.size_m[0], 0.5 * thing.size_m[1], 0.5 * thing.size_m[2])
     return replace(thing, regions=(*inside, Region("floor", (0.0, 0.0, 0.0), half)))
 
 
 def _goals(m: RecordMetadata) -> tuple[Subgoal, ...] | None:
-    """Return a goal's subgoals, or None if part of it requires moving a joint."""
+    """Return the subgoals of a goal, or None if a part of the goal moves a joint."""
     found = []
     known = {o.name: o for o in m.scene.objects}
     for name in m.subgoal_names:
@@ -202,7 +202,7 @@ def _condition(m: RecordMetadata, goals: tuple[Subgoal, ...]) -> Condition:
 
 
 def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistribution:
-    """Return the training distribution restricted to the regions that a scene names."""
+    """Return the training distribution restricted to the regions of a scene."""
     here = {slot.name for slot in info.slots}
 
     def only(places: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
@@ -215,7 +215,7 @@ def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistr
 
 
 def _trace(record: Record, condition: Condition, trained: TrainingDistribution) -> Trace:
-    """Return a record's arrays, with LIBERO's own verdict on the requested relations."""
+    """Return the trace of a record, with LIBERO's own verdict on the requested relations."""
     info, rows = record.metadata.scene, len(record)
     goals = condition.instruction.subgoals
     asked = [name.partition("(")[2].partition(",")[0] for name in record.metadata.subgoal_names]
@@ -242,7 +242,7 @@ def _trace(record: Record, condition: Condition, trained: TrainingDistribution) 
 
 
 def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[PickedSlot, ...]:
-    """Return the regions from which objects are picked in the base suite; the closing points are unknown."""
+    """Return the regions from which objects are picked in the base suite, without closing points, which are unknown."""
     names = {slot for slots in trained.kind_slots.values() for slot in slots}
     at = {slot.name: (slot.position[0], slot.position[1]) for slot in info.slots if slot.name in names}
     return tuple(PickedSlot(name, (x, y), ((x, y, 0.0),)) for name, (x, y) in at.items())
@@ -287,7 +287,7 @@ def by_outcome(
     axis: str | None,
     condition: str = BASE,
 ) -> TrialDiagnosis:
-    """Return a diagnosis from the outcome of a trial alone; ``unmet`` is its label if it did not succeed."""
+    """Return a diagnosis based only on the outcome of a trial. ``unmet`` is its label without success."""
     m, outcome, end = record.metadata, record.outcome, float(record.time[-1])
     if outcome.success:
         label, evidence = Label.SUCCESS, Evidence("goal", "The goal is met.", end, end)

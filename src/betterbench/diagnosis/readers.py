@@ -1,4 +1,4 @@
-"""Readers of run records, one per kind of world, with task groups and notes about the trials."""
+"""Readers of run records, one per kind of world."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from betterbench.tasks.worlds.libero_training import TrainedTask
 
 
 class Reader(Protocol):
-    """Reader of a run's records."""
+    """Reader of the records of a run."""
 
     @property
     def twins_elsewhere(self) -> bool:
@@ -40,13 +40,13 @@ class Reader(Protocol):
         """Advice on how to get missing twins, for notes."""
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the reading of one record."""
+        """Return the first pass over a record."""
 
     def without_record(self, trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
         """Return the diagnosis of a planned trial that has no record."""
 
     def group(self, task: str) -> str:
-        """Return the group in which a policy's rules are judged: the task, or a suite of one-instruction tasks."""
+        """Return the group in which rules are judged: the task, or the suite if each task has one instruction."""
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
         """Return notes about the world of a run."""
@@ -62,7 +62,7 @@ class OwnReader:
     twins_cure = "run their training conditions with the same seeds"
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the reading of one record."""
+        """Return the first pass over a record."""
         return read_trial(record, path=path)
 
     def without_record(self, trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
@@ -117,7 +117,7 @@ class LiberoReader(libero.LiberoRun):
 
 @dataclass(frozen=True, slots=True)
 class OutcomeReader:
-    """Reader of runs in a world in which only the outcome of each trial is judged.
+    """Reader of runs in a world for which only the outcome of each trial is judged.
 
     Attributes:
         title: World name in messages.
@@ -129,7 +129,7 @@ class OutcomeReader:
     twins_cure: str = OwnReader.twins_cure
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the reading of one record: success, a policy that stopped, or the step limit."""
+        """Return the first pass over a record: success, an early end, or the step limit."""
         m = record.metadata
         text = (
             f"The goal {', '.join(m.subgoal_names)} is not met at the end. betterbench does not judge the cause of "
@@ -154,7 +154,7 @@ class OutcomeReader:
         return task
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
-        """Return the limit of this reading."""
+        """Return a note that only outcomes are judged."""
         del run, found
         return (f"In {self.title}, only the end of each trial is judged, not the cause of a failure.",)
 
@@ -185,7 +185,7 @@ _WORLD = TypeAdapter(_WorldForm)
 
 
 def reader_of(run: RunFolder) -> Reader:
-    """Return the reader for the world of a run; raise RecordError if the plan lacks data for it."""
+    """Return the reader for the world of a run. Raises RecordError if data for it are missing in the plan."""
     return _READERS[run.world.reading](run)
 
 
@@ -222,7 +222,7 @@ _READERS: Mapping[facts.Reading, Callable[[RunFolder], Reader]] = {
 
 
 def _plus_notes(run: RunFolder, found: RunDiagnosis) -> Iterator[str]:
-    """Yield notes on a run in LIBERO-Plus, and its variants that were not run."""
+    """Yield notes on a run in LIBERO-Plus and on the variants that were not run."""
     if not any(axis_of(trial.variation) for trial in found.trials):
         return
     yield libero.PLUS_NOTE

@@ -1,9 +1,9 @@
 """Likelihood of a policy's first attempts under each candidate rule.
 
 A policy that follows a rule with strength ``q`` goes to a slot predicted by the rule with probability ``q``. Otherwise,
-it goes to a correct slot, apart from slips. The null hypothesis, "confusion", is a policy with a constant error rate
-and no preferred slot. The cost of a hypothesis is its negative log-likelihood at the best value of its only parameter
-[nats]. See docs/second-pass.md for the formulas and an example.
+it goes to a correct slot, except for occasional slips. The null hypothesis, "confusion", is a policy with a constant
+error rate and no preferred slot. The cost of a hypothesis is its negative log-likelihood at the best value of its only
+parameter [nats]. See docs/second-pass.md for the formulas and an example.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from betterbench.diagnosis.trial import Choice
 from betterbench.tasks import THRESHOLDS
 
 LATER_NEXT, LATER_LAST = f"{LATER}:next", f"{LATER}:last"
-"""Rules of beginning with the step after the due one, or with the last step."""
+"""Rules of beginning with the step after the current one, or with the last step."""
 
 ROUNDING = 1e-9
-"""Largest difference of two equal costs [nats]."""
+"""Maximum difference of two costs that count as equal [nats]."""
 
 _GRID_POINTS = 100
 _STRENGTHS = np.linspace(0.0, HIGHEST_STRENGTH, _GRID_POINTS)
-"""Grid of tried strengths, shape (100,)."""
+"""Grid of strengths to try, shape (100,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyRule:
-    """One rule, fitted to all first attempts of a task.
+    """Rule fitted to all first attempts in a task.
 
     Attributes:
         name: "word", "habit", "later", "place:SLOT", or "place" for one slot per set of occupied slots.
-        cost: Negative log-likelihood at the best strength [nats], plus the costs of choosing the rule and its kind.
-        strength: The best strength, from 0 to 1.
+        cost: Negative log-likelihood at the best strength, plus the prior costs of the rule and its kind [nats].
+        strength: Best strength, from 0 to 1.
         explained: Number of wrong first attempts that the rule explains.
         opportunities: Number of trials in which the rule predicts a wrong first attempt.
         errors_elsewhere: Number of wrong first attempts in trials for which the rule predicts a correct attempt.
@@ -55,12 +55,12 @@ class PolicyRule:
 
     @property
     def slot(self) -> str | None:
-        """The slot of a place rule."""
+        """Slot of a place rule."""
         return self.name.removeprefix("place:") if self.name.startswith("place:") else None
 
     @property
     def family(self) -> str:
-        """The kind of rule: "word", "habit", "later" or "place"."""
+        """Kind of rule: "word", "habit", "later" or "place"."""
         return family_of(self.name)
 
 
@@ -94,11 +94,11 @@ def fits(rule: str, choice: Choice) -> bool:
 
 
 def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
-    """Return a rule at its maximum-likelihood strength.
+    """Fit the strength of a rule by maximum likelihood.
 
     Args:
-        rule: Its name.
-        choices: The first attempts.
+        rule: Name of the rule.
+        choices: First attempts of all trials.
         price: Prior cost of the rule [nats].
     """
     log_likelihoods = np.zeros_like(_STRENGTHS)
@@ -113,8 +113,7 @@ def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
         cost=price - float(log_likelihoods[best]),
         strength=float(_STRENGTHS[best]),
         explained=explained,
-        # If a rule predicts several slots, a wrong attempt may follow the rule although it also predicted a correct
-        # slot.
+        # If a rule predicts several slots, a wrong attempt may follow the rule even though one of them is correct.
         opportunities=max(len(predicting) - len(elsewhere), explained),
         errors_elsewhere=sum(not c.correct and not fits(rule, c) for c in elsewhere),
         elsewhere=len(elsewhere),
@@ -127,20 +126,20 @@ def _log_likelihoods(rule: str, choice: Choice) -> npt.NDArray[np.float64]:
     unguided = undirected_probability(choice, THRESHOLDS.slip)
     if not predicted:
         return np.full_like(_STRENGTHS, math.log(unguided))
-    # "A later step" does not specify the step, so the probability is divided among the later steps. Other rules with
-    # several slots allow any of them.
+    # "A later step" does not specify the step, so the probability is divided among the later steps. For other rules
+    # with several slots, any slot fits.
     guided = 1.0 / len(predicted) if rule == LATER else 1.0
     found: npt.NDArray[np.float64] = np.log(_STRENGTHS * fits(rule, choice) * guided + (1.0 - _STRENGTHS) * unguided)
     return found
 
 
 def undirected_probability(choice: Choice, error_rate: float) -> float:
-    """Return the probability of a first attempt for a policy that errs at a given rate, uniformly among wrong slots."""
+    """Return the probability of a first attempt under a given error rate and uniformly random wrong slots."""
     return 1.0 - error_rate if choice.correct else error_rate / max(1, choice.places - len(choice.right))
 
 
 def confusion_cost(choices: Sequence[Choice]) -> float:
-    """Return the negative log-likelihood of confusion at its best error rate [nats]; guessing is the upper limit."""
+    """Return the negative log-likelihood of confusion at the best error rate up to that of guessing [nats]."""
     if not choices:
         return 0.0
     guessing = float(np.mean([1.0 - min(1, len(c.right)) / c.places for c in choices]))

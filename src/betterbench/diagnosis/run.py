@@ -1,4 +1,4 @@
-"""Diagnosis of a run: each planned trial by itself, then all trials together (second pass), then findings."""
+"""Diagnosis of a run: first pass over each planned trial, second pass over all trials, and findings."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ from betterbench.tasks.labels import Label
 
 @dataclass(slots=True)
 class _Trials:
-    """Planned trials of a run, with the records read so far.
+    """Planned trials of a run, with the results of the first pass.
 
     Attributes:
-        plan: The counted trials, in plan order.
-        readings: Reading of the record, by trial.
-        missing: Reason for a missing record, by trial; None if unknown.
-        pending: Trials that an ongoing run has not reached; they are not counted.
+        plan: Counted trials, in plan order.
+        readings: Result of the first pass, by trial.
+        missing: Reason for a missing record by trial, or None if unknown.
+        pending: Trials that an ongoing run has not reached yet. They are not counted.
         until_decided: Rule and decisions, or None for a run of all planned trials.
     """
 
@@ -71,17 +71,17 @@ def diagnose_run(
     twins_in: RunFolder | None = None,
     on_progress: OnCount | None = None,
 ) -> RunDiagnosis:
-    """Return a run's diagnosis. Every planned trial appears, finished or not.
+    """Diagnose a run. The result contains every planned trial, finished or not.
 
-    While a process is still writing to the run, the trials that it has not reached are pending and not counted. When
-    the process has ended, these trials are unfinished: they are in the denominator of every rate over planned trials,
-    but do not count as failures. In a run with ``--until-decided``, this applies to the current round; trials made
-    unnecessary by verdicts are excluded.
+    While a process is writing to the run, the trials that it has not reached are pending and not counted. After the
+    process has ended, they are unfinished: they are in the denominator of every rate over planned trials, but do not
+    count as failures. In a run with ``--until-decided``, this applies to the current round. Trials that verdicts made
+    unnecessary are excluded.
 
     Args:
         folder: The run, or its folder.
         allow_mixed: Whether to accept records with different versions, engines or policies.
-        whole: Whether trials that an ongoing run has not reached count as trials without a record.
+        whole: Whether to count trials that an ongoing run has not reached as trials without a record.
         twins_in: For a run in LIBERO-PRO, a run of its base suite. Its trials with the same numbers are the twins.
         on_progress: Called with the number of processed trials and the number of planned trials.
 
@@ -96,7 +96,7 @@ def diagnose_run(
     reader = reader_of(run)
     running = (
         run.is_running and not whole
-    )  # read before the journal, so that a run that ends in the meantime is complete
+    )  # check before reading the journal, so that a run that ends in the meantime is complete
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
     for number, trial in enumerate(plan):
@@ -137,7 +137,7 @@ def _read_one(run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordV
 
 
 def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
-    """Add the twins of the planned trials, which are read from ``run``, a run of the base suite."""
+    """Add the twins of the planned trials from ``run``, a run of the base suite."""
     wanted = {TrialId(t.task, BASE, t.seed) for t in trials.plan if t.condition != BASE}
     found = [TrialId(e.task, e.variation or e.condition, e.seed) for e in run.entries() if e.status == "done"]
     shared = [trial for trial in found if trial in wanted and trial not in trials.plan]
@@ -145,7 +145,7 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, re
         raise InvalidInputError(
             str(run.path),
             "it contains no twin of these trials",
-            "Name a run of their base suite in LIBERO, with the same --seed",
+            "Give a run of their base suite in LIBERO with the same --seed",
         )
     for trial in shared:
         record = run.read_record(trial.task, trial.condition, trial.seed)
@@ -155,11 +155,11 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, re
 
 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
-    """Return the diagnosis of several records from one policy, without a run folder.
+    """Diagnose records of one policy without a run folder.
 
     Raises:
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
-        RecordError: If no record is given, or a record lacks one of its task's predicates.
+        RecordError: If no record is given, or a predicate of its task is missing in a record.
     """
     if not records:
         raise RecordError("There are no records to diagnose. Give at least one.")
@@ -173,7 +173,7 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
 
 
 def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a note for each resumption of the run with a changed policy."""
+    """Yield a note for each time the run was resumed with a changed policy."""
     changes = context.get("policy_changes", [])
     for change in changes if isinstance(changes, list) else []:
         if isinstance(change, dict):
@@ -186,7 +186,7 @@ def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _PlannedForm:
-    """One trial in a plan file."""
+    """Trial in a plan file."""
 
     task: str
     seed: Annotated[int, Field(ge=0)]
@@ -223,10 +223,9 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | 
 
 
 def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Reader) -> RunDiagnosis:
-    """Return a run's diagnosis from the readings of its records: second pass, metrics, findings, notes.
+    """Compute second pass, metrics, findings and notes from the first pass over all records.
 
-    A policy's rules are judged per task. In LIBERO they are judged per suite, because each task has only one
-    instruction.
+    Rules are judged per task, or in LIBERO per suite, because each task has only one instruction.
     """
     group = {t.task: reader.group(t.task) for t in trials.plan}
     choices: dict[str, dict[str, Choice]] = {}
@@ -278,7 +277,7 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Re
 
 
 def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -> TrialDiagnosis:
-    """Return a trial's diagnosis under the ruling of the second pass."""
+    """Return the diagnosis of a trial after the ruling of the second pass."""
     found = rules.get(trial.task)
     ruling = None if found is None else found.rulings.get(str(trial))
     if ruling is None:
@@ -288,10 +287,10 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 
 
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
-    """Return the diagnosis of a trial whose policy does not use the instruction.
+    """Return the diagnosis of a trial of a policy that does not use the instruction.
 
-    A wrong first attempt that no rule explains is then labeled as independent of the instruction. The same applies to
-    an attempt at the favorite slot of its task, unless this slot explains the attempts in all tasks.
+    A wrong first attempt without an explanatory rule is labeled as independent of the instruction. So is an attempt at
+    the favorite slot of a task, unless a favorite slot explains the attempts in all tasks.
     """
     if reading.choice is None or reading.choice.correct:
         return trial
@@ -303,7 +302,7 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
 def _favorites(
     found: Sequence[TrialDiagnosis], choices: Mapping[str, Mapping[str, Choice]], group: Mapping[str, str]
 ) -> dict[str, FavoriteThing]:
-    """Return a policy's favorite object kind per suite, for suites in which no rule explains the attempts."""
+    """Return the favorite object kind of a policy for each suite in which no rule explains the attempts."""
     favorites = {suite: favorite_thing(mine) for suite, mine in choices.items()}
     unexplained = {
         (group[t.task], choices[group[t.task]][str(t.trial_id)].thing)

@@ -1,21 +1,21 @@
-"""Second pass: search for the single rule that explains a policy's wrong first attempts in all its tasks.
+"""Second pass: search for a rule that explains a policy's wrong first attempts in all tasks.
 
 Four kinds of rule predict the slot of a first attempt: *word* goes to the slot to which a word of the instruction led
 in training. *habit* begins with the most frequent first step. *later* begins with the object of a later step. *place*
-always goes to the same slot, or to a fixed slot for each set of occupied slots, like a policy that takes the nearest
-object. All rules compete with undirected confusion. :mod:`betterbench.diagnosis.rule_likelihood` computes the
+always goes to the same slot, or to a fixed slot for each set of occupied slots, as a policy that takes the nearest
+object does. All rules compete with undirected confusion. :mod:`betterbench.diagnosis.rule_likelihood` computes the
 likelihood of the attempts under each rule, and :mod:`betterbench.diagnosis.task_rules` the ruling within a task. See
 docs/second-pass.md for the complete model.
 
-A single trial can show a wrong order. Only several trials with different instructions can show a favorite place. An
-attempt at a later step's object is therefore a wrong order if "later" explains the policy's first attempts in all its
+A single trial can show a wrong order, but only several trials with different instructions can show a favorite place. An
+attempt at the object of a later step therefore counts as a wrong order if "later" explains the first attempts in all
 tasks together at least as well as the other rules (:func:`mistakes_order`).
 
 Evidence is pooled over a policy's tasks, so findings in one task have some weight in the others. The prior cost of each
 kind of rule depends on the fraction of tasks with wrong attempts that it explains (:func:`pooled_prior_costs`). A kind
 that explains all these tasks clearly better than any other kind is the policy's rule (:func:`rule_of_all_tasks`). If
-two rules both predict a wrong attempt, the other tasks thus decide between them. The attempts in one task can outweigh
-the prior costs, which are at most 3.0 nats over ten tasks, as much as one attempt that only one of two rules predicts.
+two rules both predict a wrong attempt, the other tasks decide between them. The prior costs are at most 3.0 nats over
+ten tasks, the weight of one attempt that only one of two rules predicts, so the attempts in a task can outweigh them.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _ORDER_RULES = (LATER, LATER_NEXT, LATER_LAST)
 """Variants of a confused order: begin with any later step, with the next step, or with the last step."""
 
 _PSEUDOCOUNT = 0.5
-"""Prior count of tasks explained by each kind of rule: Jeffreys' prior for a multinomial."""
+"""Prior count of tasks for each kind of rule (Jeffreys' prior of a multinomial)."""
 _EM_STEPS = 200
 
 _Attempts = Mapping[str, Mapping[str, Choice]]
@@ -52,7 +52,7 @@ _Attempts = Mapping[str, Mapping[str, Choice]]
 
 
 def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
-    """Judge the rules on the first attempts of one policy in all tasks."""
+    """Judge the rules for the first attempts of a policy in all tasks."""
     alone = {task: judge_rules(mine) for task, mine in choices.items()}
     prior_costs = pooled_prior_costs([alone[task] for task in sorted(alone)])
     usual = rule_of_all_tasks(choices, alone)
@@ -68,7 +68,7 @@ def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
 
 
 def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, float]:
-    """Return prior costs that assign ambiguous attempts to the policy's rule."""
+    """Return prior costs that assign ambiguous attempts to the rule of the policy."""
     others = {name: max(cost, ONE_ATTEMPT) for name, cost in prior_costs.items() if name != CONFUSION}
     return {**prior_costs, **others, usual: 0.0}
 
@@ -76,10 +76,10 @@ def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, floa
 def _proven_elsewhere(
     task: str, choices: _Attempts, alone: Mapping[str, TaskRules], prior_costs: Mapping[str, float]
 ) -> list[str]:
-    """Return the kinds of rule proven for the policy by the other tasks.
+    """Return the kinds of rule that the other tasks prove for the policy.
 
-    Favorite places and mistaken orders must be proven in enough other tasks; the word must be the rule of all other
-    tasks together.
+    Favorite places and wrong orders must be proven in enough other tasks. "word" must be the rule of all other tasks
+    together.
     """
     others = [found for name, found in alone.items() if name != task]
     here = {name: mine for name, mine in choices.items() if name != task}
@@ -93,10 +93,10 @@ def _proven_elsewhere(
 
 
 def rule_of_all_tasks(choices: _Attempts, alone: Mapping[str, TaskRules]) -> str | None:
-    """Return the kind of rule that explains a policy in all its tasks clearly better than any other kind, or None.
+    """Return the kind of rule that explains a policy in all tasks clearly better than any other kind, or None.
 
-    A kind that explains fewer wrong attempts than another kind is rejected, even if it costs less because it has fewer
-    rules to choose from.
+    A kind that explains fewer wrong attempts than another kind is rejected, even if its cost is lower because it
+    contains fewer rules.
     """
     tasks = [alone[task] for task in _with_errors(choices)]
     (least, best), (second, _), *_ = sorted((_total_cost(family, tasks), family) for family in FAMILIES)
@@ -107,7 +107,7 @@ def rule_of_all_tasks(choices: _Attempts, alone: Mapping[str, TaskRules]) -> str
 
 
 def mistakes_order(choices: _Attempts, alone: Mapping[str, TaskRules]) -> bool:
-    """Return whether "begins with a later step" explains a policy's first attempts at least as well as any other rule.
+    """Return whether "begins with a later step" explains a policy at least as well as any other rule.
 
     All tasks with wrong attempts are judged together. The variants "any later step", "the next" and "the last" compete
     with the word, a favorite place per task, and confusion.
@@ -117,7 +117,7 @@ def mistakes_order(choices: _Attempts, alone: Mapping[str, TaskRules]) -> bool:
     if too_early < ORDER_TRIALS:
         return False
     costs = (sum(fit_rule(rule, attempts, 0.0).cost for attempts in wrong_tasks.values()) for rule in _ORDER_RULES)
-    order = min(costs) + math.log(len(_ORDER_RULES))  # the cost of choosing among the variants
+    order = min(costs) + math.log(len(_ORDER_RULES))  # prior cost of choosing among the variants
     tasks = [alone[task] for task in wrong_tasks]
     return order <= min(_total_cost(family, tasks) for family in (WORD, PLACE, CONFUSION)) + ROUNDING
 
@@ -132,7 +132,7 @@ def _with_errors(choices: _Attempts) -> dict[str, list[Choice]]:
 
 
 def _explained(family: str, tasks: Iterable[TaskRules]) -> int:
-    """Return the number of wrong first attempts explained by a kind of rule, using its best rule in each task."""
+    """Return the number of wrong first attempts that the best rules of one kind explain in several tasks."""
     return sum(max((rule.explained for rule in _rules_of(family, task)), default=0) for task in tasks)
 
 
@@ -153,10 +153,10 @@ def _rules_of(family: str, task: TaskRules) -> list[PolicyRule]:
 
 
 def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
-    """Return the prior cost of each kind of rule in a task, computed from all tasks [nats, 0 for the most frequent].
+    """Return the prior cost of each kind of rule, estimated from all tasks, 0 for the most frequent kind [nats].
 
-    Each task with wrong attempts is explained by one kind, and the shares of the kinds are estimated over all tasks
-    (empirical Bayes). The cost of a kind is log(largest share / share of this kind).
+    One kind explains each task with wrong attempts. The shares of the kinds are estimated over all tasks (empirical
+    Bayes). The cost of a kind is log(largest share / share of this kind).
     """
     costs = [
         [
@@ -171,7 +171,7 @@ def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
 
 
 def _mixture_shares(costs: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the share of each mixture component, by expectation maximization (Dempster, Laird & Rubin 1977).
+    """Return the share of each mixture component, estimated by expectation maximization (Dempster, Laird & Rubin 1977).
 
     Args:
         costs: (tasks, components) negative log-likelihood of each task under each component [nats].

@@ -19,7 +19,7 @@ from betterbench.records import RunFolder
 from betterbench.version import __version__
 
 STORED_SCHEMA_VERSION = 2
-"""Version of ``diagnosis.json``. Version 2 has a checksum; version 1 is read with a warning."""
+"""Version of ``diagnosis.json``. Version 2 has a checksum. Version 1 is read with a warning."""
 
 _MAX_BYTES = 256 * 1024 * 1024
 _CURE = "Restore the file, or move it elsewhere and store a new diagnosis"
@@ -45,8 +45,8 @@ class StoredTrial:
     """Stored diagnosis of one trial.
 
     Attributes:
-        label: Outcome label, in the naming of the version that wrote it.
-        candidates: Labels that the trial alone could not distinguish.
+        label: Outcome label, with the name used by the version that wrote the file.
+        candidates: Labels that this trial alone cannot distinguish.
         has_record: Whether the trial had a record.
     """
 
@@ -66,7 +66,7 @@ class StoredTrial:
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredMetric:
-    """Stored form of one metric."""
+    """Stored metric."""
 
     name: str
     scope: str
@@ -112,7 +112,7 @@ class StoredDiagnosis:
 
     @classmethod
     def from_json(cls, raw: bytes, *, where: str) -> StoredDiagnosis:
-        """Read the JSON document; error messages name it ``where``.
+        """Read the JSON document. ``where`` is its name in error messages.
 
         Raises:
             RecordError: If the file was changed after it was written, its schema version is not supported, or a field

@@ -1,8 +1,8 @@
-"""Rules of a policy in one task: fit, comparison with confusion, and a ruling for each trial.
+"""Rules of a policy in one task: fit, comparison with confusion, and ruling for each trial.
 
 A rule is upheld if it costs less than confusion, the null hypothesis of undirected errors. This is a likelihood-ratio
-test with a penalty for choosing the rule. A favorite place also needs a pair of trials with different instructions that
-both go there (:func:`has_pair`).
+test with a penalty for choosing the rule. A favorite place also requires a pair of trials with different instructions
+that both go there (:func:`has_pair`).
 """
 
 from __future__ import annotations
@@ -21,19 +21,20 @@ FAMILIES = (WORD, HABIT, LATER, PLACE, CONFUSION)
 """Kinds of rule, including the null hypothesis."""
 
 _DECIMALS = 9
-"""Decimals of a cost [nats] used for sorting rules."""
+"""Number of decimals of a cost [nats] when rules are sorted."""
 
 
 @dataclass(frozen=True, slots=True)
 class TaskRules:
-    """Result of the second pass for a policy in one task: rules, their costs, and a ruling for each trial.
+    """Result of the second pass for a policy in one task.
 
     Attributes:
-        rules: All rules, cheapest first; ties are in the order word, habit, later, place.
-        confusion: Cost of plain confusion [nats].
-        upheld: Names of the rules that are proven better than confusion and distinguishable from similar rules.
-        rulings: Ruling on each trial, by its key.
-        undecided: Number of wrong trials for which the run is too small to prove a rule or distinguish it from another.
+        rules: All rules, lowest cost first. Ties are in the order word, habit, later, place.
+        confusion: Cost of confusion [nats].
+        upheld: Names of the rules that are better than confusion and distinguishable from similar rules.
+        rulings: Ruling for each trial, by key.
+        undecided: Number of wrong trials for which the run is too small to prove a rule or to distinguish it from
+            another rule.
     """
 
     rules: tuple[PolicyRule, ...]
@@ -50,17 +51,17 @@ def judge_rules(
     known: Sequence[str] | None = None,
     ordered: bool = False,
 ) -> TaskRules:
-    """Judge the rules on the first attempts of one policy in one task.
+    """Judge the rules for the first attempts of a policy in one task.
 
     Args:
         choices: First attempt per trial key.
         prior_costs: Prior cost of each kind of rule [nats]; default zero.
-        known: Kinds of rule that other tasks have proven for the policy. A known "place" needs no pair of trials in
-            this task, and a known "word" no trials that distinguish it from a place. "later" is judged only by other
-            tasks, because within one task a favorite place may look the same. None if other tasks have not been judged
-            yet; all rules are then judged by the trials of this task.
-        ordered: Whether the policy is known to do steps in the wrong order. A premature attempt then proves neither
-            "word" nor "place".
+        known: Kinds of rule that other tasks prove for the policy. A known "place" needs no pair of trials in this
+            task, and a known "word" needs no trials that distinguish it from a place. "later" is only judged by other
+            tasks, because in a single task it may look like a favorite place. If None, all rules are judged by the
+            trials of this task.
+        ordered: Whether the policy is known to do steps in the wrong order. An attempt at a later step then proves
+            neither "word" nor "place".
     """
     prior = dict.fromkeys(FAMILIES, 0.0) | dict(prior_costs or {})
     place_known = known is not None and PLACE in known
@@ -91,7 +92,7 @@ def judge_rules(
 
 
 def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[PolicyRule]:
-    """Return the rules that explain any wrong first attempt, cheapest first; earlier names come first in ties."""
+    """Fit the rules that explain any wrong first attempt, and sort them by cost and then by name."""
     slots = sorted({c.slot for c in attempts if c.slot is not None})
     favorites = {(c.stocked, slot) for c in attempts for slot in c.favorite_slots}
     several = [PLACE] if len({slot for _, slot in favorites}) > 1 else []
@@ -102,10 +103,10 @@ def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[P
 
 
 def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mapping[str, float]) -> float:
-    """Return the prior cost of a rule, without its likelihood [nats].
+    """Return the prior cost of a rule [nats].
 
-    The slots of a place rule are fitted to the trials, so each adds the cost of choosing among all slots. The other
-    rules are completely determined by training.
+    The slots of a place rule are fitted to the trials, so each adds the cost of choosing among all slots. Training
+    determines the other rules completely.
     """
     if name in (WORD, HABIT, LATER):
         return prior[name]
@@ -120,7 +121,7 @@ def _choice_of_slot(attempts: Sequence[Choice]) -> float:
 def _proven(
     attempts: Sequence[Choice], rules: Sequence[PolicyRule], confusion: float, known: Sequence[str] | None
 ) -> frozenset[str]:
-    """Return the names of the rules that are cheaper than confusion and distinguishable from similar rules."""
+    """Return the names of the rules that cost less than confusion and are distinguishable from similar rules."""
 
     def told_apart(rule: PolicyRule) -> bool:
         if rule.family == LATER:
@@ -131,10 +132,10 @@ def _proven(
 
 
 def has_pair(choices: Iterable[Choice], slot: str) -> bool:
-    """Return whether trials of one scene with different correct slots all went to a given slot, at least one wrongly.
+    """Return whether two trials of a scene with different correct slots went to a given slot, at least one wrongly.
 
-    A favorite slot can be recognized only in trials with the same scene and different instructions, or with different
-    objects in the same slots, because these exclude a favorite object.
+    Only trials with the same scene and different instructions, or with different objects in the same slots, can show a
+    favorite slot, because they exclude a favorite object.
     """
     went = [c for c in choices if c.slot == slot and c.right]
     same_layout = _grouped(went, lambda c: c.layout)
@@ -155,7 +156,7 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
     """Add the possible favorite slot to each choice: the most frequent slot for each set of occupied slots.
 
-    With ``paired``, a slot counts only if a pair of trials shows that the policy favors it regardless of the
+    With ``paired``, a slot only counts if a pair of trials shows that the policy prefers it regardless of the
     instruction.
     """
     favorites: dict[frozenset[str], frozenset[str]] = {}
@@ -175,10 +176,10 @@ def _open_slots(
     *,
     place_known: bool,
 ) -> frozenset[str]:
-    """Return the slots that may be favorites although the trials do not prove it.
+    """Return the slots that may be favorites, although the trials do not prove it.
 
-    Without the penalty, such a slot is more likely than confusion, but the trials are too few to prove the rule even
-    for a policy that always goes there.
+    Without its prior cost, the rule for such a slot is more likely than confusion, but there are too few trials to
+    prove it even for a policy that always goes there.
     """
     price = _choice_of_slot(attempts) + prior[PLACE]
     found = {rule.slot for rule in rules if rule.slot is not None and rule.cost - price < confusion}
@@ -188,16 +189,16 @@ def _open_slots(
 
 
 def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_confusion: float) -> bool:
-    """Return whether these trials would prove the rule for a policy that always goes to a slot."""
+    """Return whether these trials would be sufficient to prove the rule for a policy that always goes to a slot."""
     certain = [replace(c, slot=slot, correct=slot in c.right) for c in attempts]
     rule = fit_rule(place_rule(slot), certain, price)
     return has_pair(certain, slot) and rule.cost < confusion_cost(certain) + prior_of_confusion - ROUNDING
 
 
 def _avoids_habit(rules: Sequence[PolicyRule], confusion: float) -> bool:
-    """Return whether the habit is clearly worse than confusion, because the policy errs when the habit is correct.
+    """Return whether habit is clearly worse than confusion, because the policy errs when the habit is correct.
 
-    One trial suffices to show a habit, so rejecting it requires two contrary trials and most trials of this kind.
+    One trial is enough to show a habit. Rejecting it therefore requires two contrary trials that are the majority.
     """
     habit = next((rule for rule in rules if rule.name == HABIT), None)
     if habit is None or habit.cost - confusion < CLEARLY:
@@ -207,16 +208,16 @@ def _avoids_habit(rules: Sequence[PolicyRule], confusion: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """Rules of one task, with the evidence from its trials.
+    """Rules of a task, with the evidence from its trials.
 
     Attributes:
         attempts: First attempt of each trial.
         rules: Candidate rules, in order of their cost [nats], lowest first.
         proven: Names of the rules that the trials prove.
-        open_slots: Slots that may be favorites of the policy, but that so few trials cannot prove for any policy.
+        open_slots: Slots that may be favorites, but cannot be proven with so few trials.
         ordered: Whether the policy is known to do steps in the wrong order.
         word_known: Whether other tasks prove that the policy follows a word of the instruction to its trained slot.
-        avoids_habit: Whether the trials clearly reject the most frequent first step as the policy's rule.
+        avoids_habit: Whether the trials clearly reject the habit.
     """
 
     attempts: Sequence[Choice]
@@ -235,7 +236,7 @@ class _Judged:
         return found
 
     def _by_cheapest_rule(self, choice: Choice) -> Ruling:
-        """Return the ruling of the cheapest proven rule that fits a trial."""
+        """Return the ruling of the proven rule with the lowest cost that fits a trial."""
         if choice.correct or choice.slot is None:
             return Ruling("rejected")
         open_place: RuleStatus = "open" if choice.slot in self.open_slots else "rejected"

@@ -1,4 +1,4 @@
-"""First pass: the diagnosis of one trial from its record alone, and its input to the second pass."""
+"""First pass: diagnosis of a trial only from its record, and input for the second pass."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ from betterbench.tasks.labels import Label
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """First attempt of a trial: its slot, and the slots that each rule predicts.
+    """First attempt of a trial, with its slot and the slots that each rule predicts.
 
-    If slots of two layouts are at the same position, they share the name of the first slot.
+    Slots of different layouts at the same position share the name of the first of them.
 
     Attributes:
         layout: Objects by slot at the start, for comparing trials of the same layout.
-        right: Slots at which the first attempt would have been correct; empty if no object must be grasped.
-        slot: Slot of the first attempt, or None if no attempt was made or correct.
+        right: Slots at which the first attempt would be correct; empty if no object should be grasped.
+        slot: Slot of the first attempt, or None without an attempt.
         correct: Whether the first attempt (or its absence) was correct.
         word_slots: Slots from which the word's object was picked in training.
         habit_slots: Slots of the most frequent first step; empty if training has none.
         later_slots: Slots of later steps' objects; empty if the order is free.
-        step_slots: Slots of each later step's objects separately, in order.
+        step_slots: Slots of the objects of each later step, in order.
         places: Number of slots with a graspable object.
         thing: Kind of the object in the slot of the first attempt, or empty.
-        color: That object's color.
+        color: Color of that object.
         nearest: Slot of the object nearest to the gripper at the start; empty if no slot held an object.
-        favorite_slots: Slot that the policy may favor in trials with the same occupied slots; set by the second pass.
-        replaced: Whether another object was in the slot of the first attempt, to which the habit leads. A single
-            trial then does not show the habit.
+        favorite_slots: Slot that the policy may prefer in trials with the same occupied slots, set by the second pass.
+        replaced: Whether the habit leads to the slot of the first attempt but another object was there. A single trial
+            then does not show the habit.
     """
 
     layout: frozenset[tuple[str, str]]
@@ -72,16 +72,16 @@ class Choice:
 
     @property
     def stocked(self) -> frozenset[str]:
-        """The slots that contained an object at the start."""
+        """Slots that contained an object at the start."""
         return frozenset(slot for slot, _ in self.layout)
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Result of the first pass for one record: its own diagnosis, all evidence, and the choice for the second pass.
+    """Result of the first pass for a record: diagnosis, all evidence, and input for the second pass.
 
     Attributes:
-        choice: The first attempt for the second pass, or None if it is not evidence for any rule.
+        choice: First attempt for the second pass, or None if it is not evidence for any rule.
     """
 
     diagnosis: TrialDiagnosis
@@ -95,7 +95,7 @@ def _trained(task: str) -> TrainingDistribution:
 
 
 def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosis:
-    """Return the diagnosis of one record without other trials.
+    """Diagnose a record without other trials.
 
     Labels that need other trials of the policy (``visual_layout_bias``, ``lexical_kinematic_shortcut``) are not
     assigned: the label is then ``wrong_object``, and the evidence names the candidates.
@@ -109,7 +109,7 @@ def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosi
 
 
 def read_trial(record: Record, *, path: str | None = None) -> Reading:
-    """Return the full reading of one record (see :func:`diagnose_record`)."""
+    """Return the complete result of the first pass for a record (see :func:`diagnose_record`)."""
     m = record.metadata
     resolved = resolved_of(m)
     task, condition = resolved.task, resolved.condition
@@ -143,7 +143,7 @@ def trial_diagnosis(
     evidence: Evidence,
     path: str | None,
 ) -> TrialDiagnosis:
-    """Return the diagnosis of an analyzed trial in any world, without harm and needless steps."""
+    """Return the diagnosis of an analyzed trial of any world, without harm and needless steps."""
     m, trace, first, intended = record.metadata, episode.trace, episode.first_attempt, episode.intended()
     at = None if first is None else first.grasp.object
     return TrialDiagnosis(
@@ -162,10 +162,10 @@ def trial_diagnosis(
 
 
 def offline_truth(record: Record) -> list[Truth]:
-    """Judge every state of a record again with the goal tracker of live judging.
+    """Judge all states of a record again with the goal tracker that is used live.
 
     Returns:
-        One goal state per row; its subgoal, goal and forbidden flags equal the recorded flags exactly.
+        One goal state per row. Its subgoal, goal and forbidden flags are identical to the recorded flags.
     """
     m = record.metadata
     resolved = resolved_of(m)
@@ -175,12 +175,12 @@ def offline_truth(record: Record) -> list[Truth]:
 
 
 def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
-    """Return the condition under which a record was made."""
+    """Return the condition of a record."""
     return resolve_condition(metadata.task, metadata.variation or metadata.condition)
 
 
 def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
-    """Return the grasp attempts of an episode, including air grasps far from all objects, in time order."""
+    """Return the grasp attempts of an episode, including air grasps far from all objects, in order of time."""
     time = episode.trace.time
     far = (
         Attempt(float(time[g.start]), float(time[g.end]), None, None, "null", secured=False) for g in episode.on_nothing
@@ -189,7 +189,7 @@ def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
 
 
 def choice_of(episode: EpisodeAnalysis) -> Choice | None:
-    """Return the first attempt as a choice.
+    """Return the first attempt as input for the second pass.
 
     Returns None without an attempt, or for look-alikes, which have their own label.
     """
@@ -233,7 +233,7 @@ def _distance_at_start(trace: Trace, item: int) -> float:
 
 
 def _slots_of_later_steps(episode: EpisodeAnalysis, standing: Mapping[str, int]) -> Iterator[set[str]]:
-    """Yield the slots of each later step's objects, if the order is fixed."""
+    """Yield the slots of the objects of each later step, if the order is fixed."""
     for g in episode.open_goals(0)[1:] if episode.instruction.ordered else ():
         yield {slot for slot, i in standing.items() if i in episode.meant[g]}
 

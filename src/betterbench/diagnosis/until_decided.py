@@ -1,4 +1,4 @@
-"""Runs with ``--until-decided``: their verdicts, and the trials selected independently of outcomes."""
+"""Verdicts of runs with ``--until-decided``, and the trials that were selected independently of outcomes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class UntilDecided:
-    """Stopping rule of a run that adds trials to a variation until its verdict is certain, with the decisions so far.
+    """Stopping rule of a run with ``--until-decided``, and the decisions so far.
 
     Attributes:
         rule: Rule by which a variation is decided.
@@ -27,17 +27,17 @@ class UntilDecided:
     decisions: Decisions
 
     def answer(self, condition: str) -> Answer | None:
-        """Return a variation's state by its full name ("fast_food/T1"), or None if it is not in the run."""
+        """Return the state of a variation by its full name ("fast_food/T1"), or None if it is not in the run."""
         return next((a for a in self.decisions.answers if a.question.condition == condition), None)
 
     @property
     def waiting(self) -> frozenset[TrialId]:
-        """The trials in the current round without a record, or an empty set if the run is complete."""
+        """Trials of the current round without a record; empty if the run is complete."""
         return frozenset(_trial(name, seed) for name, seed in self.decisions.waiting)
 
     @property
     def summary(self) -> str:
-        """The verdicts in one sentence."""
+        """Verdicts in one sentence."""
         found = self.decisions
         counts = {verdict: found.count(verdict) for verdict in Verdict}
         points = f"{100 * self.rule.margin:.0f} points"
@@ -53,7 +53,7 @@ class UntilDecided:
         )
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes that explain the verdicts and rates."""
+        """Notes that explain the verdicts and rates."""
         points, level = f"{100 * self.rule.margin:.0f} points", f"{100 * self.rule.level:.0f} %"
         seeds = plural(len(self.first_seeds), "seed")
         verdicts = (
@@ -86,7 +86,7 @@ def decided_of(rule: StoppingRule, plan: Sequence[TrialId], outcome: Callable[[T
     Args:
         rule: Rule by which a variation is decided.
         plan: All trials that the run may need.
-        outcome: Whether a trial succeeded, or None if it has no record.
+        outcome: Function that returns whether a trial succeeded, or None if it has no record.
 
     Raises:
         UnknownNameError: If the plan names an unknown task, variation or training condition.

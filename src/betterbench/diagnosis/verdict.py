@@ -1,4 +1,4 @@
-"""Results of the diagnosis, per trial and for a complete run, as JSON-serializable values."""
+"""Results of the diagnosis of a trial and of a run, as JSON-serializable values."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Reason for a label, with its time span in the film.
+    """Reason for a label, with its time span in the episode.
 
     Attributes:
         start_s: Beginning of the time span [s].
-        shared: Properties that the grasped object shares with the object for which it was mistaken ("color", "shape";
-            for a look-alike also "slot").
-        candidates: Labels that the trial alone could not distinguish; the second pass may distinguish them.
+        shared: Properties that the grasped object shares with the requested object ("color", "shape"; for a look-alike
+            also "slot").
+        candidates: Labels that this trial alone cannot distinguish. The second pass may distinguish them.
     """
 
     rule: str
@@ -38,10 +38,10 @@ class Attempt:
     """Grasp attempt, or an air grasp far from all objects, which has neither object nor slot.
 
     Attributes:
-        object: Object that was grasped at, or None for an air grasp.
-        slot: Nearest slot, if within reach.
+        object: Object at which the grasp was aimed, or None for an air grasp.
+        slot: Nearest slot, or None if no slot is near.
         result: "target" (an object requested at that time), "distractor" (any other object) or "null".
-        secured: True if the object was lifted.
+        secured: Whether the object was lifted.
     """
 
     start_s: float
@@ -61,24 +61,22 @@ class TrialDiagnosis:
         condition: Training condition name; for a variation, the training condition of its twin.
         axis: Variation axis, or None.
         expected: "succeed", "refuse", "stay_still" or "ambiguous".
-        first_attempt: Object of the first grasp attempt, or None without an attempt or after an air grasp. A drawer
-            is counted only if the drawer itself is requested first.
+        first_attempt: Object of the first grasp attempt, or None without an attempt or for an air grasp. A drawer only
+            counts if the drawer itself is requested first.
         first_attempt_kind: Kind of that object.
         first_slot: Slot of the first grasp attempt, or None.
-        intended: Object that should have been attempted first, or None if no attempt would have been correct. If the
-            attempt was correct, its object; else the first of ``intended_any``.
+        intended: Object that should be attempted first, or None if no attempt would be correct. If the attempt was
+            correct, this is its object, otherwise the first of ``intended_any``.
         intended_kind: Kind of that object.
-        intended_any: All objects for which the first attempt would have been correct, ordered by subgoal and then by
-            slot.
+        intended_any: All objects for which the first attempt would be correct, ordered by subgoal and slot.
         intention_correct: Whether the first attempt was at an instructed object (suite, section 4), or None without a
             record.
         progress: Fraction of the requested subgoals that were completed in a valid order.
-        harm: Harm to objects that the instruction does not involve, one clause each ("the mouse lies on the floor").
+        harm: One clause for each harm to an object that is not part of the instruction ("the mouse lies on the floor").
             Harm rules out success.
-        needless: For a success, the training steps that the policy repeated although the instruction did not request
-            them, such as a grasp at an emptied slot. They are evidence of inertia that did not prevent the goal. Empty
-            otherwise.
-        collisions: Number of times that the robot, or its held object, bumped into a fixture; None without a record.
+        needless: For a success, steps of training that the policy executed although they were not requested, such as a
+            grasp at an emptied slot. They are evidence of inertia that did not prevent the goal. Empty for failures.
+        collisions: Number of collisions of the robot or a held object with fixtures; None without a record.
         record: Path of the record relative to the run, or None if there is none.
         scene: Digest of the initial state. Trials of one seed with the same digest differ only in the instruction.
             Empty without a record, and if first attempts are not judged.
@@ -124,12 +122,12 @@ class TrialDiagnosis:
 
     @property
     def trial_id(self) -> TrialId:
-        """Identity of the trial: task, variation or training condition, and seed."""
+        """Task, variation or training condition, and seed of the trial."""
         return TrialId(self.task, self.variation or self.condition, self.seed)
 
     @property
     def pool(self) -> str:
-        """Name under which the trial is counted: the variation or training condition.
+        """Name under which the trial is counted, which is the variation or training condition.
 
         In LIBERO-Plus it is the axis, because each variant is run once.
         """
@@ -152,7 +150,7 @@ class TrialDiagnosis:
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """A rate or other measurement with its confidence interval.
+    """Rate or other measure with its confidence interval.
 
     Attributes:
         name: Name of the measure ("success_rate", "success_with_a_needless_step", "intention_accuracy",
@@ -163,10 +161,10 @@ class Metric:
         scope: Set of trials: "overall" (all trials of variations), "training" (all trials of training conditions),
             "axis:temporal_extrapolation", "fast_food" (its variations), "fast_food/training", "fast_food/T1",
             "fast_food/train1".
-        k: Numerator, or None if the number is not a single rate.
-        n: Denominator (for paired numbers: pairs).
-        value: The number, a fraction in [-1, 1], or None for n = 0.
-        p_value: The p-value of the paired test, if there is one.
+        k: Numerator, or None if the measure is not a single rate.
+        n: Denominator (number of pairs for paired measures).
+        value: Value of the measure, a fraction in [-1, 1], or None for n = 0.
+        p_value: p-value of the test, or None without a test.
         method: Method of the interval ("wilson", "newcombe", "paired bootstrap", "anytime-valid").
     """
 
@@ -182,7 +180,7 @@ class Metric:
 
     @classmethod
     def of_rate(cls, name: str, scope: str, rate: Rate) -> Metric:
-        """Build a metric from a plain rate, ``k`` of ``n``."""
+        """Create a metric from a rate, ``k`` of ``n``."""
         return cls(name, scope, rate.k, rate.n, rate.value, rate.low, rate.high)
 
     def to_json(self) -> dict[str, Any]:
@@ -192,16 +190,16 @@ class Metric:
 
 @dataclass(frozen=True, slots=True)
 class RunDiagnosis:
-    """Diagnosis of a run: trials, metrics and findings.
+    """Diagnosis of a run, with trials, metrics and findings.
 
     Attributes:
         trials: One entry per counted trial, finished or not, in plan order.
-        findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
-        notes: Run limits, one sentence each (missing pairs, smallest detectable difference).
-        waiting: Planned trials that an ongoing run has not reached; they are not counted. Empty if no process writes
-            to the run any more: its missing trials are then unfinished ``trials``.
-        until_decided: Verdict on each variation of a run with ``--until-decided``, or None. Trials made unnecessary by
-            verdicts are left out.
+        findings: Conclusions about the policy from several trials, one sentence each, most important first.
+        notes: Limits of the run, one sentence each (missing pairs, smallest detectable difference).
+        waiting: Planned trials that an ongoing run has not reached yet, which are not counted. Empty if no process is
+            writing to the run: its missing trials are then unfinished ``trials``.
+        until_decided: Verdict on each variation of a run with ``--until-decided``, or None. Trials that verdicts made
+            unnecessary are left out.
         address: Policy address for commands; default: ``policy``.
     """
 
@@ -223,37 +221,37 @@ class RunDiagnosis:
 
     @property
     def pending(self) -> tuple[str, ...]:
-        """Keys of the waiting trials."""
+        """Keys of the trials in ``waiting``."""
         return tuple(t.key for t in self.waiting)
 
     @property
     def unfinished(self) -> tuple[TrialDiagnosis, ...]:
-        """The counted trials that had not ended when the run was stopped."""
+        """Counted trials that had not ended when the run was stopped."""
         return tuple(t for t in self.trials if t.kind is Kind.UNFINISHED)
 
     @property
     def counted_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """The trials with a correct or wrong outcome; ambiguous trials are not counted."""
+        """Trials with a correct or wrong outcome, without ambiguous trials."""
         return tuple(t for t in self.trials if not t.ambiguous)
 
     @property
     def even_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """The counted trials selected independently of outcomes; ambiguous trials are not counted."""
+        """Counted trials that were selected independently of outcomes, without ambiguous trials."""
         return tuple(t for t in self.shown_trials if not t.ambiguous)
 
     @property
     def shown_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """The trials selected independently of outcomes: all, or the first round of a run with ``--until-decided``."""
+        """Trials that were selected independently of outcomes, including ambiguous trials."""
         if self.until_decided is None:
             return self.trials
         return tuple(t for t in self.trials if t.seed in self.until_decided.first_seeds)
 
     def even(self) -> RunDiagnosis:
-        """Return the diagnosis restricted to its even trials, for numbers over several variations."""
+        """Return the diagnosis with only ``even_trials``, for measures over several variations."""
         return replace(self, trials=self.even_trials)
 
     def named(self, name: str) -> RunDiagnosis:
-        """Return the diagnosis with another policy name, also in every trial."""
+        """Return the diagnosis with another policy name, including all trials."""
         trials, waiting = (tuple(replace(t, policy=name) for t in part) for part in (self.trials, self.waiting))
         return replace(self, policy=name, trials=trials, waiting=waiting)
 
@@ -263,7 +261,7 @@ class RunDiagnosis:
         return len(self.trials) + len(self.pending)
 
     def metric(self, name: str, scope: str) -> Metric | None:
-        """Return a metric, or None if the run lacks it."""
+        """Return a metric, or None if it does not exist."""
         for metric in self.metrics:
             if metric.name == name and metric.scope == scope:
                 return metric

@@ -1,4 +1,4 @@
-"""Versions in the records of a run, which must not be mixed without notice."""
+"""Versions in the records of a run. Mixed versions are an error by default."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.errors import RunConflictError
 from betterbench.records import RecordMetadata
 
 _SCENE_KEYS = ("model", "scene", "hash")
-"""Words that mark fingerprint parts which legitimately differ between scenes."""
+"""Words in the names of fingerprint parts that may differ between scenes."""
 
 
 class RecordVersions:
@@ -21,7 +21,7 @@ class RecordVersions:
 
     @property
     def found(self) -> dict[str, str]:
-        """All versions by name; several values of one name are joined by " | ". The policy is not included."""
+        """All versions by name, without the policy. Several values of a name are joined by " | "."""
         return {
             name: " | ".join(values)
             for name, values in sorted(self._seen.items())
@@ -29,7 +29,7 @@ class RecordVersions:
         }
 
     def add(self, metadata: RecordMetadata, *, but: str = "") -> None:
-        """Add the versions of one record, except the named one.
+        """Add the versions of a record, optionally except one.
 
         Raises:
             RunConflictError: If a version differs from an earlier record and mixing is not allowed.
@@ -46,7 +46,7 @@ class RecordVersions:
                     "Run one of the two again, or allow mixed versions and interpret the results with care."
                 )
             known.setdefault(value, trial)
-        if "simulator" in metadata.engine:  # for a task of another world, each record contains the fingerprint
+        if "simulator" in metadata.engine:  # in another world, the record contains the fingerprint of the task
             return
         wanted = resolved_of(metadata).task.version
         if metadata.task_version != wanted and not self._allow_mixed:

@@ -1,4 +1,4 @@
-"""Exchange between an episode and its policy: questions, replies, and handling of policy errors."""
+"""Exchange between an episode and its policy: requests, replies, and handling of policy errors."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from betterbench.interface.state import AnyPolicy, WorldState
 
 
 class Question(NamedTuple):
-    """Input of an episode to its policy.
+    """Request of an episode to its policy.
 
-    Like :class:`Reply`, a named tuple for speed, because every control step creates one.
+    This is a named tuple for speed, like :class:`Reply`, because every control step creates one.
 
     Attributes:
-        seen: The start of the episode (which requests no actions), an observation, or the privileged state.
-        wanted_in: Number of control steps that the episode can take before it needs the reply; 0 if it must wait.
+        seen: Start of the episode (no actions are requested), observation, or privileged state.
+        wanted_in: Number of control steps that can be executed before the reply is needed; 0 if the episode must wait.
     """
 
     seen: EpisodeStart | Observation | WorldState
@@ -28,11 +28,11 @@ class Question(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """Answer of a policy, with its latency.
+    """Reply of a policy, with its latency.
 
     Attributes:
-        actions: Answer as an array of any shape and type; empty at the start of an episode.
-        took_s: Time from question to answer [s].
+        actions: Reply as an unchecked array of any shape and type; empty at the start of an episode.
+        took_s: Time from request to reply [s].
     """
 
     actions: np.ndarray
@@ -43,12 +43,12 @@ _NO_ACTIONS = np.empty(0)
 
 
 def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> Reply:
-    """Pass an input to a policy and wait for its answer.
+    """Send a request to a policy and wait for its reply.
 
     Raises:
         PolicyError: If the policy raises any exception.
         PolicyUnavailableError: If the policy's server cannot be reached.
-        HandshakeError: If the policy's server now serves another policy.
+        HandshakeError: If the server now serves a different policy.
     """
     began = time.perf_counter()
     try:
@@ -67,10 +67,10 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
 
 
 class PolicyBoundary:
-    """Context manager that turns every exception of a policy into a :class:`PolicyError`, which ends only the trial.
+    """Context manager that converts exceptions of a policy into a :class:`PolicyError`, which ends only this trial.
 
-    Two errors that concern the complete run pass unchanged: an unreachable server, and a server whose conventions have
-    changed. It has no state, so one instance is enough.
+    Two errors that affect the whole run are not converted: an unreachable server, and changed conventions of a server.
+    The context manager has no state, so one instance is shared.
     """
 
     __slots__ = ()
@@ -87,4 +87,4 @@ class PolicyBoundary:
 
 
 POLICY_BOUNDARY = PolicyBoundary()
-"""The shared instance of the boundary."""
+"""Shared instance of :class:`PolicyBoundary`."""

@@ -1,4 +1,4 @@
-"""Execution of action chunks: when to request a chunk, and which action to use at each control step."""
+"""Execution of action chunks: times of requests, and the action of each control step."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ if TYPE_CHECKING:  # a policy server uses this module to check chunks, without a
 
 
 class Chunks:
-    """Executor of action chunks, which requests chunks and yields the action for each control step.
+    """Executor of action chunks, which requests chunks and returns the action for each control step.
 
-    With ``ahead``, the next chunk is requested while actions of the old chunk remain. Actions in the reply for steps
-    that have already passed are dropped. Neither the observation for a chunk nor the step of an action therefore
-    depends on the policy's speed.
+    With ``ahead``, the next chunk is requested while actions of the current chunk remain. When it arrives, its actions
+    for past steps are dropped. The observation for a chunk and the step of each action therefore do not depend on the
+    speed of the policy.
     """
 
     def __init__(
         self, scene: TrialScene, observer: Observer | None, execution: Execution, *, limit: int, began: float
     ) -> None:
-        """Prepare for one episode, which started at the time ``began`` of ``time.perf_counter`` [s]."""
+        """Initialize for an episode that started at the time ``began`` of ``time.perf_counter`` [s]."""
         self._scene, self._observer, self._execution, self._limit = scene, observer, execution, limit
         self._queue: deque[np.ndarray] = deque()
         self._asked = False
-        self._passing = 0  # number of actions to drop from the next reply, because their steps will have passed
+        self._passing = 0  # number of actions to drop from the next reply because their steps have passed
         self._predictions: deque[tuple[int, np.ndarray]] = deque()
         self._views: Views | None = None
         self._latencies: list[float] = []
@@ -45,7 +45,7 @@ class Chunks:
         self._world_steps: dict[bool, list[float]] = {
             False: [],
             True: [],
-        }  # step times in scenes that render during steps, by whether the step rendered
+        }  # step times in scenes that render during steps, for steps without and with rendering
 
     def begin(self) -> Generator[Question | None, Reply | None, None]:
         """Tell the policy that an episode begins."""
@@ -54,7 +54,7 @@ class Chunks:
         yield from self._pause(Question(start))
 
     def begin_again(self) -> Generator[Question | None, Reply | None, None]:
-        """Send the policy its next instruction, and drop its answers to the previous one."""
+        """Send the policy its next instruction, and drop its remaining actions for the previous instruction."""
         if self._asked:
             yield from self._pause(None)
         self._asked, self._views = False, None
@@ -67,8 +67,8 @@ class Chunks:
     ) -> Generator[Question | None, Reply | None, np.ndarray]:
         """Return the action to execute now.
 
-        Raises InvalidActionError if an answer is not an array of actions. A ``privileged`` policy answers in this
-        thread, so nothing is yielded.
+        Raises InvalidActionError if a reply is not an array of actions. A ``privileged`` policy is called directly in
+        this thread, so nothing is yielded.
         """
         if privileged is not None:
             return self._next_of(privileged, state)
@@ -99,9 +99,9 @@ class Chunks:
         return self._queue.popleft()
 
     def look(self, step: int) -> None:
-        """Render the images for the next request, if it is due, before the state is used otherwise.
+        """Render the images if the next request is due, before any other use of the state.
 
-        Rendering evicts the CPU caches; in this order, they are refilled only once before the next action.
+        Rendering evicts the CPU caches. With this order, they are refilled only once before the next action.
         """
         if self.looks_at(step):
             began = time.perf_counter()
@@ -109,17 +109,17 @@ class Chunks:
             self._observe_s += time.perf_counter() - began
 
     def looks_at(self, step: int) -> bool:
-        """Return whether the policy will be called at a step after the current action."""
+        """Return whether the policy is called at a step after the current action."""
         if self._observer is None:
             return False
         return self._asks_ahead(step) if self._queue else not self._asked
 
     def note_world_step(self, seconds: float, *, drawn: bool) -> None:
-        """Record the duration of a step in a scene that renders during steps [s], and whether the step rendered."""
+        """Record the duration [s] of a step in a scene that renders during steps, and whether this step rendered."""
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:
-        """Return the rendering time during steps [s]: the extra time of steps with images over steps without.
+        """Return the rendering time during steps [s]: the extra time of steps with images over steps without images.
 
         The result is 0 if every step had images, because the two cannot be separated then.
         """
@@ -127,7 +127,7 @@ class Chunks:
         return max(0.0, float(np.median(drawn) - np.median(plain))) * len(drawn) if plain and drawn else 0.0
 
     def wall_figures(self) -> dict[str, float]:
-        """Return the durations of the episode and its parts [s]."""
+        """Return the wall-clock time of the episode and of its parts [s]."""
         now = time.perf_counter()
         drawn_s = self._drawn_in_world_s()
         simulated = self._simulation_s + now - self._resumed - self._observe_s - drawn_s
@@ -143,12 +143,12 @@ class Chunks:
         }
 
     def _asks_ahead(self, step: int) -> bool:
-        """Return whether to request the next chunk while the queue is executed; False if it will not be needed."""
+        """Return whether to request the next chunk while the queue is executed, which is unnecessary near the end."""
         left = len(self._queue)
         return not self._asked and 0 < left <= self._execution.ahead and step + left < self._limit
 
     def _pause(self, question: Question | None) -> Generator[Question | None, Reply | None, Reply | None]:
-        """Yield, and exclude the waiting time from the simulation time."""
+        """Yield to the caller, and exclude the waiting time from the simulation time."""
         self._simulation_s += time.perf_counter() - self._resumed
         try:
             return (yield question)
@@ -156,7 +156,7 @@ class Chunks:
             self._resumed = time.perf_counter()
 
     def _see(self, state: WorldState) -> Observation | WorldState:
-        """Return the policy's input: an observation, or the state for a privileged policy."""
+        """Return the input for the policy: an observation, or the state for a privileged policy."""
         if self._observer is None:
             return state
         began = time.perf_counter()
@@ -186,7 +186,7 @@ class Chunks:
             raise InvalidActionError(msg)
 
     def _mean(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:
-        """Call the policy, and return the weighted mean of all its predictions for this step."""
+        """Call the policy, and return the weighted mean of its predictions for this step."""
         space, predictions, step = self._scene.action_space, self._predictions, state.step
         answer = self._answered((yield from self._pause(Question(self._see(state)))))
         predictions.append((step, checked_chunk(answer, space)))
@@ -197,10 +197,10 @@ class Chunks:
 
 
 def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
-    """Return a copy of an answer as a chunk, shape (horizon, dim), float64.
+    """Check a reply and return it as a new chunk, shape (horizon, dim), float64.
 
     Raises:
-        InvalidActionError: If the answer is neither one action nor an array of actions, or has a non-finite number.
+        InvalidActionError: If the reply is neither one action nor an array of actions, or contains a non-finite number.
     """
     actions = answer[None, :] if answer.shape == (space.dim,) else answer
     if actions.ndim != 2 or actions.shape[1] != space.dim or len(actions) == 0:

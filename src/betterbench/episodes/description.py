@@ -1,4 +1,4 @@
-"""Metadata of records."""
+"""Metadata of episode records."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from betterbench.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class TrialContext:
-    """Properties of a trial that its scene does not contain; None for a training condition or without images."""
+    """Properties of a trial that are not part of its scene.
+
+    They are None for a training condition or without images.
+    """
 
     policy: str
     variation: str | None = None
@@ -23,7 +26,7 @@ class TrialContext:
 
 
 def describe(scene: TrialScene, tracker: Tracker, context: TrialContext) -> RecordMetadata:
-    """Return the metadata of an episode's record, a pure function of the trial without clocks and machine names."""
+    """Return the metadata of an episode's record. It depends only on the trial, not on the time or the machine."""
     found = scene.described(images=context.camera_preset is not None)
     return RecordMetadata(
         task=scene.task.id,

@@ -32,12 +32,12 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class EpisodeResult:
-    """Result of an episode: record, wall-clock times and states.
+    """Result of an episode: record, wall-clock times, and states.
 
     Attributes:
-        record: The privileged record, a pure function of trial and policy.
-        wall: Wall-clock figures, which are not part of the record [s].
-        states: States for all record rows, for immediate use by the caller.
+        record: Privileged record, which depends only on trial and policy.
+        wall: Wall-clock times, which are not part of the record [s].
+        states: State of each row of the record.
     """
 
     record: Record
@@ -46,17 +46,18 @@ class EpisodeResult:
 
 
 _LONGEST_BLOCK = 20
-"""Maximum number of states judged at once, which bounds the duration of a control step."""
+"""Maximum number of states judged at once, which limits the duration of a control step."""
 
 Steps = Generator[Question | None, Reply | None, EpisodeResult]
-"""Episode as a generator that yields questions to its policy. For a question that can wait (``wanted_in`` > 0), None is
-sent immediately, and the reply when the episode yields None. If the policy fails, a
-:class:`~betterbench.errors.PolicyError` is thrown in instead of a reply."""
+"""Episode as a generator that yields requests to its policy. After a request that can wait (``wanted_in`` > 0), the
+caller sends None at once, and sends the reply when the episode yields None. If the policy fails, the caller throws a
+:class:`~betterbench.errors.PolicyError` into the generator instead.
+"""
 
 _PLAIN = Execution()
 
 Disturbance = Callable[[np.ndarray], np.ndarray]
-"""Function from an action to the executed action, for demonstrations labeled with the noise-free action."""
+"""Function that adds noise to an action before it is executed. The record keeps the noise-free action as label."""
 
 
 def run_episode(
@@ -70,8 +71,9 @@ def run_episode(
 ) -> EpisodeResult:
     """Run one episode from reset to its end, with a policy that answers in this thread.
 
-    With an observer, the policy's ``act`` is called, otherwise ``act_on_state``. ``disturb`` is only for demonstrators:
-    the record then contains the demonstrator's action as ``action`` and the executed action as ``applied``.
+    With an observer, the ``act`` method of the policy is called, otherwise ``act_on_state``. ``disturb`` is only for
+    demonstrations. The record then contains the action of the demonstrator as ``action`` and the executed action as
+    ``applied``.
 
     Raises:
         PremiseError: If the scene contradicts the instruction's premise.
@@ -111,7 +113,7 @@ def run_episode(
             return result
         finally:
             steps.close()
-            outcome = kept = None  # an error references this frame, which would keep the scene in memory
+            outcome = kept = None  # the error holds a reference to this frame, which would keep the scene in memory
 
 
 def episode_steps(
@@ -124,15 +126,15 @@ def episode_steps(
     on_step: Callable[[int], None] | None = None,
     privileged: PrivilegedPolicy | None = None,
 ) -> Steps:
-    """Run one episode from reset to its end, and yield whenever the policy must answer.
+    """Run one episode from reset to its end, and yield each request to the policy.
 
-    One thread can thus interleave many episodes. The result does not depend on how long answers take. Without an
-    observer, the policy gets the privileged state: ``privileged`` is then called here, and nothing is yielded. Yields a
-    question, or None when the reply to the last question is needed.
+    One thread can interleave many episodes in this way. The result does not depend on the latency of replies. Without
+    an observer, ``privileged`` is called directly with the privileged state, and nothing is yielded. Yields a request,
+    or None when the reply to the last request is needed.
 
     Raises:
         PremiseError: If the scene contradicts the instruction's premise.
-        PolicyKilledError: If the policy's process was ended from outside.
+        PolicyKilledError: If the policy's process was killed from outside.
     """
     began = time.perf_counter()
     state = scene.reset()
@@ -174,7 +176,7 @@ def episode_steps(
 
 
 def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: int) -> np.ndarray:
-    """Take the control step that leads to ``step`` in a scene that renders during the step."""
+    """Execute the control step that leads to ``step``, in a scene that renders during the step."""
     drawn = chunks.looks_at(step)
     scene.draw_next(wanted=drawn)
     began = time.perf_counter()
@@ -184,10 +186,10 @@ def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: i
 
 
 class _Judge:
-    """Recorder and judge of an episode, which processes states in blocks that end before the episode can succeed.
+    """Recorder and judge of an episode. It processes states in blocks that end before the episode can succeed.
 
-    Between two physics steps, the CPU's caches are cold, and judging a single state takes two to three times as
-    long per state as judging several. A goal must hold for some time, so no decision depends on a state in the current
+    Between two physics steps, the CPU caches are cold, and judging states one at a time takes two to three times as
+    long as judging several at once. A goal must hold for some time, so no decision depends on the states in the current
     block. Measured by ``make bench ARGS="--only step"`` (2026-11-26, minimum time per block, three tasks): the loop
     takes 1.15 to 1.16 times as long as the bare physics, and 1.21 to 1.32 times if every state is judged immediately.
     """
@@ -199,7 +201,7 @@ class _Judge:
         self._block = 1
 
     def see(self, state: WorldState, action: np.ndarray | None, applied: np.ndarray | None) -> None:
-        """Process the next state and the action that led to it, and update ``success``."""
+        """Add the next state and the action that led to it, and update ``success``."""
         self._builder.append_state(state, **self._simulator_state(), action=action, applied=applied)
         self._waiting.append(state)
         if len(self._waiting) >= self._block:
@@ -228,7 +230,7 @@ def _finished(
     success: bool,
 ) -> Record:
     if error is not None:
-        error = encodable(error)  # file names may contain characters that a record cannot
+        error = encodable(error)  # file names may contain characters that a record cannot store
         logger.warning("%s seed %d: %s", scene.condition.id, scene.seed, error)
     return builder.finish(
         termination=termination,

@@ -27,19 +27,19 @@ _BOUNDS = {
     "ee_quaternion": (4, 1.0 + 1e-9),
     "gripper_width": (1, 0.2),
 }
-"""Size (None for the number of arm joints) and bound of each measurement. The bounds exceed all possible values: joint
-limits are within 3.8 rad and 3 rad/s, the reach is within 1.2 m, and grippers open by 0.1 m.
+"""Size (None for one value per arm joint) and bound of each measurement. No value can exceed its bound: joint limits
+are within 3.8 rad and 3 rad/s, the reach is within 1.2 m, and grippers open by at most 0.1 m.
 """
 
 
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
-    """Task under one condition. Every reset starts the trial of a seed.
+    """Environment for a task under one condition. Each reset starts the trial of a seed.
 
     Observation: a dictionary with one (height, width, 3) uint8 image per camera, ``joint_positions`` (n,) [rad],
     ``joint_velocities`` (n,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
     The instruction is in ``info["instruction"]`` and in the attribute ``instruction``. Reward: 1 at the step of
-    success, else 0. Observations are not privileged; ``info`` contains the goal state, for training and evaluation
-    code.
+    success, else 0. Observations contain no privileged state. ``info`` contains the goal state, for training and
+    evaluation code.
 
     Args:
         task: Task id.
@@ -48,8 +48,8 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         action_space: Name of an action space; by default, the robot's usual one.
         quality: Name of a render preset.
         looks: Appearance of objects and rooms: "seen" (in demonstrations) or "unseen".
-        robot: Name of a robot; by default, the robot that the task is laid out for. Its joint measurements have as
-            many entries as the arm has joints.
+        robot: Name of a robot; by default, the robot that the task is laid out for. Joint measurements have one entry
+            per arm joint.
         render_mode: "rgb_array" for images of the front camera.
     """
 
@@ -67,7 +67,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         robot: str | None = None,
         render_mode: str | None = None,
     ) -> None:
-        """Check all names; scenes are compiled at reset."""
+        """Check all names. Scenes are compiled at reset."""
         if render_mode not in (None, "rgb_array"):
             raise InvalidInputError("render_mode", f"{render_mode!r} is not supported", "Use 'rgb_array' or None")
         found = resolve_condition(task, get_task(task).training[0].name if variation is None else variation)
@@ -131,7 +131,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._observe(state), self._info(state, truth, trial)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Execute one action for one control step."""
+        """Execute an action for one control step."""
         scene, tracker = self._scene, self._tracker
         if scene is None or tracker is None:
             raise InvalidInputError("step", "the environment was not reset", "Call reset first")
@@ -158,7 +158,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._renderer.render(self._scene.data, "front").rgb
 
     def close(self) -> None:
-        """Free all renderers and the scene. A reset makes new ones."""
+        """Free all renderers and the scene. The next reset creates new ones."""
         self._observer.close()
         self._scene = self._tracker = None
         if self._renderer is not None:
@@ -171,7 +171,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._form(self._observer.observe(self._scene, state))
 
     def _form(self, seen: Observation) -> dict[str, Any]:
-        """Return an observation under the names of the observation space."""
+        """Convert an observation to the format of the observation space."""
         return {
             **seen.images,
             "joint_positions": seen.joint_positions,

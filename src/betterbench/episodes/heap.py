@@ -1,4 +1,4 @@
-"""Garbage collection during an episode: less frequent, and restricted to objects created in the episode."""
+"""Garbage collection during an episode, less frequent and restricted to objects created in the episode."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 _YOUNG_OBJECTS = 20_000
-"""Number of new objects that triggers a collection during an episode, whose states create about 10 per step."""
+"""Number of new objects that triggers a collection during an episode. A control step creates about 10 objects."""
 
 
 class _Heap:
-    """State of this process's garbage collector, and number of callers inside :func:`settled_heap`."""
+    """Settings of this process's garbage collector, and number of callers inside :func:`settled_heap`."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -22,14 +22,14 @@ class _Heap:
         self._frozen_by_others = False
 
     def enter(self) -> None:
-        """Freeze existing objects, unless the caller has done so or another caller is inside already."""
+        """Freeze existing objects, unless they are frozen already."""
         with self._lock:
             self._users += 1
             if self._users > 1:
                 return
             self._thresholds = young, *older = gc.get_threshold()
-            # Counting a million frozen objects takes 30 to 70 ms, so they are counted until there are some: a program
-            # that freezes its heap seldom thaws it, and an episode then only collects more slowly.
+            # Counting a million frozen objects takes 30 to 70 ms, so they are only counted until some are found.
+            # Programs seldom unfreeze their heap, and if they do, collections in an episode only take longer.
             self._frozen_by_others = self._frozen_by_others or gc.get_freeze_count() > 0
             self._thaws = not self._frozen_by_others
             if self._thaws:
@@ -55,11 +55,11 @@ _HEAP = _Heap()
 def settled_heap() -> Iterator[None]:
     """Exclude objects created before an episode from garbage collection, and collect rarely.
 
-    A full collection takes about 10 ms for a run's modules and assets, as long as a control step with images, and up to
-    2 ms for an episode's states, which are not garbage. Over an episode of recorded actions, a control step takes 0.789
-    ms instead of 0.797 ms (fast_food) and 0.837 ms instead of 0.844 ms (breakfast_table; CPU time, minimum of six
-    alternating measurements, 2026-11-28). Code that uses an episode's states must stay inside the context until they
-    are freed.
+    A full collection takes about 10 ms for the modules and assets of a run, which is as long as a control step with
+    images, and up to 2 ms for the states of an episode, which are not garbage. Over an episode of recorded actions, a
+    control step takes 0.789 ms instead of 0.797 ms (fast_food) and 0.837 ms instead of 0.844 ms (breakfast_table; CPU
+    time, minimum of six alternating measurements, 2026-11-28). Code that uses an episode's states must stay inside the
+    context until they are freed.
     """
     _HEAP.enter()
     try:

@@ -1,7 +1,7 @@
-"""Lazy vector environments: environments are created at reset, for one vector environment of a group at a time.
+"""Lazy vector environments, which create their environments at reset, for one vector environment of a group at a time.
 
-LeRobot creates the vector environments of all conditions before the first episode, but uses only one at a time. Each
-environment that was reset holds a scene of about 25 MB and, in a separate process, an interpreter.
+LeRobot creates the vector environments of all conditions before the first episode, but uses only one at a time. After a
+reset, each environment holds a scene of about 25 MB and, if it runs in a separate process, an interpreter.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class ActiveEnv:
         self._active: _LazyVectorEnv | None = None
 
     def take(self, env: _LazyVectorEnv) -> None:
-        """Activate a vector environment, and close the environments of the last active one."""
+        """Activate a vector environment, and close the environments of the previously active one."""
         if self._active is not None and self._active is not env:
             self._active.close_extras()
         self._active = env
@@ -34,14 +34,14 @@ class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
     """Base class of both vector environments; opens the environments at the first reset after a close."""
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv) -> None:
-        """Prepare; ``group`` is the group of the vector environment."""
+        """Create no environments yet; ``group`` is the group of the vector environment."""
         self._make, self._group, self._empty = tuple(make), group, True
         self.num_envs = len(self._make)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Make the environments if necessary, and reset all."""
+        """Create the environments if necessary, and reset all."""
         if self._empty:
             self._group.take(self)
             self._make_envs()
@@ -66,12 +66,12 @@ class LazySyncVectorEnv(_LazyVectorEnv, SyncVectorEnv[dict[str, Any], np.ndarray
 
 
 class LazyAsyncVectorEnv(_LazyVectorEnv, AsyncVectorEnv[dict[str, Any], np.ndarray]):  # type: ignore[misc] # narrower close_extras
-    """Environments in separate processes; ``stand_ins`` in this process serve code that reads ``envs``."""
+    """Environments in separate processes. Code that reads ``envs`` gets the ``stand_ins`` in this process."""
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv, *, stand_ins: Sequence[object] = ()) -> None:
         super().__init__(make, group)
         self.envs = list(stand_ins)
 
     def _make_envs(self) -> None:
-        # a forked process would share the OpenGL context and threads of this process
+        # a forked process would share the OpenGL context and the threads of this process
         AsyncVectorEnv.__init__(self, self._make, context="spawn", autoreset_mode=AutoresetMode.SAME_STEP)

@@ -22,10 +22,10 @@ from betterbench.errors import InvalidInputError
 __all__ = ["ENVIRONMENT_ID", "SETTINGS", "make_env"]
 
 ENVIRONMENT_ID = "BeTTER/LeRobot-v0"
-"""Gymnasium id of these environments, made without wrappers."""
+"""Gymnasium id of these environments, which are created without wrappers."""
 
 SETTINGS = ("state", "cameras", "observation", "action_space", "quality", "robot")
-"""Options of a configuration other than its task, by their names in :class:`LeRobotTaskEnv`."""
+"""Options of a configuration apart from the task, named as in :class:`LeRobotTaskEnv`."""
 
 gymnasium.register(
     ENVIRONMENT_ID,
@@ -36,7 +36,7 @@ gymnasium.register(
 
 
 class _Seen:
-    """Stand-in for an environment in another process, with the attributes that LeRobot checks using ``hasattr``."""
+    """Stand-in for an environment in another process, with the attributes that LeRobot looks up with ``hasattr``."""
 
     def __init__(self, env: LeRobotTaskEnv) -> None:
         self.task, self.task_description = env.task, env.task_description
@@ -50,20 +50,20 @@ def make_env(
     conditions: str | Sequence[str] | None = None,
     **settings: Any,  # noqa: ANN401 - passed on to LeRobotTaskEnv, which names and checks each
 ) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
-    """Return the vector environments of all conditions, as required by LeRobot's hub.
+    """Return the vector environments of all conditions, in the format of LeRobot's hub.
 
     Args:
         n_envs: Environments per condition.
         use_async_envs: Whether each environment has its own process.
-        cfg: LeRobot's configuration of the environment; its ``task`` replaces ``conditions``, and its attributes
-            named in :data:`SETTINGS` replace ``settings``.
+        cfg: LeRobot's environment configuration. Its ``task`` replaces ``conditions``, and its attributes named in
+            :data:`SETTINGS` replace ``settings``.
         conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
             list or a string separated by commas; default the whole suite better60.
         settings: Further arguments of :class:`LeRobotTaskEnv`, for all environments.
 
     Returns:
-        Vector environments by suite and number. Each condition is a separate suite, so LeRobot lists success rates by
-        condition. Reset seeds are the same as in ``better eval``: seed 3 is trial 3.
+        Vector environments by suite and index. Each condition is a separate suite, so that LeRobot reports success
+        rates by condition. As in ``better eval``, seed 3 is trial 3.
 
     Raises:
         InvalidInputError: If a number is out of range.

@@ -1,4 +1,4 @@
-"""Environment for LeRobot for every task, with LeRobot's observation keys and attributes."""
+"""LeRobot environment for every task, with LeRobot's observation keys and attributes."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from betterbench.tasks import Truth
 
 
 def ee_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
-    """Return the state for policies trained on LIBERO.
+    """Return the state in the format of policies trained on LIBERO.
 
     Returns:
-        (8,) float32: tool position [m], rotation vector [rad], continuous around a tool that points down, and the
-        positions of both fingers [m], the second one negative, as in robosuite.
+        (8,) float32: tool position [m], rotation vector [rad], and the positions of both fingers [m], the second of
+        which is negative as in robosuite. The rotation vector is continuous around a tool that points down.
     """
     del actions
     finger = 0.5 * seen.gripper_width
@@ -36,7 +36,7 @@ def ee_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
 
 
 def joint_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
-    """Return the joints, (n + 1,) float32: arm joint positions [rad] and the opening width [m]."""
+    """Return the joint state, (n + 1,) float32: arm joint positions [rad] and gripper width [m]."""
     del actions
     return np.array([*seen.joint_positions, seen.gripper_width], dtype=np.float32)
 
@@ -44,13 +44,13 @@ def joint_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
 def motor_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
     """Return the motor positions, (n + 1,) float32, in the units of the action space, as LeRobot's robots report them.
 
-    The action space sets the positions of a robot's own motors.
+    The action space must be one in units of a robot's own motors.
     """
     return np.array(motor_positions(actions, seen), dtype=np.float32)
 
 
 def require_motors(actions: ActionSpace) -> None:
-    """Check that an action space sets the positions of a robot's own motors; raise InvalidInputError if not."""
+    """Raise InvalidInputError unless an action space is in units of a robot's own motors."""
     if actions.name not in OPENING_SPACES:
         raise InvalidInputError(
             "state",
@@ -61,12 +61,12 @@ def require_motors(actions: ActionSpace) -> None:
 
 @dataclass(frozen=True, slots=True)
 class StateLayout:
-    """Layout of the state that a policy gets.
+    """Layout of the state in a policy's input.
 
     Attributes:
-        read: Returns the state, float32, of an observation in an episode with this action space.
+        read: Function that returns the state, float32, for an observation and an action space.
         size: Number of values; None for one value per arm joint and one for the gripper.
-        bound: Bound of each value, wider than all possible values.
+        bound: Bound of each value, which no value can exceed.
     """
 
     read: Callable[[Observation, ActionSpace], np.ndarray]
@@ -74,7 +74,7 @@ class StateLayout:
     bound: float
 
     def size_for(self, robot: str) -> int:
-        """Return the number of values for a robot."""
+        """Return the number of values in the state of a robot."""
         return self.size or len(robot_named(robot).arm_joints) + 1
 
 
@@ -160,7 +160,7 @@ class LeRobotTaskEnv(TaskEnv):
         self.task = self._condition.id
         """Task and condition, "fast_food/T1"."""
         self.task_description = self.instruction
-        """Task description that LeRobot gives the policy."""
+        """Task description that LeRobot passes to the policy."""
         self._max_episode_steps = self.step_limit
 
     def _form(self, seen: Observation) -> dict[str, Any]:

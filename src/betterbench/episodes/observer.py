@@ -15,7 +15,7 @@ from betterbench.sim.worlds import TrialScene
 _KEPT_RENDERERS = 4
 
 Views = Mapping[str, Images]
-"""Images by camera."""
+"""Images by camera name."""
 
 
 def observation_of(
@@ -42,22 +42,25 @@ def observation_of(
 
 
 class Observer:
-    """Source of observations. Renderers are cached by model, because creating one takes tens of milliseconds."""
+    """Source of observations. It caches renderers by model, because creating one takes tens of milliseconds."""
 
     def __init__(self, spec: ObservationSpec, *, renderers: int = _KEPT_RENDERERS) -> None:
-        """Prepare; ``renderers`` is the maximum number of cached renderers, one per model."""
+        """Create an observer that caches up to ``renderers`` renderers, one per model."""
         self.spec = spec
         self._renderers = Renderers(renderers)
 
     def look(self, scene: TrialScene) -> Views:
-        """Return the images of the current state, by camera.
+        """Render the current state, and return the images by camera.
 
-        Raises MissingDependencyError without off-screen OpenGL.
+        Raises MissingDependencyError if off-screen OpenGL does not work.
         """
         return scene.views(self.spec, self._renderers) if self.spec.cameras else {}
 
     def observe(self, scene: TrialScene, state: WorldState, *, views: Views | None = None) -> Observation:
-        """Return the observation of a state; ``views`` are the images, if :meth:`look` has already rendered them."""
+        """Return the observation of a state.
+
+        ``views`` contains the images if :meth:`look` has already rendered them.
+        """
         if views is None:
             views = self.look(scene)
         seen = observation_of(

@@ -1,4 +1,4 @@
-"""Casts: scenarios in which each description has an object of the asset library."""
+"""Casts: scenarios with an asset for each description."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ class Cast:
             and unique in the cast ("red mug" if there is a blue one too, otherwise "mug").
         look_alikes: For each item by name: distractors of another category that share its color or its shape, the most
             similar first. Their names and kinds are unique too.
-        seed: Seed for all choices left open by the descriptions.
+        seed: Seed for all choices that the descriptions do not determine.
     """
 
     scenario: Scenario

@@ -1,4 +1,4 @@
-"""Scenarios for a sentence without a model: its words select the template, and its nouns the objects."""
+"""Scenarios for a sentence without a model: words determine the template, nouns determine the objects."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ WEIGHTS: dict[str, dict[str, int]] = {
     "precision_insertion": _weighted(decides="rack hole", hints="insert jar spice salt pepper paprika"),
     "recursive_stacking": _weighted(hints="stack pile plate dish"),
 }
-"""Singular words that indicate each template, with their weights. Every occurrence of a word counts."""
+"""Words (in the singular) that indicate each template, with weights. Every occurrence of a word counts."""
 
 _SYNONYMS: dict[str, str] = {
     "apple": "apple",
@@ -104,7 +104,7 @@ _SYNONYMS: dict[str, str] = {
     "waste_bin": "bin, trash can, trash bin, garbage can, wastebasket, "
     "in the trash, into the trash, in the garbage, into the garbage",
 }
-"""Further nouns for the categories of the grammar."""
+"""Additional nouns for the categories of the grammar."""
 
 _SAME_FOR_ALL = "put place move set lay position get take grab pick hide need want help please go belong clean tidy"
 _SPECIFIC = {
@@ -117,7 +117,7 @@ _SPECIFIC = {
     "recursive_stacking": "stack pile collect gather clear",
 }
 _VERBS_OF = {name: frozenset(f"{_SAME_FOR_ALL} {verbs}".split()) for name, verbs in _SPECIFIC.items()}
-"""Verbs that fully express the goal of each template."""
+"""Verbs that express only the goal of each template."""
 _PLAIN_WORDS_WORDS = """
 i you we he she me us them they it s to and there here now please just so too also then
 """
@@ -130,7 +130,8 @@ class Chosen:
     """Scenarios from a sentence.
 
     Attributes:
-        reworded: Reason why the grammar's wording is used as the instruction; empty if the sentence itself is used.
+        reworded: Reason why the wording of the grammar is used as the instruction; empty if the sentence itself is
+            used.
     """
 
     template: str
@@ -139,7 +140,7 @@ class Chosen:
 
 
 def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
-    """Return scenarios for a sentence; each scenario has the objects that the sentence names.
+    """Return scenarios for a sentence. Each contains the objects that the sentence names.
 
     Raises:
         InvalidInputError: If no template fits, an object is not in the library, or there are fewer such scenarios.
@@ -155,7 +156,7 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
     reworded = next((p for s in worded for _, p, _ in instruction_problems(s, TEMPLATES[template])), "")
     if reworded and any(stated_goal(scenario).is_specific for scenario in worded):
         cure = f"Write a sentence such as {example_about(found[0])!r}"
-        raise InvalidInputError("sentence", f"{reworded}, and another wording would lose the stated places", cure)
+        raise InvalidInputError("sentence", f"{reworded}, but another wording would omit the stated places", cure)
     return Chosen(template, tuple(found) if reworded else worded, reworded)
 
 
@@ -227,7 +228,7 @@ def choose_template(sentence: str) -> str:
 
 
 def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
-    """Return the objects named in a sentence, with the library kinds to which the nouns may refer.
+    """Return the objects named in a sentence, with the kinds of the library to which the nouns may refer.
 
     Raises:
         InvalidInputError: If an object, or an object of a color, is not in the library's vocabulary of the template.
@@ -263,7 +264,7 @@ def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:
 
 
 def _require_read(sentence: str, tokens: list[str], used: set[int], grammar: Grammar) -> None:
-    """Raise InvalidInputError for an uninterpreted word, which may imply a requirement that is not met."""
+    """Raise InvalidInputError for an unknown word, which may state a requirement that the task does not meet."""
     template = grammar.template.name
     free = STOPS | READ_WORDS | PLACES | COLLECTIVES.keys() | _VERBS_OF[template] | _PLAIN_WORDS
     free |= RESULTS if template == "logical_assembly" else frozenset()
@@ -292,7 +293,7 @@ _EXAMPLES = {
 
 
 def _require_nouns(tokens: list[str]) -> None:
-    """Raise InvalidInputError for a color with "one" in place of a noun, because such references are not resolved."""
+    """Raise InvalidInputError for a color with "one" instead of a noun, because such references are not resolved."""
     color = next((color for color, one in itertools.pairwise(tokens) if color in COLORS and one == "one"), "")
     if color:
         cure = f"Write the noun after the color, as in 'the {color} plate'"
@@ -300,7 +301,7 @@ def _require_nouns(tokens: list[str]) -> None:
 
 
 def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], plural: bool) -> list[Wanted]:
-    """Return the wanted objects for one noun: as many as the number before it, or two for a plural without a number."""
+    """Return the objects for a noun: as many as the number before it, or two for a plural without a number."""
     noun, color = " ".join(tokens[at : at + length]), color_before(tokens, at)
     kinds = tuple(kind for kind in meant if not color or kind[1] == color)
     if not kinds:

@@ -35,7 +35,7 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import Chat, ChatEndpoint, endpoint_at
 
 OFFLINE = "offline"
-"""Name of the offline author, which needs no model."""
+"""Name of the offline author, which does not use a model."""
 SETTINGS_NAME = "generate.json"
 """File with the settings of a folder."""
 SCENARIOS = "scenarios"
@@ -85,10 +85,10 @@ class GenerateSettings:
 
     @property
     def sentence(self) -> str:
-        """The sentence with its period, empty if the target is a template.
+        """Sentence with its period; empty if the target is a template.
 
         Raises:
-            UnknownNameError: If the target is one word and no template.
+            UnknownNameError: If the target is a single word but not a template.
             InvalidInputError: If it has other characters than letters and plain punctuation.
         """
         if self.target in TEMPLATES:
@@ -128,7 +128,7 @@ def generate_scenarios(
     """Write scenarios into a folder. The same settings give the same bytes, and repeating a call resumes it.
 
     Args:
-        settings: What to generate.
+        settings: Settings of the scenarios.
         out: The folder.
         chat: Model to use instead of the address in the settings.
         overwrite: Whether to replace files that betterbench did not write or that have changed since.
@@ -143,7 +143,7 @@ def generate_scenarios(
     sentence = settings.sentence
     live = chat or endpoint_of(settings)
     kept = {} if settings.replay is None else read_exchanges(settings.replay)
-    # before a folder is created, because invalid input is detected here
+    # invalid input is detected here, before a folder is created
     written = None if settings.asks_model else _offline(settings, sentence)
     with OutputFolder(out, "generate", overwrite=overwrite):
         _write_settings(out, settings, overwrite=overwrite)
@@ -194,7 +194,7 @@ def _by_model(settings: GenerateSettings, sentence: str, chat: KeptChat, on_prog
 
 
 def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -> None:
-    """Write the settings of a folder; without ``overwrite``, reject other settings and extra scenarios."""
+    """Write the settings of a folder. Without ``overwrite``, other settings and additional scenarios are rejected."""
     path = out / SETTINGS_NAME
     form: dict[str, object] = {"schema_version": 1, "target": settings.target, "num": settings.count}
     if settings.asks_model:
@@ -234,7 +234,7 @@ def write_settings(out: Path, form: Mapping[str, object], *, overwrite: bool, ch
 
 
 def _write(out: Path, number: int, scenario: Scenario) -> Path:
-    """Write a scenario to "scenarios/003_packing_a_picnic.json"; the name has only letters, digits and underscores."""
+    """Write a scenario to a file such as "scenarios/003_packing_a_picnic.json"."""
     path = out / SCENARIOS / f"{number:03d}_{slug_of(scenario.name)}.json"
     text = json.dumps(scenario_to_json(scenario), indent=1)
     write_durably(path, (_RANGE.sub(r"[\1, \2]", text) + "\n").encode())
@@ -242,7 +242,7 @@ def _write(out: Path, number: int, scenario: Scenario) -> Path:
 
 
 _RANGE = re.compile(r"\[\s+([\d.]+),\s+([\d.]+)\s+\]")
-"""Pattern of a range of two numbers printed on four lines, to be joined into one."""
+"""Pattern of a range of two numbers on four lines, which are joined."""
 
 
 def slug_of(name: str) -> str:

@@ -51,11 +51,11 @@ Found = tuple[str, str, str]
 def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Found]:
     """Yield the problems in an instruction as path, problem and remedy.
 
-    The rules for nouns are conservative. A known noun of an object, and the last word of a phrase with an article, must
-    occur in the description, the query, the name or the tags of an object. Places ("the desk"), occasions ("the
-    picnic"), nouns for objects in general ("the supplies") and words of the context and of the scenario's name are
-    allowed too, and so is the result of an assembly ("a sandwich"). A color before a known noun must be the color of
-    such an object. "Fruit", "toys" and other collectives need at least one such object.
+    The rules for nouns are conservative. A known noun, and the last word of a phrase with an article, must occur in the
+    description, query, name or tags of an object. Also allowed are places ("the desk"), occasions ("the picnic"),
+    general nouns ("the supplies"), words of the context and of the scenario's name, and the result of an assembly ("a
+    sandwich"). A color before a known noun must be the color of such an object. Collective nouns such as "fruit" and
+    "toys" require at least one such object.
     """
     for problem, cure in (
         *_sentence_problems(scenario.instruction, read_text(scenario)),
@@ -67,7 +67,10 @@ def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Fou
 
 
 def _sentence_problems(text: str, read: str) -> Iterator[tuple[str, str]]:
-    """Yield the problems of a sentence; the direction of cutlery, which is not in ``read``, may make it longer."""
+    """Yield the problems of a sentence.
+
+    Clauses about the direction of cutlery, which are not in ``read``, do not count for its length.
+    """
     words = re.findall(r"[\w'-]+", read)
     if not text.endswith(".") or text.count(".") > 1:
         yield f"{text!r} is not one sentence that ends with a period", "Write one sentence with one period at its end"
@@ -90,7 +93,7 @@ def _chain_problems(scenario: Scenario, template: Template) -> Iterator[tuple[st
     if chained or _STEPS.search(text):
         word = min(chained) if chained else "first or next"
         yield f"chains steps with {word!r}", cure
-    placed = stated_goal(scenario).placed  # a list of items with their places states a goal, not steps
+    placed = stated_goal(scenario).placed  # a list of items with their places states a goal and not steps
     for group in template.groups:
         objects = scenario.groups.get(group.group_id, ())
         if all(o.instance_name in placed for o in objects):

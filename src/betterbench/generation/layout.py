@@ -1,4 +1,4 @@
-"""Layouts of slots that are reachable, in view and separate from each other."""
+"""Layouts of slots that are reachable, visible and separate from each other."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from betterbench.geometry import Pose, from_yaw
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
 
 FREE_M = 0.002
-"""Minimum distance between two objects at the limits of their slots' jitter [m]."""
+"""Minimum distance between two objects for any jitter of their slots [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Table slots for one template, all reachable and in view with the margins of docs/framing.md.
+    """Table slots for a template. All are reachable, and visible with the margins of docs/framing.md.
 
     Attributes:
-        starts: Slots from which objects are picked; for several layouts, one after the other.
+        starts: Slots from which objects are picked, layout by layout if there are several.
         stands: Slots of the target.
-        besides: Slots of objects that stay.
+        besides: Slots of objects that are not moved.
     """
 
     starts: tuple[Slot, ...]
@@ -36,7 +36,7 @@ class Table:
 
 
 def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
-    """Return two objects of a condition that may touch within their jitter, or None.
+    """Return a message about two objects of a condition that may touch within their jitter, or None.
 
     Containers, fixtures and elongated objects are represented by the rectangle of their bounding box, other objects by
     circles around their origin. Objects that start at a target are ignored.
@@ -70,7 +70,7 @@ def _is_rectangle(spec: ObjectSpec) -> bool:
 
 
 def _center(spec: ObjectSpec, slot: Slot) -> tuple[float, float]:
-    """Return the center of an object in a slot, world frame [m]: of its bounding box, or its origin for a circle."""
+    """Return the center of an object's bounding box (for a circle, its origin) in a slot, in the world frame [m]."""
     if not _is_rectangle(spec):
         return slot.x, slot.y
     size = footprint(spec.category)
@@ -79,9 +79,9 @@ def _center(spec: ObjectSpec, slot: Slot) -> tuple[float, float]:
 
 
 def _half_sizes(spec: ObjectSpec, slot: Slot) -> tuple[tuple[float, float], float]:
-    """Return the half sides of the rectangle of an object over the yaw jitter of a slot, and the radius around it [m].
+    """Return the half sides of an object's rectangle for any yaw jitter of a slot, and the radius around it [m].
 
-    A circle is a point with a radius, and a rectangle has the radius 0.
+    A circle is a point with a radius. A rectangle has a radius of 0.
     """
     size = footprint(spec.category)
     if not _is_rectangle(spec):

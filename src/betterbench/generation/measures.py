@@ -1,6 +1,6 @@
-"""Measurements of objects over all their looks, and checks that the gripper can hold them and the camera can see them.
+"""Measurements of objects over all looks, and checks for gripper and camera.
 
-Looks are drawn by seed, so each measurement covers all looks of a category, both seen and held out.
+Looks are drawn by seed, so each measurement covers all looks of a category, including held-out looks.
 """
 
 from __future__ import annotations
@@ -22,20 +22,22 @@ from betterbench.tasks.condition import ObjectSpec
 from betterbench.tasks.relations.placing import RELEASE_GAP_M
 
 ROBOT = robot(USUAL_ROBOT)
-"""Robot that generated tasks are laid out for."""
+"""Robot for which generated tasks are laid out."""
 WIDEST_GRASP_M = ROBOT.gripper_opening_m - 0.006
-"""Largest width of an object between the pads [m]: the opening of the gripper, less 3 mm on each side."""
+"""Maximum width of an object between the finger pads [m]: the gripper opening minus 3 mm on each side."""
 LOW_M = 0.009
-"""Minimum height of a grasp above the base of an object [m]. As measured, the expert finds free grasps at 9.8 mm (rolls
-of tape), but at 5.5 mm (thin stacks of napkins) the fingers touch the table."""
+"""Minimum height of a grasp above the base of an object [m]. Measured: the expert finds collision-free grasps at 9.8 mm
+(rolls of tape), but at 5.5 mm (thin stacks of napkins) the fingers touch the table.
+"""
 FINGER_M = (0.015, 0.010)
-"""Thickness of a finger at its tip, outward from the pad, and half of its width [m], from Franka's public model."""
+"""Thickness of a finger at its tip, outward from the pad, and half its width, from Franka's public model [m]."""
 CLEAR_M = 0.004
-"""Clearance of the fingers from everything except the held object, as kept by the expert's planner [m]."""
+"""Clearance that the expert's planner keeps between the fingers and everything except the held object [m]."""
 SEEN_M = 0.050
 """Minimum apparent size of a named object [m]: 20 pixels in the front camera at the slots next to the robot.
 
-The camera has a focal length of 523 pixels and is 1.4 m from these slots. Objects of the suite have 24 pixels."""
+The camera has a focal length of 523 pixels and is 1.4 m away from these slots. Objects of the suite have at least 24
+pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +49,8 @@ class Footprint:
         x_m: Smallest and largest x of a visible point, in the frame of the object [m].
         y_m: Smallest and largest y of a visible point, in the frame of the object [m].
         height_m: Largest height [m].
-        seen_m: Apparent size from 45 degrees above [m], minimum over the looks: the longer horizontal side, or height
-            and shorter side foreshortened.
+        seen_m: Apparent size from 45 degrees above [m], minimum over the looks: the longer horizontal side, or the
+            foreshortened height and shorter side.
         layer_m: Smallest and largest height of the surface that carries the next object [m].
         grip_m: Width of the narrowest grasp [m], maximum over the looks; None if a look has no grasp.
         low_m: Height of the highest grasp [m], minimum over the looks; 0 without grasps.
@@ -78,7 +80,7 @@ class Footprint:
 
 
 def footprint(category: str) -> Footprint:
-    """Return the measurements of a category; color does not affect shape.
+    """Return the measurements of a category. Color does not affect shape.
 
     Raises:
         UnknownNameError: If there is no such category.
@@ -88,7 +90,7 @@ def footprint(category: str) -> Footprint:
 
 @functools.lru_cache(maxsize=4096)
 def _footprint(category: str, _generator: Generator) -> Footprint:
-    """Measure a category as built by its current generator; building all looks takes about 0.1 s without textures."""
+    """Measure a category. Building all looks without textures takes about 0.1 s."""
     return _measured(category, _all_looks(category))
 
 
@@ -137,12 +139,12 @@ def _all_looks(category: str) -> tuple[Asset, ...]:
 
 
 def refused(spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:
-    """Return the error for an object that a pattern cannot use."""
+    """Return the InvalidInputError for an object that a pattern cannot use."""
     return InvalidInputError(f"object {spec.name!r} ({spec.kind})", problem, cure)
 
 
 def mm(length_m: float) -> str:
-    """Return a length as text in millimeters."""
+    """Format a length in millimeters."""
     return f"{1000.0 * length_m:.1f} mm".replace(".0 mm", " mm")
 
 
@@ -212,7 +214,7 @@ def foot_of(asset: Asset) -> tuple[float, float]:
 def radius_below(asset: Asset, height_m: float) -> float:
     """Return the largest horizontal distance of an asset's collision geometry from the axis of its base [m].
 
-    Parts that begin at ``height_m`` or above are ignored; a part that begins below counts as a whole.
+    Parts that begin at or above ``height_m`` are ignored. A part that begins below is completely included.
     """
     x, y = foot_of(asset)
     largest = 0.0
@@ -249,9 +251,9 @@ def _stands_upright(part: CollisionPart) -> bool:
 
 
 def require_finger_room(spec: ObjectSpec, support: ObjectSpec) -> None:
-    """Check that the open fingers stay clear of a support, such as the rim of a plate, when an object is put on it.
+    """Check that the open fingers do not touch a support, such as the rim of a plate, when an object is put on it.
 
-    The object stands at the center of the region "top". Any orientation of the fingers is allowed, so only the distance
+    The object is placed at the center of the region "top". The fingers may have any orientation, so only the distance
     from the center matters.
 
     Raises:
@@ -273,7 +275,7 @@ def require_finger_room(spec: ObjectSpec, support: ObjectSpec) -> None:
 
 @functools.lru_cache(maxsize=4096)
 def _height_between(asset: Asset, near_m: float, far_m: float) -> float:
-    """Return the largest height of an asset's collision shape at these distances from its axis [m]; takes 10 ms."""
+    """Return the maximum height of an asset's collision shape at some distances from its axis [m]."""
     points = (point for part in asset.collision for point in _surface(part))
     return max((z for x, y, z in points if near_m <= math.hypot(x, y) <= far_m), default=0.0)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class DescribedObject:
-    """Described object of a scenario, before an asset is chosen for it.
+    """Object of a scenario for which no asset has been chosen yet.
 
     Attributes:
         description: Appearance in words ("a shiny red apple").
@@ -14,7 +14,7 @@ class DescribedObject:
         instance_name: Name that is unique in the scenario ("apple_red").
         mass_kg: Estimated range of the mass [kg].
         size_m: Estimated range of the largest dimension [m].
-        tags: Further words, such as a material.
+        tags: Additional words, such as a material.
     """
 
     description: str

@@ -1,8 +1,8 @@
 """JSON serialization of scenarios, with the fields of the paper's prompt (appendix B.1).
 
-An answer of a language model has only the paper's fields; a stored scenario also names the format version and the
-template. Texts may only contain letters, digits and plain punctuation: they come from a model and must not contain
-markup, control characters or paths.
+Answers of a language model only contain the paper's fields. Stored scenarios also contain the format version and the
+template. Texts may only contain letters, digits and plain punctuation, because they come from a model and must not
+contain markup, control characters or paths.
 """
 
 from collections.abc import Mapping
@@ -22,20 +22,20 @@ SCHEMA_VERSION = 1
 CURE = "Write the scenario as docs/generating.md describes"
 
 NAME_PATTERN = r"^[a-z][a-z0-9_]{0,40}$"
-"""Pattern of instance names, which become names in a scene."""
+"""Pattern of instance names, which are used as names in a scene."""
 
 LONGEST_NAME, LONGEST_INSTRUCTION, LONGEST_DESCRIPTION, LONGEST_QUERY, LONGEST_TAG = 60, 200, 120, 60, 30
-"""Maximum characters of the texts of a scenario."""
+"""Maximum length of the texts of a scenario [characters]."""
 MOST_GROUPS, MOST_OBJECTS, MOST_TAGS = 8, 12, 8
 """Maximum numbers of groups per scenario, objects per group, and tags per object."""
 LARGEST_M, HEAVIEST_KG = 2.0, 50.0
-"""Bounds of the numbers in a scenario [m, kg]; the limits of the robot are in :mod:`~betterbench.generation.sense`."""
+"""Bounds of the numbers in a scenario [m, kg]. The limits of the robot are in :mod:`~betterbench.generation.sense`."""
 
 _PUNCTUATION = frozenset(" ,.'-()%:")
 
 
 def plain_text(text: str) -> str:
-    """Return a text of letters (Latin with accents), digits and plain punctuation; raise ValueError otherwise."""
+    """Check that a text contains only Latin letters, digits and plain punctuation. Raises ValueError otherwise."""
     for letter in text:
         latin = letter.isalpha() and letter <= "\u024f"
         if not (latin or (letter.isascii() and letter.isdigit()) or letter in _PUNCTUATION):
@@ -102,7 +102,7 @@ def scenario_to_json(scenario: Scenario) -> dict[str, Any]:
 
 
 def answer_to_json(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as a JSON-serializable dict with the paper's fields only, like a model's answer."""
+    """Return a scenario as a JSON-serializable dict with only the paper's fields, like the answer of a model."""
     return {
         "scenario_name": scenario.name,
         "instruction": scenario.instruction,
@@ -128,8 +128,8 @@ def scenario_from_json(form: Mapping[str, Any] | bytes | str, *, where: str = "s
     """Read a stored scenario.
 
     Raises:
-        InvalidInputError: If a field is missing, unknown, of the wrong type or out of range; it names the path.
-        UnknownNameError: If there is no such template; it names the place.
+        InvalidInputError: if a field is missing, unknown, of the wrong type or out of range.
+        UnknownNameError: If the template does not exist.
     """
     read = read_form(_STORED, form, where=where, cure=CURE)
     if read.template not in TEMPLATES:
@@ -143,10 +143,10 @@ def scenario_from_answer(form: object, template: str, *, where: str = "scenario"
     Args:
         form: JSON as bytes or text, or a parsed value.
         template: Name of the template.
-        where: Place of the scenario in the answer, for the error.
+        where: Location of the scenario in the answer, for error messages.
 
     Raises:
-        InvalidInputError: If a field is missing, unknown, of the wrong type or out of range; it names the path.
+        InvalidInputError: if a field is missing, unknown, of the wrong type or out of range.
     """
     return _scenario(read_form(_ANSWER, form, where=where, cure="Correct this field"), template)
 

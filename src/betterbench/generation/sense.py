@@ -1,7 +1,7 @@
-"""Plausibility checks of a scenario for its template, beyond its format.
+"""Plausibility checks of a scenario for its template.
 
-Each problem is one sentence with the path of the field, so that it can be sent back to the model that wrote the
-scenario:
+Each problem is a sentence with the path of the field, which can be sent back to the model that wrote the scenario. The
+checks are:
 
 - the groups are those of the template, with allowed numbers of objects, and instance names are unique;
 - each object belongs to an allowed type of its group, and the items of a group belong together;
@@ -29,14 +29,15 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 LARGEST_ITEM_M = 0.25
 """Maximum size of an item [m]. The largest moved object of the suite is a serving plate of 20 cm."""
 SIZE_SLACK = 2.0
-"""Tolerance factor on the usual sizes of a kind. For example, the table of kinds has no row for a pill bottle, which is
-smaller than other bottles, and a lunchbox with an open lid is longer than a closed one."""
+"""Tolerance factor for the usual sizes of a kind. For example, a pill bottle is smaller than other bottles but has no
+row in the table of kinds, and a lunchbox with an open lid is longer than a closed one.
+"""
 HEAVIEST_FIXTURE_KG = 20.0
-"""Maximum mass of an object that need not be lifted [kg], as in the importer."""
+"""Maximum mass of an object that is not lifted [kg], as in the importer."""
 _ROUND = frozenset(
     {("apple",), ("orange",), ("peach",), ("tomato",), ("onion",), ("potato",), ("ball",), ("grapefruit",), ("melon",)}
 )
-"""Kinds that are as thick as they are long, so that the gripper must open to their full size."""
+"""Kinds that are as thick as they are long, so that the gripper must open by their full size."""
 
 
 def require_sense(scenario: Scenario, *, where: str = "scenario", mixed: bool = False) -> None:
@@ -50,7 +51,7 @@ def require_groups(scenario: Scenario, *, where: str = "scenario") -> None:
 
     Args:
         scenario: The scenario.
-        where: File or place of the scenario, for the error.
+        where: File or location of the scenario, for error messages.
     """
     for path, problem, cure in (*_group_problems(scenario, TEMPLATES[scenario.template]), *_name_problems(scenario)):
         raise InvalidInputError(f"{where}: {path}", problem, cure)
@@ -63,8 +64,8 @@ def sense_problems(
 
     Args:
         scenario: The scenario.
-        where: Place of the scenario, for the paths.
-        mixed: Whether items of different domains may be in one group, because a user named these objects.
+        where: Location of the scenario, for the paths.
+        mixed: Whether items of different domains may be in one group, because the user named these objects.
 
     Raises:
         UnknownNameError: If its template does not exist.
@@ -73,7 +74,7 @@ def sense_problems(
         raise UnknownNameError("template", scenario.template, TEMPLATES)
     template = TEMPLATES[scenario.template]
     found = [*_group_problems(scenario, template), *_name_problems(scenario)]
-    if not found:  # the rest assumes that each group is known
+    if not found:  # the other checks assume that each group is known
         found += _object_problems(scenario, template)
         found += () if mixed else _mixture_problems(scenario, template)
         found += _receiver_problems(scenario, template)
@@ -203,5 +204,5 @@ def _receiver_problems(scenario: Scenario, template: Template) -> Iterator[Found
 
 @functools.cache
 def gripper_opening_m() -> float:
-    """Return the largest opening of the gripper [m]; generated tasks are laid out for the usual robot."""
+    """Return the maximum opening of the gripper of the usual robot, for which generated tasks are laid out [m]."""
     return robot(USUAL_ROBOT).gripper_opening_m

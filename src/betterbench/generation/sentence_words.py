@@ -1,4 +1,4 @@
-"""Tokenization of instructions: words, colors, heads of phrases, and words that may name an object."""
+"""Tokenization of instructions: words, colors, heads of phrases, and possible names of objects."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _COUNTS_WORDS = """
 five six seven eight nine ten dozen couple several some few many every each
 """
 COUNTS = frozenset(_COUNTS_WORDS.split())
-"""Number words that are inexact, or larger than any number of objects in a scene."""
+"""Number words that are inexact or larger than the number of objects in any scene."""
 _STOPS_WORDS = """
 in into inside onto on to of for from with without at by beside next near around behind under over between left and
 or so that as away up out down off back together neatly carefully gently close too , . : ( ) % is are go belong
@@ -53,7 +53,7 @@ def sentence_tokens(text: str) -> list[str]:
 
 
 def is_plural_form(word: str) -> bool:
-    """Return whether a noun is a plural that denotes several objects, such as "mugs" and "mice" but not "fries"."""
+    """Return whether a noun is a plural of several objects, such as "mugs" and "mice" but not "fries"."""
     one = singular(word)
     return word != one and (word.endswith("s") or word in ("mice", "dice")) and one not in _PLURAL_ONLY
 
@@ -63,7 +63,7 @@ NUMBERS = {"two": 2, "both": 2, "2": 2, "three": 3, "3": 3, "four": 4, "4": 4}
 
 
 def number_before(raw: list[str], at: int) -> str:
-    """Return the number word in the noun phrase whose noun is at this position, or an empty text."""
+    """Return the number word in the noun phrase of a noun at a position, or an empty string."""
     for word in reversed(raw[max(0, at - 4) : at]):
         if word in NUMBERS:
             return word
@@ -80,7 +80,7 @@ def words_of_object(described: DescribedObject) -> frozenset[str]:
 
 
 def color_before(tokens: list[str], at: int) -> str:
-    """Return the color among the adjectives before a noun, or an empty text."""
+    """Return the color among the adjectives before a noun, or an empty string."""
     for word in reversed(tokens[max(0, at - 3) : at]):
         if word in COLORS:
             return word

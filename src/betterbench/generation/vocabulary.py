@@ -1,8 +1,8 @@
-"""Vocabulary of tabletop objects, by the types that templates allow, and detection of nouns in phrases.
+"""Vocabulary of tabletop objects by type, and detection of nouns in phrases.
 
-It decides two questions about a model's scenario: whether an object belongs to its group, and whether the instruction
-names a missing object. The vocabulary is deliberately small: an unknown noun is accepted in a group if a tag names an
-allowed type.
+It is used to check whether an object of a model's scenario belongs to its group, and whether the instruction names a
+missing object. The vocabulary is deliberately small. An unknown noun is accepted in a group if a tag names an allowed
+type.
 """
 
 from __future__ import annotations
@@ -115,10 +115,10 @@ COLLECTIVES: dict[str, str] = {
     "trash": f"{_WASTE}, {_DRINK}, fries",
     "vegetable": "tomato, carrot, cucumber, pepper, onion, potato, corn, mushroom, celery, lettuce",
 }
-"""Collective nouns, each with the kinds of objects that it covers."""
+"""Collective nouns, each with the kinds of objects it includes."""
 
 _DOMAINS = {"food": f"{_FRUIT}, {_MEAL}, {_LAYER}", "office supply": _OFFICE, "cleaning supply": _WASH}
-"""Domains of items that do not belong in the same scenario; trash may combine items of several domains."""
+"""Domains of items that do not belong together in a scenario. Trash may consist of items of several domains."""
 
 _MEASURES_WORDS = """
 bar bowl box bottle can carton cup glass half jar leaf pack piece roll slice stack
@@ -135,7 +135,7 @@ def _phrases(text: str) -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def nouns_of(allowed: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns of a type, including the type itself, as terms. An unknown type has only its own name."""
+    """Return the nouns of a type as terms, including the type itself. An unknown type only has its own name."""
     return _phrases(_TYPES.get(allowed, "")) | {tuple(terms(allowed))}
 
 
@@ -147,12 +147,12 @@ def all_nouns() -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def collective(noun: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns covered by a collective noun, or an empty set for any other noun."""
+    """Return the nouns that a collective noun includes, or an empty set for any other noun."""
     return _phrases(COLLECTIVES.get(noun, ""))
 
 
 def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
-    """Return the known nouns in terms, with the position of the first word of each; the longest match wins."""
+    """Return the known nouns in terms, with the index of the first word of each. The longest match is used."""
     found: list[tuple[int, tuple[str, ...]]] = []
     at = 0
     while at < len(words):
@@ -170,7 +170,7 @@ def head_nouns(text: str) -> tuple[tuple[str, ...], ...]:
     """Return the known nouns that name a described object.
 
     This is the last noun before "with", "in", "of" and similar words: "mug" in "a red mug with an apple on it". After a
-    measure, the measured noun counts too: "cheese" in "a slice of cheese".
+    measure noun, the measured noun is included: "cheese" in "a slice of cheese".
     """
     words = terms(text)
     ends = next((i for i, word in enumerate(words) if word in _ENDS_THE_HEAD), len(words))
@@ -191,7 +191,7 @@ _ENDS_THE_HEAD = frozenset(_ENDS_THE_HEAD_WORDS.split())
 def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:
     """Return whether a described object belongs to one of the allowed types.
 
-    This is decided by its known noun, or without one by whether a tag names an allowed type.
+    Known nouns decide this. Without a known noun, a tag must name an allowed type.
     """
     types = tuple(allowed)
     nouns = frozenset().union(*(nouns_of(name) for name in types))
@@ -202,7 +202,7 @@ def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:
 
 
 def domain_of(text: str) -> str:
-    """Return the domain of an item ("food"), empty if the item fits every domain."""
+    """Return the domain of an item ("food"); empty if the item fits every domain."""
     for head in head_nouns(text):
         for domain, nouns in _DOMAINS.items():
             if head in _phrases(nouns):

@@ -8,7 +8,7 @@ from betterbench.tasks.condition import ObjectSpec
 
 
 def words_of(objects: Sequence[ObjectSpec]) -> dict[str, str]:
-    """Return a word that identifies each kind among all kinds: its noun, its first word, or its full name."""
+    """Return a word that distinguishes each kind: its noun, its first word, or its full name."""
     kinds = tuple(dict.fromkeys(spec.kind for spec in objects))
     found = {}
     for kind in kinds:
@@ -19,10 +19,10 @@ def words_of(objects: Sequence[ObjectSpec]) -> dict[str, str]:
 
 
 def words_and_noun(items: Iterable[ObjectSpec]) -> tuple[dict[str, str], str | None]:
-    """Return the distinguishing word of each item by its name, and the noun that all items share.
+    """Return the distinguishing word of each item by name, and the noun that all items have in common.
 
-    The kinds "red mug" and "blue mug" give the words "red" and "blue" and the noun "mug". Without a shared noun, the
-    word is the whole kind, and the noun is None.
+    For the kinds "red mug" and "blue mug", the words are "red" and "blue" and the noun is "mug". Without a common noun,
+    each word is the complete kind, and the noun is None.
     """
     kinds = {spec.name: spec.kind.split() for spec in items}
     nouns = {words[-1] for words in kinds.values()}

@@ -1,7 +1,7 @@
-"""Action spaces: declarations of what each number in an action means, compared by both sides of a handshake.
+"""Action spaces: declarations of the meaning of each number in an action, compared in handshakes.
 
 The gripper is the last number of every action space. In most of them, positive closes, negative opens, and zero keeps
-the last commanded width. Only the sign counts, and the fingers move at finite speed. LIBERO and robosuite policies
+the last commanded width. Only the sign matters, and the fingers move at a finite speed. LIBERO and robosuite policies
 expect the same convention (robosuite adds ``sign(action)`` times a speed to the commanded width at every control step).
 CALVIN's own action spaces have the opposite sign (:data:`CALVIN_RELATIVE`) and are used only in CALVIN. LeRobot's
 spaces of the SO-101 set the opening itself (:data:`OPENING_SPACES`).
@@ -19,21 +19,20 @@ import numpy as np
 from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
 
 TRANSLATION_PER_UNIT_M = 0.05
-"""Translation per action unit [m], which is the output scale of robosuite's OSC_POSE controller used by LIBERO."""
+"""Translation per action unit [m]: the output scale of robosuite's OSC_POSE controller in LIBERO."""
 
 ROTATION_PER_UNIT_RAD = 0.5
-"""Rotation of one action unit [rad]; the same controller's scale for its axis-angle part."""
+"""Rotation per action unit [rad]: the scale of the axis-angle part of the same controller."""
 
 JOINT_STEP_PER_UNIT_RAD = 0.1
-"""Joint step of one action unit [rad]: 2.0 rad/s at 20 Hz, just below the limit of the slowest Panda joint, 2.175
-rad/s.
+"""Joint step per action unit [rad]: 2.0 rad/s at 20 Hz, just below the limit of the slowest Panda joint (2.175 rad/s).
 """
 
 CONTROL_RATE_HZ = 20.0
-"""Control rate of our own scenes [Hz]; other worlds have their own."""
+"""Control rate of our own scenes [Hz]. Other worlds have their own control rates."""
 
 USUAL_ROBOT = "panda"
-"""Default robot, for scenes, plans and files that do not name one."""
+"""Robot of scenes, plans and files that do not name a robot."""
 
 GRIPPER_CONVENTION = (
     "gripper: negative opens, positive closes, zero keeps the last commanded width; only the sign counts"
@@ -42,7 +41,7 @@ GRIPPER_CONVENTION = (
 
 @dataclass(frozen=True, slots=True)
 class ActionSpace:
-    """Declaration of what each number in an action means.
+    """Declaration of the meaning of each number in an action.
 
     Attributes:
         name: Name of the action space ("ee_delta").
@@ -63,7 +62,7 @@ class ActionSpace:
     convention: str
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if a part does not have one entry per component, or a bound is not finite."""
+        """Raise InvalidInputError if a field does not have one entry per component, or a bound is invalid."""
         where = f"action space {self.name!r}"
         for part in ("units", "low", "high", "scale"):
             if len(getattr(self, part)) != len(self.components):
@@ -86,7 +85,7 @@ class ActionSpace:
 
     @property
     def neutral(self) -> np.ndarray | None:
-        """The action for no motion, shape (dim,), or None if it depends on the robot's state."""
+        """Action that keeps the robot still, shape (dim,), or None if it depends on the state."""
         return np.zeros(self.dim) if self.is_delta and self.name not in WORLD_ACTION_SPACES else None
 
     @property
@@ -96,11 +95,11 @@ class ActionSpace:
 
     @property
     def clips(self) -> bool:
-        """Whether out-of-bounds numbers are clipped; CALVIN applies them unchanged and only counts them."""
+        """Whether out-of-bounds numbers are clipped. For CALVIN's spaces they are only counted."""
         return self.name not in WORLD_ACTION_SPACES
 
     def clip(self, action: object) -> np.ndarray:
-        """Return the action to apply: a new array, (dim,) float64, within the bounds if the space clips.
+        """Check an action and return it as a new array, (dim,) float64, within the bounds if the space clips.
 
         Clipping is idempotent, so replaying a recorded action gives the same result.
 
@@ -117,8 +116,8 @@ class ActionSpace:
                 f"{self.name} action: expected shape ({self.dim},), got {given.shape}. "
                 f"Send one action of {self.dim} numbers: {', '.join(self.components)}."
             )
-        # A plain loop over floats: between two physics steps the caches are cold, and an array operation takes 3 us
-        # instead of 1. A chain of `all` and `map` takes twice as long as the loop.
+        # A plain loop over floats is faster: between two physics steps the CPU caches are cold, and an array operation
+        # takes 3 us instead of 1 us. A combination of `all` and `map` takes twice as long as the loop.
         values: list[float] = given.tolist()
         for value, low, high in zip(values, self.low, self.high, strict=True):
             if not low <= value <= high:
@@ -134,14 +133,14 @@ class ActionSpace:
         return np.array(values, dtype=np.float64)
 
     def count_clipped(self, actions: np.ndarray) -> int:
-        """Return how many of the actions, shape (n, dim), have a number out of bounds, clipped or not."""
+        """Return the number of actions in an (n, dim) array with a component out of bounds."""
         if not len(actions):
             return 0
         outside = (actions < np.array(self.low)) | (actions > np.array(self.high))
         return int(outside.any(axis=1).sum())
 
     def _refuse(self, values: list[float]) -> NoReturn:
-        """Raise an error that names the non-finite components."""
+        """Raise InvalidActionError with the names of the non-finite components."""
         bad = ", ".join(f"{c} = {v}" for c, v in zip(self.components, values, strict=True) if not math.isfinite(v))
         raise InvalidActionError(f"{self.name} action: {bad}. Send only finite numbers.")
 
@@ -174,7 +173,7 @@ class ActionSpace:
 
 
 def _as_array(action: object, name: str) -> np.ndarray:
-    """Return the given sequence as an array. Raises InvalidActionError if that is impossible."""
+    """Convert a sequence to an array. Raises InvalidActionError if this is not possible."""
     try:
         return np.asarray(action)
     except (TypeError, ValueError) as error:
@@ -188,7 +187,7 @@ _JOINTS = (*(f"joint{i}" for i in range(1, 8)), "gripper")
 
 
 def _twist(name: str, reference: str) -> ActionSpace:
-    """Return an action space with a translation and a rotation vector, both added to a reference pose."""
+    """Return an action space of translations and rotation vectors, which are added to a reference pose."""
     return ActionSpace(
         name=name,
         components=_TWIST,
@@ -211,7 +210,7 @@ EE_POSE = ActionSpace(
     name="ee_pose",
     components=("x", "y", "z", "qw", "qx", "qy", "qz", "gripper"),
     units=("m", "m", "m", "1", "1", "1", "1", "1"),
-    # A ball with the Panda's reach (0.855 m to the flange, Franka's data sheet) plus the tool fits in this box.
+    # This box contains a ball with the reach of the Panda (0.855 m to the flange, Franka's data sheet) plus the tool.
     low=(-1.2, -1.2, -0.5, -1.0, -1.0, -1.0, -1.0, -1.0),
     high=(1.2, 1.2, 1.5, 1.0, 1.0, 1.0, 1.0, 1.0),
     scale=(1.0,) * 8,
@@ -292,10 +291,11 @@ JOINT_SPACES = frozenset({JOINT_POSITION.name, JOINT_DELTA.name, *ROBOT_ACTION_S
 """Action spaces with one number per arm joint."""
 
 OPENING_SPACES = frozenset(ROBOT_ACTION_SPACES)
-"""Action spaces whose gripper component is the opening itself rather than a direction."""
+"""Action spaces whose gripper component is the opening instead of a direction."""
 
 PLANNED_SPACES = (EE_DELTA.name, JOINT_POSITION.name, *ROBOT_ACTION_SPACES)
-"""Action spaces that can express motions planned in ``ee_delta``: ``ee_delta`` itself, and absolute joint angles."""
+"""Action spaces to which planned ``ee_delta`` motions can be converted: ``ee_delta`` itself, and absolute joint angles.
+"""
 
 OWN_SPACES = (*ACTION_SPACES, *ROBOT_ACTION_SPACES)
 """All action spaces of betterbench's own scenes."""
@@ -316,7 +316,7 @@ CALVIN_RELATIVE = ActionSpace(
 ``max_rel_orn``). The gripper is 1 or -1, as in its wrapper ``play_lmp_wrapper.py``."""
 
 _UNBOUNDED = 1000.0
-"""Bound for components that a world does not clip; larger values cannot be a position or an angle and are rejected."""
+"""Bound of components that a world does not clip. Larger values are neither positions nor angles and are rejected."""
 
 _CALVIN_GRIPPER = "gripper: positive opens, anything else closes"
 
@@ -375,20 +375,20 @@ WORLD_ACTION_SPACES: dict[str, ActionSpace] = {
     space.name: space
     for space in (CALVIN_RELATIVE, CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, LIBERO_ABSOLUTE)
 }
-"""Action spaces that only other worlds execute."""
+"""Action spaces that are only available in other worlds."""
 
 PLAYED_IN: Mapping[str, tuple[str, ...]] = {
     "": (*ACTION_SPACES, *ROBOT_ACTION_SPACES),
     "libero": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
     "calvin": tuple(name for name in WORLD_ACTION_SPACES if name.startswith("calvin_")),
 }
-"""Action spaces of each world, the default first; the empty name stands for betterbench's own scenes."""
+"""Action spaces of each world, the default first. The empty name denotes betterbench's own scenes."""
 
 _DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CALVIN_RELATIVE.name, CALVIN_DELTA.name})
 
 
 def action_space(name: str) -> ActionSpace:
-    """Return a registered action space by name, for our own scenes or another world."""
+    """Return an action space by name, for our own scenes or another world."""
     known = ACTION_SPACES | ROBOT_ACTION_SPACES | WORLD_ACTION_SPACES
     try:
         return known[name]

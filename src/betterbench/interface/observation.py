@@ -1,4 +1,4 @@
-"""Observations: the inputs of a policy, with explicit conventions."""
+"""Observations: inputs of a policy, with explicit conventions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.errors import UnknownNameError
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """Camera of an observation: its name in the scene, and its image size [pixel]."""
+    """Camera of an observation, with its name in the scene and its image size [pixel]."""
 
     name: str
     width: int = 256
@@ -26,8 +26,7 @@ class ObservationSpec:
 
     Attributes:
         depth: True to add depth images [m].
-        masks: True to add instance masks. Depth and masks are privileged and withheld from real policies unless
-            requested.
+        masks: True to add instance masks. Depth and masks are privileged, so policies only get them on request.
     """
 
     name: str
@@ -36,7 +35,10 @@ class ObservationSpec:
     masks: bool = False
 
     def only(self, cameras: Collection[str] | None) -> ObservationSpec:
-        """Return the preset restricted to some of its cameras, or unchanged for None. Raises UnknownNameError."""
+        """Return the preset with only some of its cameras, or unchanged for None.
+
+        Raises UnknownNameError for an unknown camera.
+        """
         if cameras is None:
             return self
         known = {camera.name: camera for camera in self.cameras}
@@ -98,8 +100,7 @@ class Observation:
         gripper_width: Distance of the finger pads [m].
         depth: Per camera (height, width) float32 distances along the optical axis [m]; empty unless requested.
         masks: Per camera (height, width) int32 instance ids; empty unless requested.
-        native: State in the conventions of another world, for its clients, by the names of our state parts; otherwise
-            empty.
+        native: State in the conventions of another world, by the names of our state parts; empty in our own scenes.
     """
 
     instruction: str

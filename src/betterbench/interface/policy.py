@@ -1,4 +1,4 @@
-"""Protocol between an episode and an observation-only policy."""
+"""Protocol between an episode and a policy that only gets observations."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _EXECUTION_KINDS: tuple[tuple[str, tuple[type, ...], str], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Execution:
-    """Execution settings for action chunks: horizon, requests ahead of time, and temporal ensembling.
+    """Execution settings for action chunks: horizon, early requests, and temporal ensembling.
 
     Attributes:
         horizon: Number of actions executed from each chunk before the next request; None for all of them.
-        ahead: Number of control steps before the end of a chunk at which the next chunk is requested. Meanwhile, the
-            rest of the old chunk is executed, and the same number of actions at the beginning of the new chunk is
-            dropped, because their steps have passed. With 0, the simulation waits for every answer.
+        ahead: Number of control steps before the end of a chunk at which the next chunk is requested. The rest of the
+            old chunk is executed in the meantime. The same number of actions is dropped from the beginning of the new
+            chunk, because their steps have passed. With 0, the simulation waits for every reply.
         ensemble: None, or the rate m of temporal ensembling. The policy is called at every step, and the action for a
             step is the mean of all predictions for it, weighted by exp(-m i) with i = 0 for the oldest prediction (Zhao
             et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV). A negative rate
@@ -42,7 +42,7 @@ class Execution:
     ensemble: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if a value has the wrong type, is out of range, or excludes another one."""
+        """Raise InvalidInputError if a value has the wrong type or is out of range, or two settings conflict."""
         for name, kind, words in _EXECUTION_KINDS:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, kind):
@@ -60,17 +60,17 @@ class Execution:
         if self.ensemble is not None and (self.ahead or self.horizon is not None):
             raise InvalidInputError(
                 "ensemble",
-                "calls the policy at every step, so it cannot be combined with horizon or ahead",
+                "ensemble calls the policy at every step, so it cannot be combined with horizon or ahead",
                 "Give only one of them",
             )
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeStart:
-    """Message to a policy at the start of an episode, without whether the condition is a training condition.
+    """Message to a policy at the start of an episode. It does not reveal whether the condition is a training condition.
 
     Attributes:
-        episode: Number that a policy may use as a random seed; see :func:`episode_number`.
+        episode: Number that a policy may use as a random seed, see :func:`episode_number`.
         action_space: Name of the current action space ("ee_delta").
     """
 
@@ -82,24 +82,24 @@ class EpisodeStart:
 def episode_number(seed: int) -> int:
     """Return the episode number that policies receive, from 0 to 2**31 - 1.
 
-    A trial and its twin have the same number. It is a hash of the trial's seed.
+    The number is a hash of the trial's seed, so a trial and its twin have the same number.
     """
     return int.from_bytes(hashlib.sha256(f"betterbench episode {seed}".encode()).digest()[:4], "big") >> 1
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyInfo:
-    """Policy description, given by the policy itself and stored with the run.
+    """Description of a policy by itself, stored with the run.
 
     Attributes:
         name: Address under which the policy was requested.
-        action_space: Action space of its answers.
-        needs_images: False if the policy uses no images, which are then not rendered.
-        cameras: Cameras that the policy uses; other cameras are not rendered. None for all.
-        metadata: Texts by name (checkpoint, revision, server); the mapping is copied.
+        action_space: Action space of its actions.
+        needs_images: False if the policy uses no images. No images are rendered in this case.
+        cameras: Cameras that the policy uses, or None for all. Other cameras are not rendered.
+        metadata: Strings by name (checkpoint, revision, server). The mapping is copied.
         execution: Execution settings for its action chunks.
-        heavy: True if the policy holds model weights in this process. If it accepts batches (:class:`BatchPolicy`), all
-            workers of a run then share one instance. Otherwise, a run uses one worker unless more are requested.
+        heavy: True if the policy keeps large model weights in memory. All workers of a run share one instance if the
+            policy supports batches (:class:`BatchPolicy`). Otherwise, a run uses one worker unless more are requested.
     """
 
     name: str
@@ -111,7 +111,7 @@ class PolicyInfo:
     cameras: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError or UnknownNameError for invalid fields, which users define."""
+        """Raise InvalidInputError or UnknownNameError for invalid fields."""
         for name, kind in (("name", str), ("action_space", str), ("metadata", Mapping), ("execution", Execution)):
             if not isinstance(getattr(self, name), kind):
                 found = type(getattr(self, name)).__name__
@@ -131,14 +131,14 @@ class PolicyInfo:
             isinstance(cameras, tuple | list) and all(isinstance(name, str) for name in cameras)
         ):
             raise InvalidInputError("PolicyInfo: cameras", "expected names", "Give names of cameras, or None for all")
-        # some kinds of mapping cannot be sent to another process
+        # some mapping types cannot be pickled
         object.__setattr__(self, "metadata", dict(self.metadata))
-        if self.action_space:  # empty for a replay, because each record names its own action space
+        if self.action_space:  # empty for a replay policy, because each record has its own action space
             action_space(self.action_space)
 
 
 class Policy(Protocol):
-    """A policy that sees only an :class:`Observation`."""
+    """Policy that only gets an :class:`Observation`."""
 
     @property
     def info(self) -> PolicyInfo:
@@ -153,29 +153,31 @@ class Policy(Protocol):
 
 @runtime_checkable
 class BatchPolicy(Policy, Protocol):
-    """A policy that processes the observations of many environments at once.
+    """Policy that processes the observations of many environments at once.
 
-    Each answer depends only on its observation. ``reset`` is called when an episode begins in any environment.
+    Each reply depends only on its own observation. ``reset`` is called when an episode begins in any environment.
     """
 
     def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
-        """Return one array per observation, in order, as :meth:`Policy.act` does."""
+        """Return one array per observation, in order, each as returned by :meth:`Policy.act`."""
 
 
 def require_policy(policy: object, where: str) -> None:
     """Check that an object implements :class:`Policy`.
 
     Raises:
-        InvalidInputError: If it is a class instead of an instance, or lacks ``info``, ``reset`` or ``act``.
+        InvalidInputError: If it is a class instead of an instance, or ``info``, ``reset`` or ``act`` is missing.
     """
     if isinstance(policy, type):
-        raise InvalidInputError(where, f"{policy.__name__} is a class", f"Give an instance: {policy.__name__}(...)")
+        raise InvalidInputError(where, f"{policy.__name__} is a class", f"Pass an instance: {policy.__name__}(...)")
     name = type(policy).__name__
     for needed in ("info", "reset", "act"):
         if not hasattr(policy, needed):
             raise InvalidInputError(
-                where, f"{name} has no {needed!r}", "Give it info, reset(start) and act(observation)"
+                where, f"{name} has no {needed!r}", "A policy needs info, reset(start) and act(observation)"
             )
     info = getattr(policy, "info", None)
     if not isinstance(info, PolicyInfo):
-        raise InvalidInputError(where, f"info of {name} is a {type(info).__name__}", "Make it a betterbench.PolicyInfo")
+        raise InvalidInputError(
+            where, f"info of {name} is of type {type(info).__name__}", "Return a betterbench.PolicyInfo"
+        )

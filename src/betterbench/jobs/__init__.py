@@ -1,14 +1,15 @@
-"""Resumable jobs: plans of items, crash-safe journals and files, workers, and child processes.
+"""Resumable jobs: planned items, crash-safe journals and files, workers, and child processes.
 
 - ``job``: runs the unfinished items of a plan and stores each result (:func:`run_items`), in a locked folder
   (:func:`job_folder`). ``conflict`` rejects a folder with other files or another job.
 - ``item_processes``, ``item_threads``, ``retries``: process several items at once and retry items whose worker died.
 - ``line_journal``, ``durable``: one synced line per finished item, and files that are complete or absent.
-- ``lock``, ``places``, ``outputs``: one writer per folder or file, no links out of it, and no replacement of other
-  people's files.
-- ``worker_process``, ``process_output``, ``leftovers``: child processes, their output, and their end with the parent.
-- ``limited_process``: child processes with limits on memory and time, which read untrusted files.
-- ``ahead``: items that a thread makes before they are needed.
+- ``lock``, ``places``, ``outputs``: one writer per folder or file, no writing through links that lead out of the
+  folder, and no replacement of files that betterbench did not write.
+- ``worker_process``, ``process_output``, ``leftovers``: child processes, their output, and their termination together
+  with the parent.
+- ``limited_process``: child processes with memory and time limits, for reading untrusted files.
+- ``ahead``: prefetching of items in a thread.
 """
 
 from typing import TYPE_CHECKING

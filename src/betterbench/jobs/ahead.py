@@ -14,7 +14,7 @@ _PATIENCE_S = 0.2
 
 
 class _End:
-    """Last entry of the queue, with the error that ended the iterator, or None."""
+    """Last entry of the queue, with the error that the iterator raised, or None."""
 
     def __init__(self, error: BaseException | None) -> None:
         self.error = error
@@ -59,9 +59,9 @@ class _Ahead(Generic[ItemT]):
 
 @contextmanager
 def ahead(items: Iterator[ItemT], most: int) -> Iterator[Iterator[ItemT]]:
-    """Yield the items of an iterator, prefetched by a thread up to ``most`` ahead. Raises the iterator's errors.
+    """Yield the items of an iterator while a thread prefetches up to ``most`` items. Raises the errors of the iterator.
 
-    The thread ends with the context, after its current item.
+    When the context ends, the thread stops after its current item.
     """
     with closing(_Ahead(items, max(1, most))) as taken:
         yield iter(taken)

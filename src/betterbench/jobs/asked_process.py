@@ -22,9 +22,9 @@ _PIECE = 1 << 20
 
 
 class AskedProcess:
-    """Process that answers requests in frames (:mod:`betterbench.jobs.frames`).
+    """Child process that answers requests, sent as frames (:mod:`betterbench.jobs.frames`).
 
-    It has its own session, so that signals to its group, such as Ctrl-C, do not reach the run, and vice versa.
+    The process has its own session, so that it does not receive signals to the run, such as Ctrl-C, and vice versa.
     """
 
     def __init__(
@@ -36,14 +36,14 @@ class AskedProcess:
         keeps: Sequence[int] = (),
         any_type: bool = False,
     ) -> None:
-        """Start the process; raise OSError if this fails.
+        """Start the process. Raises OSError if this fails.
 
         Args:
-            command: Function that returns the command for a descriptor of the process's end of the socket.
-            output: Descriptor for its standard output and standard error.
-            environment: Its environment.
-            keeps: Other descriptors that the process inherits.
-            any_type: Whether answers may contain arrays of all types.
+            command: Function that maps the file descriptor of the child's socket to the command line.
+            output: File descriptor for its standard output and standard error.
+            environment: Environment variables of the process.
+            keeps: Other file descriptors that the process inherits.
+            any_type: Whether replies may contain arrays of all types.
         """
         self._any_type, self._asked, self._until, self._is_over = any_type, 0, math.inf, False
         self._link, theirs = socket.socketpair()
@@ -76,7 +76,7 @@ class AskedProcess:
 
     @property
     def waits(self) -> bool:
-        """Whether the process is waiting for a request: it is running and has sent no unexpected frame."""
+        """Whether the process waits for a request: it is running and has not sent an unexpected frame."""
         try:
             said = bool(select.select([self._link], [], [], 0.0)[0])
         except (OSError, ValueError):
@@ -86,19 +86,19 @@ class AskedProcess:
     def ask(
         self, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, limit_s: float = math.inf
     ) -> FrameContent:
-        """Return the answer to a request, within a time limit [s]. A repeated answer is ignored.
+        """Send a request and return the reply, within a time limit [s]. Repeated replies are ignored.
 
         Raises:
             FrameEndError: If the process has ended.
-            FrameTimeoutError: If the process does not answer in time.
-            FrameError: If the process sends an invalid answer.
+            FrameTimeoutError: If the process does not reply in time.
+            FrameError: If the process sends an invalid reply.
         """
         self._asked, self._until = self._asked + 1, time.monotonic() + limit_s
         send_frame(self, document, arrays, number=self._asked)
         return self._answer()
 
     def greeting(self, *, limit_s: float) -> FrameContent:
-        """Return the process's first frame, sent without a request; raises the same errors as :meth:`ask`."""
+        """Return the first frame, which the process sends without a request. Raises the errors of :meth:`ask`."""
         self._until = time.monotonic() + limit_s
         return self._answer()
 
@@ -111,7 +111,7 @@ class AskedProcess:
                 raise FrameError(f"expected frame number {self._asked}, got {number}")
 
     def sendall(self, data: bytes) -> None:
-        """Send all bytes; raise the errors of :meth:`recv`."""
+        """Send all bytes. Raises the errors of :meth:`recv`."""
         left = memoryview(data)
         while left:
             self._require_time()
@@ -122,14 +122,17 @@ class AskedProcess:
                     raise BrokenPipeError("the process has exited") from None
 
     def recv(self, size: int) -> bytes:
-        """Return the next bytes, or none if the process has ended; raise TimeoutError if nothing arrives in time."""
+        """Return the next bytes, or empty bytes if the process has ended.
+
+        Raises TimeoutError if nothing arrives in time.
+        """
         ended = False
         while True:
             self._require_time()
             try:
                 return self._link.recv(min(size, _PIECE))
             except TimeoutError:
-                if ended:  # a child of the process may hold the socket open
+                if ended:  # a child of the process may keep the socket open
                     return b""
                 ended = self.has_ended
 
@@ -143,7 +146,7 @@ class AskedProcess:
             self._link.shutdown(socket.SHUT_WR)
 
     def kill(self) -> None:
-        """Kill the process and its group; waiting for an answer then ends with an error."""
+        """Kill the process and its group. A pending :meth:`ask` then raises an error."""
         if self._is_over:
             return
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -152,7 +155,7 @@ class AskedProcess:
             self._link.shutdown(socket.SHUT_RDWR)
 
     def end(self, within_s: float) -> int | None:
-        """End the process; return its exit status if it ended in time [s] without being killed, else None."""
+        """End the process. Returns its exit status, or None if it had to be killed after the time limit [s]."""
         status = None
         with contextlib.suppress(subprocess.TimeoutExpired):
             status = self._process.wait(within_s)

@@ -1,4 +1,4 @@
-"""Conflicts between a job and the content of its folder: other files, or another job."""
+"""Conflicts of a job with the content of its folder: other files, or another job."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _ABSENT = object()
 
 
 def require_free(path: Path, what: str, *, file: str, besides: Collection[str] = ()) -> None:
-    """Raise RunConflictError if a path is a file, or a folder with other files and no job.
+    """Raise RunConflictError if a path is a file, or a folder that contains other files but no job.
 
     Args:
         path: Job folder.
-        what: Name of the job's output in the message ("run").
-        file: File that describes the job; a folder with this file is not checked.
-        besides: Names of other files that may remain from a job that failed to start.
+        what: Kind of job, for the message ("run").
+        file: File that describes a job. A folder with this file is not checked.
+        besides: Names of files that a job may leave if it fails to start, which are accepted.
     """
     if path.exists() and not path.is_dir():
         raise RunConflictError(f"{path}: this is a file. Choose another folder for the {what}.")
@@ -40,7 +40,7 @@ def require_same(
     what: str,
     *,
     where: str,
-    cure: str = "Give the same arguments to resume it",
+    cure: str = "Use the same arguments to resume it",
     cures: Mapping[str, str] | None = None,
 ) -> None:
     """Raise RunConflictError if the description of a folder's job differs from the requested one.
@@ -49,7 +49,7 @@ def require_same(
         path: Job folder.
         there: JSON value that describes the job in the folder.
         asked: JSON value that describes the requested job.
-        what: Name of the job's output in the message ("run").
+        what: Kind of job, for the message ("run").
         where: Name of the description, for the message ("plan").
         cure: Remedy, for resuming.
         cures: Other remedies, by the first field of the description that differs.

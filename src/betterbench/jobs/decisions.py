@@ -1,7 +1,7 @@
-"""Journals of human decisions: changes, verdicts and undo, with the history of each subject.
+"""Journals of human decisions: changes, verdicts and undos, with the history of each subject.
 
-A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). Decisions about one subject
-have the same content hash, and form its history. The kinds of changes are up to the package that reviews a subject.
+A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). The decisions about a subject
+share its content hash and form its history. Each package that reviews subjects defines the possible changes.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ Author = Annotated[str, Field(min_length=1, max_length=80)]
 Time = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?(Z|\+00:00)$")]
 """Time of a decision, UTC, ISO 8601."""
 Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
-"""Content hash."""
+"""Content hash (SHA-256)."""
 _Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A person's verdict: accept unchanged, fix (accept with the changes), or reject with a reason."""
+    """Verdict of a person: accept (unchanged), fix (accept with the changes) or reject (with a reason)."""
 
     verdict: Literal["accept", "fix", "reject"]
     reason: _Text = ""
@@ -50,14 +50,14 @@ class Verdict:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Undo:
-    """Undo of the last active decision on the subject, given by its line number."""
+    """Undo of the last active decision on a subject, identified by its line number."""
 
     line: Annotated[int, Field(ge=1)]
     kind: Literal["undo"] = "undo"
 
 
 class DecisionLine(Protocol):
-    """One decision of a person: a line of the file."""
+    """One line of the file: a decision of a person."""
 
     @property
     def author(self) -> str:
@@ -77,10 +77,10 @@ class DecisionLine(Protocol):
 
     @property
     def subject(self) -> str:
-        """Displayed name of the subject."""
+        """Name of the subject, for display."""
 
     def misfit(self, changes: int) -> str:
-        """Return the reason why the decision does not match the number of earlier changes, or ""."""
+        """Return the reason why the decision contradicts the number of earlier changes, or ""."""
 
 
 LineT = TypeVar("LineT", bound=DecisionLine)
@@ -91,7 +91,7 @@ class History(Generic[LineT]):
     """Active decisions about one subject.
 
     Attributes:
-        reviews: The decisions that were not undone, with the numbers of their lines.
+        reviews: Decisions that were not undone, with their line numbers.
     """
 
     reviews: tuple[tuple[int, LineT], ...] = ()
@@ -108,12 +108,12 @@ class History(Generic[LineT]):
 
     @property
     def verdict(self) -> Verdict | None:
-        """The verdict, or None if there is none or a later change invalidated it."""
+        """Current verdict, or None if there is none or a later change invalidated it."""
         found = None if self.last is None else self.last[1].decision
         return found if isinstance(found, Verdict) else None
 
     def after(self, line: int, review: LineT, where: str) -> History[LineT]:
-        """Return the history with one more decision.
+        """Return the history with a decision appended.
 
         Raises:
             RecordError: If an undo does not refer to the last active decision, or a verdict does not match the changes.
@@ -145,15 +145,15 @@ def histories(reviews: Iterable[LineT], where: str) -> dict[str, History[LineT]]
 
 
 class DecisionJournal(LineJournal, Generic[LineT]):
-    """Review file, open for appending by one process. A subclass defines the format of its lines.
+    """Journal of decisions, open for appending by one process. Subclasses define the format of the lines.
 
     Raises:
         RunConflictError: If another process writes to the file.
-        RecordError: If the file was changed by hand, or is not a review file. An unfinished last line is cut off.
+        RecordError: If the file was edited by hand or has another format. An incomplete last line is removed.
     """
 
     adapter: ClassVar[TypeAdapter[Any]]
-    """Form of a line."""
+    """Validator of a line."""
 
     def __init__(self, path: Path) -> None:
         """Open or create a file."""
@@ -177,7 +177,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
         return tuple(self._reviews)
 
     def check(self, review: LineT) -> None:
-        """Check the fields of a decision, before anything is computed from it.
+        """Check the fields of a decision before it is applied.
 
         Raises:
             InvalidInputError: If a field of the decision is not valid.
@@ -185,7 +185,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
         read_form(self.adapter, dump_json(self.form(review)), where="decision", cure="Give another value")
 
     def append(self, review: LineT) -> History[LineT]:
-        """Append a decision, and return the history of its subject after the line is on disk.
+        """Append a decision, sync it to disk, and return the history of its subject.
 
         Raises:
             InvalidInputError: If a field of the decision is not valid.
@@ -204,7 +204,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
 
     @staticmethod
     def form(review: Any) -> dict[str, Any]:  # noqa: ANN401 - a dataclass of the subclass
-        """Return a line as JSON."""
+        """Return a line as a JSON object."""
         return asdict(review)
 
 
@@ -214,10 +214,10 @@ def now() -> str:
 
 
 def read_decisions(adapter: TypeAdapter[LineT], path: Path) -> tuple[LineT, ...]:
-    """Return the decisions of a file; an unfinished last line is ignored.
+    """Return the decisions in a file. An incomplete last line is ignored.
 
     Raises:
-        RecordError: If the file is missing, was changed by hand, or has lines of another form.
+        RecordError: If the file is missing, was edited by hand, or has another format.
     """
     if not path.exists():
         raise RecordError(f"{path} does not exist. Give a file written by `better review`.")

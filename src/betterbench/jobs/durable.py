@@ -25,22 +25,21 @@ _PART = re.compile(rf"\..+\.[a-z0-9_]{{3,8}}{re.escape(PART_SUFFIX)}", re.DOTALL
 
 
 class DurableFile:
-    """File that is written under a temporary name and moved to its final path when finished.
+    """File that is written under a temporary name and moved to its path when finished.
 
-    A context manager that removes an unfinished file. A reader sees the old or the new file, never a part.
-    Missing folders are created.
+    This context manager removes an unfinished file at the end. Readers see the old or the new file, never a partial
+    one. Missing folders are created.
 
     Attributes:
         file: The open file to write to.
         part: Path of the unfinished file, for a library that opens files itself.
 
     Raises:
-        StorageError: If the disk is full, broken or protected, here or while the context manager is open, or if the
-            folder locked by this process was removed or moved.
-        OSError: If the path cannot be written for another reason; the error names the final file, not the unfinished
-            file.
-        InvalidInputError: If a link leads out of the folder locked by this process.
-        RunConflictError: If the path contains a file that the owner of the folder did not write.
+        StorageError: If the disk is full, broken or read-only, or the folder locked by this process was removed or
+            moved.
+        OSError: If the path cannot be written for another reason. The error names the path, not the temporary file.
+        InvalidInputError: If the path leads out of the folder locked by this process through a link.
+        RunConflictError: If the path is a file that the current command did not write.
     """
 
     def __init__(self, path: Path) -> None:
@@ -60,13 +59,11 @@ class DurableFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with contextlib.suppress(OSError):  # a full disk was already reported
+        with contextlib.suppress(OSError):  # a full disk has already been reported
             self.file.close()
-        with contextlib.suppress(OSError):  # the file was already moved, or its folder was removed or is protected
+        with contextlib.suppress(OSError):  # the file has been moved already, or its folder was removed or is read-only
             self.part.unlink()
-        if (
-            isinstance(error, OSError) and error.filename is None
-        ):  # an error while writing does not contain the file name
+        if isinstance(error, OSError) and error.filename is None:  # errors of write calls do not contain the file name
             with on_disk(self._path):
                 raise error
 
@@ -93,7 +90,7 @@ class DurableFile:
 
 
 def write_durably(path: Path, data: bytes) -> None:
-    """Write a complete file like :class:`DurableFile`.
+    """Write a complete file with :class:`DurableFile`.
 
     Raises:
         OSError: If the disk is full or the path cannot be written; no partial file is left.
@@ -104,14 +101,14 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 def is_part(path: Path) -> bool:
-    """Return whether a file name belongs to an unfinished :class:`DurableFile`."""
+    """Return whether a file name is that of an unfinished :class:`DurableFile`."""
     return _PART.fullmatch(path.name) is not None
 
 
 def remove_parts(folder: Path) -> None:
-    """Delete unfinished files of killed processes in a folder and below. The caller must hold the folder's lock.
+    """Delete unfinished files of killed processes in a locked folder and its subfolders.
 
-    A folder below with its own held lock is skipped, because another process is writing there.
+    Subfolders locked by another process are skipped.
     """
     for place, folders, files in os.walk(folder):
         inside = Path(place)
@@ -122,7 +119,7 @@ def remove_parts(folder: Path) -> None:
 
 
 def remove_parts_of(file: Path) -> None:
-    """Delete unfinished versions of a single file left by killed processes. The caller must hold the file's lock."""
+    """Delete the temporary files that killed processes left of a single file. The caller must hold the file's lock."""
     for part in file.parent.glob(f".{glob.escape(file.name)}.*{PART_SUFFIX}"):
         if is_part(part) and part.name.count(".") == file.name.count(".") + 3:
             part.unlink(missing_ok=True)
@@ -130,7 +127,7 @@ def remove_parts_of(file: Path) -> None:
 
 @contextlib.contextmanager
 def on_disk(path: Path) -> Iterator[None]:
-    """Turn errors after which further writes would also fail (full, broken or protected disk) into a StorageError."""
+    """Convert errors that also affect all further writes (full, broken or read-only disk) into a StorageError."""
     try:
         yield
     except OSError as problem:

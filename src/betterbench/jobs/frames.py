@@ -23,7 +23,7 @@ MAX_ARRAY_BYTES = 256 << 20
 """Maximum total size of a frame's arrays [byte]."""
 
 _LENGTHS = struct.Struct(">IIQQ")
-"""Frame head: sizes of the document, of the array forms and of the arrays [byte], and the frame number."""
+"""Frame header: sizes of the JSON document, the array descriptions and the arrays [byte], and the frame number."""
 _TYPES = re.compile(r"[<|](b1|[iu][1248]|f[48])", re.ASCII)
 _LONGEST_TYPE = 40
 _MAX_AXES = 32
@@ -39,11 +39,11 @@ FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
 
 
 class FrameError(Exception):
-    """The other side has closed the link, or sent bytes that are not a frame."""
+    """The other side closed the link, or sent bytes that are not a frame."""
 
 
 class FrameEndError(FrameError):
-    """The other side has closed the link or ended."""
+    """The other side closed the link or exited."""
 
 
 class FrameTimeoutError(FrameError):
@@ -51,19 +51,19 @@ class FrameTimeoutError(FrameError):
 
 
 class Link(Protocol):
-    """Socket, or object with the same methods and a deadline."""
+    """Socket, or an object with the same methods and a deadline."""
 
     def sendall(self, data: bytes, /) -> None:
         """Send all bytes."""
 
     def recv(self, size: int, /) -> bytes:
-        """Return the next bytes that have arrived, or empty bytes if the other side has ended."""
+        """Return the next bytes, or empty bytes if the other side has ended."""
 
 
 def send_frame(link: Link, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, number: int = 0) -> None:
-    """Send a document and arrays by name; raise FrameError if the other side has ended or does not read in time.
+    """Send a document and named arrays. Raises FrameError if the other side has ended or does not read in time.
 
-    The ``number`` identifies a request and its answer. For an array of Python objects, only the shape is sent.
+    The ``number`` is the same in a request and its reply. Of an array of Python objects, only the shape is sent.
     """
     forms, kinds = _forms_text(tuple(arrays), tuple([(array.dtype, array.shape) for array in arrays.values()]))
     head = _ENCODE(document).encode()
@@ -87,7 +87,7 @@ def receive_frame(link: Link, *, any_type: bool = False) -> tuple[int, dict[str,
 
     Args:
         link: Socket.
-        any_type: Accept arrays of all types; arrays of Python objects arrive without content.
+        any_type: Whether to accept arrays of all types. Arrays of Python objects arrive without content.
 
     Raises:
         FrameError: If the other side has ended, sends an invalid frame, or does not send in time.
@@ -114,7 +114,7 @@ def receive_frame(link: Link, *, any_type: bool = False) -> tuple[int, dict[str,
 
 
 def answer_requests(link: Link, answer: Callable[[dict[str, Any], dict[str, np.ndarray]], FrameContent | None]) -> None:
-    """Answer requests from a link until an answer is None (main loop of an answering process).
+    """Main loop of a child process: answer the requests of a link until an answer is None.
 
     Raises:
         FrameError: If the other side has ended.
@@ -146,7 +146,7 @@ _DECODE = json.JSONDecoder(parse_constant=_finite, parse_float=_finite).decode
 def _forms_text(
     names: tuple[str, ...], forms: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]
 ) -> tuple[bytes, list[np.dtype[Any]] | None]:
-    """Return names, types and shapes of arrays as JSON, and the types to convert to for another byte order.
+    """Return the description of arrays as JSON, and the types to which arrays in another byte order are converted.
 
     Cached, because most frames have the same arrays as the previous frame.
     """
@@ -158,7 +158,7 @@ def _forms_text(
 
 @lru_cache(maxsize=64)
 def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any], tuple[int, ...], int], ...], int]:
-    """Return each array's name, type, shape and offset, and the end of the last array [byte]."""
+    """Return the name, type, shape and offset of each array, and the end of the last array [byte]."""
     found, at = [], 0
     for name, (kind, shape) in _loaded(text).items():
         known = isinstance(kind, str) and (len(kind) <= _LONGEST_TYPE if any_type else _TYPES.fullmatch(kind))
@@ -167,7 +167,7 @@ def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any]
         if not isinstance(shape, list) or len(shape) > _MAX_AXES or not all(type(n) is int and n >= 0 for n in shape):
             raise ValueError(f"the shape of an array is invalid: {str(shape)[:40]!r}")
         dtype = np.dtype(kind)
-        # NumPy rejects sizes that are too large even if another size is 0
+        # NumPy rejects too large dimensions even if another dimension is 0
         if not dtype.itemsize or math.prod(n or 1 for n in shape) * dtype.itemsize > MAX_ARRAY_BYTES:
             raise ValueError(f"the shape of an array is invalid: {str(shape)[:40]!r}")
         found.append((name, dtype, tuple(shape), at))
@@ -176,7 +176,7 @@ def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any]
 
 
 def _received(link: Link, count: int) -> bytes:
-    """Return exactly the given number of bytes."""
+    """Receive exactly the given number of bytes."""
     blocks = []
     while count:
         try:
@@ -190,7 +190,7 @@ def _received(link: Link, count: int) -> bytes:
 
 
 def _failed(error: OSError) -> FrameError:
-    """Return the error for a link that cannot be read or written."""
+    """Return the FrameError for a failed read or write."""
     if isinstance(error, TimeoutError):
         return FrameTimeoutError("no answer in time")
     return FrameEndError(f"the connection failed ({error})")

@@ -22,9 +22,9 @@ logger = logging.getLogger(__name__)
 
 
 def in_processes(items: list[ItemT], work: Callable[[ItemT], FoundT], *, workers: int) -> Iterator[FoundT]:
-    """Yield the result of each item on completion. The items of a broken pool are retried one at a time.
+    """Yield results as items finish. If a worker process dies, its items are retried one at a time.
 
-    With one worker or one item, this process does the work.
+    With one worker or one item, no other process is started.
 
     Raises:
         WorkerError: If worker processes keep dying.
@@ -51,7 +51,7 @@ def _pooled(
     workers: int,
     work: Callable[[ItemT], FoundT],
 ) -> Iterator[FoundT]:
-    """Yield a pool's results; ``pending`` contains its items: all waiting items, or one suspect at a time."""
+    """Yield the results of a pool. ``pending`` contains all waiting items, or a single suspect."""
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")
     started: set[BaseProcess] = set()
@@ -64,7 +64,7 @@ def _pooled(
                     new = ledger.take(2 * workers - len(pending))
                 else:
                     new = [ledger.take_suspect()] if ledger.suspects and not pending else []
-                with interrupts_blocked():  # the started processes ignore Ctrl-C, which this process handles
+                with interrupts_blocked():  # worker processes ignore Ctrl-C, which this process handles
                     others = set(multiprocessing.active_children()) - started
                     for item in new:
                         pending[pool.submit(work, item)] = item

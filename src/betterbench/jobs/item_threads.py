@@ -15,10 +15,10 @@ MOST_THREADS = 256
 
 
 class Stoppable(Protocol):
-    """A resource of a thread."""
+    """Resource of a thread, such as a renderer."""
 
     def stop(self) -> None:
-        """Make threads that wait for the resource fail soon with an error."""
+        """Let threads that wait for the resource fail soon."""
 
 
 class NoResource(AbstractContextManager["NoResource"]):
@@ -45,11 +45,11 @@ def in_threads(
     in_order: bool = False,
     ahead: int = 0,
 ) -> Iterator[FoundT]:
-    """Yield the result of each item. Items are started in order, at most ``workers`` at a time.
+    """Yield the result of each item. Items are started in order, and at most ``workers`` run at a time.
 
-    After an error, after Ctrl-C, or when the iterator is closed, no further item is started, the resources are stopped,
-    and the error is raised after all threads have ended. With ``in_order``, the finished results before the first
-    unfinished item are yielded before the error.
+    After an error or Ctrl-C, or when the iterator is closed, no further item is started, and the resources are stopped.
+    The error is raised after all threads have ended. With ``in_order``, all results before the first unfinished item
+    are yielded first.
 
     Args:
         items: The items.
@@ -57,8 +57,8 @@ def in_threads(
         workers: Number of threads.
         open_resource: Function that opens the resource of a thread.
         in_order: Yield results in item order instead of completion order.
-        ahead: Maximum number of results that wait for an earlier item, so that a slow item does not stop the other
-            threads.
+        ahead: Maximum number of results that may wait for an earlier item. Other threads can then continue during a
+            slow item.
 
     Raises:
         InvalidInputError: If the number of workers is out of range.
@@ -83,7 +83,7 @@ def in_threads(
         try:
             pending += [pool.submit(run, item) for item in itertools.islice(waiting, workers + ahead)]
             while pending:
-                done = [future.done() for future in pending]  # read once, because more may end meanwhile
+                done = [future.done() for future in pending]  # read once, because more items may finish in the meantime
                 failed = next((i for i, f in enumerate(pending) if done[i] and f.exception() is not None), None)
                 if failed is not None and not (in_order and done[0] and failed > 0):
                     pending[failed].result()

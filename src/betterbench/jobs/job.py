@@ -1,4 +1,4 @@
-"""Resumable jobs, which process the unfinished items of a plan and store each result immediately."""
+"""Resumable jobs: process the unfinished items of a plan, and store each result immediately."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OnCount = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class JobProgress(Generic[FoundT]):
-    """Progress of a job: finished items, planned items, and the last result (None at the start)."""
+    """Progress of a job: number of finished items, number of planned items, and the last result (None at the start)."""
 
     done: int
     planned: int
@@ -35,14 +35,13 @@ def run_items(
     keep: Callable[[FoundT], object] = lambda _: None,
     on_progress: Callable[[JobProgress[FoundT]], None] | None = None,
 ) -> int:
-    """Process the unfinished items and return their number. Repeat the call after an interruption to continue.
+    """Process the unfinished items and return their number. Call it again after an interruption to continue.
 
     Args:
-        planned: Items of the job; each is processed once.
-        is_done: Function that returns whether a journal or a file already has the result of an item.
-        work: Function that yields the results of the given items, in any order: ``in_processes``, ``in_threads``, or a
-            generator in this thread.
-        keep: Function that stores a result durably, for example in a journal.
+        planned: Items of the job, each of which is processed once.
+        is_done: Function that returns whether the result of an item has been stored.
+        work: Function that yields the results of items in any order: ``in_processes``, ``in_threads``, or a generator.
+        keep: Function that stores a result on disk, for example in a journal.
         on_progress: Called at the start and after every result.
     """
     items = dict.fromkeys(planned)
@@ -58,7 +57,7 @@ def run_items(
             if on_progress is not None:
                 on_progress(JobProgress(done, len(items), found))
     finally:
-        if (close := getattr(results, "close", None)) is not None:  # end processes and threads at once
+        if (close := getattr(results, "close", None)) is not None:  # stops processes and threads immediately
             close()
     return len(waiting)
 
@@ -70,11 +69,11 @@ def counts(on_count: OnCount | None) -> Callable[[JobProgress[Any]], None] | Non
 
 @contextmanager
 def job_folder(path: Path, *, waits: bool = False) -> Iterator[None]:
-    """Hold the lock on a job's folder, after removing unfinished files left by killed processes.
+    """Lock the folder of a job inside the context, and remove unfinished files of killed processes.
 
     Args:
         path: The folder, which is created if missing.
-        waits: Wait for another process that holds the lock.
+        waits: Whether to wait for another process that holds the lock.
 
     Raises:
         RunConflictError: If another process holds the lock, unless ``waits``.

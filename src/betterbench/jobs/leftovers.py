@@ -1,4 +1,4 @@
-"""Termination of leftover child processes, found by a mark in their environment."""
+"""Termination of remaining child processes, which are found by a variable in their environment."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _ROUNDS = 5
 
 
 def end_leftovers(variable: str, value: str, session: int) -> None:
-    """End all processes of a session, and all processes started with an environment variable of this value.
+    """End all processes of a session, and all processes that have an environment variable with this value.
 
     A child process may leave the group and the session of its parent, but a fork keeps the environment. Without
     ``/proc``, this function does nothing.
@@ -28,7 +28,7 @@ def end_leftovers(variable: str, value: str, session: int) -> None:
 
 
 def _marked(mark: bytes, session: int) -> Iterator[int]:
-    """Yield the living processes with a mark in their environment, or of a session."""
+    """Yield the running processes that have the variable in their environment or belong to the session."""
     for place in Path("/proc").glob("[0-9]*"):
         process = int(place.name)
         if process == os.getpid():

@@ -1,7 +1,7 @@
-"""Child processes with memory and time limits, which read untrusted files and answer with bytes.
+"""Child processes with memory and time limits, for reading untrusted files.
 
-A malicious file can make C++ readers of meshes, images and binary models crash, hang or exhaust the memory. These
-readers run in a limited process, whose answers are bytes or text, never objects.
+A malicious file can make C++ readers of meshes, images and binary models crash, hang or exhaust the memory. Such
+readers run in a limited process, which replies with bytes or text and never with pickled objects.
 """
 
 from __future__ import annotations
@@ -26,38 +26,38 @@ from typing import Any, BinaryIO
 from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError, one_line
 
 LONGEST_REASON = 2000
-"""Longest text of a rejection [characters]."""
+"""Maximum length of a rejection message [characters]."""
 
 _ANSWER, _REFUSED, _WRONG_INPUT, _MISSING = range(4)
 _QUESTION = struct.Struct("!QQ")
 _HEADER = struct.Struct("!BQ")
 _SLICE_S = 10.0
-"""Maximum duration of one wait [s]; longer waits are divided, see :class:`_Patience`."""
+"""Maximum duration of a single wait [s]. Longer waits are divided, see :class:`_Patience`."""
 _ENDS_WITHIN_S = 5.0
-"""Time for a process to end after it has closed its pipe [s]."""
+"""Maximum time that a process may take to exit after closing its pipe [s]."""
 _BLOCK = 1 << 16
 _PIPE_BYTES = 1 << 20
-"""Size of the pipe for answers, the largest that Linux allows without privileges [byte]."""
+"""Size of the pipe for replies, which is the largest that Linux allows unprivileged users [byte]."""
 
 
 class LimitedProcessError(BetterError):
-    """A limited process has not answered; the message gives the reason as a clause ("it took more than 60 s")."""
+    """A limited process did not reply. The message is the reason as a clause ("it took more than 60 s")."""
 
 
 class ProcessEndedError(LimitedProcessError):
-    """The process has ended unexpectedly: it crashed, exceeded a limit or was killed."""
+    """The process ended unexpectedly: it crashed, exceeded a limit or was killed."""
 
 
 class ProcessLateError(LimitedProcessError):
-    """The process has not answered within its time."""
+    """The process did not reply in time."""
 
 
 class RefusedError(LimitedProcessError):
-    """The process has rejected the request; the message is the reason."""
+    """The process rejected the request. The message is the reason."""
 
 
 class LimitedProcess:
-    """A child process that answers requests in order within limits; parent and child communicate by pipes."""
+    """Child process that answers requests in order, within memory and time limits. Communication is by pipes."""
 
     def __init__(
         self, main: str, *arguments: object, cpu_s: float, environment: Mapping[str, str] | None = None
@@ -65,11 +65,11 @@ class LimitedProcess:
         """Start a process.
 
         Args:
-            main: Function that the process calls with the arguments as strings ("module:function"); it ends with
-                :func:`answer_requests`.
+            main: Function that the process calls with the arguments as strings ("module:function"). It must finally
+                call :func:`answer_requests`.
             arguments: Its arguments.
-            cpu_s: CPU time limit of an answer, for messages only [s]; :func:`answer_requests` sets the limit.
-            environment: Environment variables added to this process's variables.
+            cpu_s: CPU time limit of a request, only used in messages [s]. :func:`answer_requests` sets the limit.
+            environment: Environment variables to add to those of this process.
         """
         module, _, function = main.partition(":")
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
@@ -79,11 +79,11 @@ class LimitedProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            cwd=tempfile.gettempdir(),  # a folder where libraries may write a log
+            cwd=tempfile.gettempdir(),  # a folder into which libraries may write logs
             env={**os.environ, "PYTHONPATH": paths, **(environment or {})},
         )
         os.set_blocking(_opened(self._process.stdin).fileno(), False)
-        with contextlib.suppress(OSError):  # the size may exceed the user's pipe limit
+        with contextlib.suppress(OSError):  # the size may exceed the pipe limit of the user
             fcntl.fcntl(_opened(self._process.stdout), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
 
     @property
@@ -93,16 +93,16 @@ class LimitedProcess:
 
     @property
     def returncode(self) -> int | None:
-        """Exit status, None while it runs."""
+        """Exit status, or None while the process runs."""
         return self._process.returncode
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended or was requested to end."""
+        """Whether the process has ended or was told to end."""
         return self._is_closed or self._told_to_end or self._process.poll() is not None
 
     def stop(self) -> None:
-        """End the process from another thread; a waiting thread then gets a LimitedProcessError."""
+        """End the process from another thread. A waiting thread then gets a LimitedProcessError."""
         self._told_to_end = True
         self._process.kill()
 
@@ -117,7 +117,7 @@ class LimitedProcess:
                     pipe.close()
 
     def send(self, request: Mapping[str, object], data: bytes, *, within_s: float) -> None:
-        """Send a request and its data, within a time [s]; raises the errors of :meth:`receive`."""
+        """Send a request and its data within a time limit [s]. Raises the errors of :meth:`receive`."""
         text = json.dumps(request).encode()
         left, patience = memoryview(_QUESTION.pack(len(text), len(data)) + text + data), _Patience(within_s)
         try:
@@ -129,13 +129,13 @@ class LimitedProcess:
             raise self._ended() from None
 
     def receive(self, *, most: int, within_s: float) -> bytes | bytearray:
-        """Wait up to a time limit [s] for an answer of at most ``most`` bytes, and return it.
+        """Return the reply, of at most ``most`` bytes, within a time limit [s].
 
         Raises:
-            LimitedProcessError: If the process has ended, is late, rejects the request or sends too much. Except after
-                a rejection, the process is then closed.
-            InvalidInputError: If the process has raised this error.
-            MissingDependencyError: The same.
+            LimitedProcessError: If the process has ended, is late, rejects the request or sends too much. Unless it
+                only rejected the request, the process is closed.
+            InvalidInputError: If the process raised this error.
+            MissingDependencyError: If the process raised this error.
         """
         patience = _Patience(within_s)
         try:
@@ -169,7 +169,7 @@ class LimitedProcess:
         return answer
 
     def _ended(self) -> LimitedProcessError:
-        """Return the error for an ended process, which can be restarted unless it was requested to end."""
+        """Return the error for a process that has ended."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_ENDS_WITHIN_S)
         said = _end_in_words(self._process.returncode, self._cpu_s)
@@ -184,14 +184,14 @@ _MAIN = "import sys; from {module} import {function}; {function}(*sys.argv[1:])"
 class _Patience:
     """Remaining time to wait for a process [s].
 
-    The wait is divided into slices, each counted with at most its nominal duration: after Ctrl-Z, both processes are
-        stopped while the clock continues.
+    The wait is divided into slices, and each slice counts with at most its nominal duration, because the clock
+    continues while Ctrl-Z stops both processes.
     """
 
     left_s: float
 
     def lasts_until_ready(self, pipe: BinaryIO, *, to_write: bool) -> bool:
-        """Wait until a pipe can be written or read; return False if no time is left."""
+        """Wait until a pipe is ready. Returns False if no time is left."""
         pipes: list[BinaryIO] = [pipe]
         while True:
             slice_s, began = min(_SLICE_S, max(0.0, self.left_s)), time.monotonic()
@@ -214,7 +214,7 @@ def _error_of(kind: int, said: bytes) -> BetterError:
 
 
 def _end_in_words(status: int | None, cpu_s: float) -> str:
-    """Return a description of a process's exit status; a negative status is a signal."""
+    """Describe the exit status of a process. A negative status is a signal."""
     if status is None or status >= 0:
         return f"its process ended (exit status {status})"
     if -status == signal.SIGPROF:
@@ -240,19 +240,19 @@ def answer_requests(
     cpu_s: float,
     unexpected: Callable[[Exception], str],
 ) -> None:
-    """Main loop of the child: answer requests from standard input on standard output until the input ends.
+    """Main loop of the child process: read requests from standard input and write replies to standard output.
 
     Args:
-        answers: Yields the answers to a request and its data.
-        memory_bytes: Largest address space of this process [byte].
-        cpu_s: Largest CPU time of each answer [s].
-        unexpected: Returns the reason to send for an error that is not a BetterError.
+        answers: Function that yields the replies to a request and its data.
+        memory_bytes: Maximum size of the address space of this process [byte].
+        cpu_s: Maximum CPU time of each request [s].
+        unexpected: Function that returns the reason to send for an error other than a BetterError.
     """
     written = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # output printed by libraries must not mix with the answers
+    os.dup2(2, 1)  # output of libraries must not mix with the replies
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    signal.signal(signal.SIGPROF, signal.SIG_DFL)  # independent of the parent's handler
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)  # do not depend on the handler of the parent
     asked = sys.stdin.buffer
 
     def send(kind: int, parts: Sequence[bytes]) -> None:
@@ -282,9 +282,9 @@ def answer_requests(
 
 
 def _limit_time(cpu_s: float) -> None:
-    """Set the CPU time limit for the next answer; SIGPROF ends this process when the time is used up.
+    """Set the CPU time limit of the next request, at which SIGPROF ends this process.
 
-    RLIMIT_CPU limits the total CPU time and cannot be advanced exactly. The kernel compares it with ticks, which
-    exceed :func:`time.process_time` by up to 6 % for a rendering process: by a minute after 15 minutes.
+    RLIMIT_CPU is not used, because it limits the total CPU time. The kernel counts ticks, which exceed
+    :func:`time.process_time` by up to 6 % in a rendering process, or a minute after 15 minutes.
     """
     signal.setitimer(signal.ITIMER_PROF, cpu_s)

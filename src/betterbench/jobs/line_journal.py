@@ -1,7 +1,7 @@
-"""Append-only file of JSON lines that survives a killed process and a full disk.
+"""Append-only file of JSON lines that stays valid after a killed process or a full disk.
 
-Each line contains a link, the SHA-256 of the previous link and the line itself, so that a changed, missing or moved
-line is detected. An incomplete last line is ignored with a warning.
+Each line contains a link: the SHA-256 of the previous link and this line. Changed, missing and moved lines are
+detected. An incomplete last line is ignored with a warning.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from betterbench.json_form import dump_json, form_errors, open_ordinary, parse_j
 from betterbench.quoting import json_line
 
 MAX_BYTES = 1 << 30
-"""Maximum size of a journal to read [byte]; a line takes about 600 bytes."""
+"""Maximum size of a journal [byte]. A line takes about 600 bytes."""
 
 LINK = "link"
-"""Key of a line's link."""
+"""JSON key of the link in a line."""
 
 logger = logging.getLogger(__name__)
 
@@ -35,10 +35,10 @@ class LineJournal:
     """Journal of JSON lines, open for appending by one process at a time.
 
     Opening locks the folder (RunConflictError if another process holds the lock), passes all complete lines to
-    :meth:`_take_in` and removes an unfinished last line left by a killed process. Each appended line is on disk when
-    :meth:`_append_line` returns, unless it may wait. A file that another program removes, replaces or truncates is
-    written again. With ``alone``, only the file is locked, not its folder. With ``renews``, the journal continues even
-    if the folder is removed, because its owner writes the other files again; otherwise, StorageError is raised.
+    :meth:`_take_in`, and removes an incomplete last line left by a killed process. An appended line is on disk when
+    :meth:`_append_line` returns, except with ``within_s``. If another program removes, replaces or truncates the file,
+    it is written again. With ``alone``, only the file is locked, not its folder. If the folder is removed, StorageError
+    is raised, or, with ``renews``, the journal is written again because its owner also restores the other files.
     """
 
     def __init__(self, path: Path, *, alone: bool = False, renews: bool = False) -> None:
@@ -55,7 +55,7 @@ class LineJournal:
                 self._handle = open_in_place(path)
                 if os.fstat(self._handle).st_size > self._length:
                     _require_begun(path, os.pread(self._handle, 1, self._length))
-                    logger.warning("%s: removed an unfinished last line; its trial will be repeated", path)
+                    logger.warning("%s: removed an incomplete last line; its trial will be repeated", path)
                     os.ftruncate(self._handle, self._length)
                 os.fsync(self._handle)
                 sync_folder(path.parent)
@@ -69,14 +69,14 @@ class LineJournal:
         return self._length == 0
 
     def _take_in(self, lines: list[bytes]) -> None:
-        """Process the existing lines of the file at opening."""
+        """Read the existing lines when the journal is opened."""
         raise NotImplementedError
 
     def _append_line(self, form: object, *, within_s: float = 0.0) -> None:
-        """Append a JSON value and flush it to disk; after an OSError, the file is unchanged.
+        """Append a JSON value and sync it to disk. After an OSError, the file is unchanged.
 
-        With ``within_s`` [s], flushing is postponed if the last flush was more recent. A killed process then still
-        keeps all lines, but a power cut may lose some.
+        With ``within_s`` [s], the sync is skipped if the last one was more recent. If the process is killed, no line is
+        lost, but a power failure may lose some lines.
         """
         if self._handle is None:
             msg = f"{self._path}: the journal is closed"
@@ -104,7 +104,7 @@ class LineJournal:
         self._synced_at, self._is_synced = time.monotonic(), True
 
     def restore(self) -> bool:
-        """Rewrite the file if it was removed, replaced or changed since opening, and return whether it was."""
+        """Write the file again if it was removed, replaced or changed, and return whether this was necessary."""
         if self._handle is None or (
             self._stands_there(self._handle) and os.pread(self._handle, self._length, 0) == self._content
         ):
@@ -113,7 +113,7 @@ class LineJournal:
         return True
 
     def _stands_there(self, handle: int) -> bool:
-        """Return whether the open file is still the file at its path, with the written length."""
+        """Return whether the open file is still at its path and has the expected length."""
         ours = os.fstat(handle)
         try:
             there = os.lstat(self._path)
@@ -149,30 +149,31 @@ class LineJournal:
 
 
 def link_after(before: str, form: Mapping[str, object]) -> str:
-    """Return the link of a line from the previous link, "" for the first line, and its other fields."""
+    """Return the link of a line, computed from the previous link ("" for the first line) and the other fields."""
     return hashlib.sha256(before.encode("ascii") + dump_json(form)).hexdigest()
 
 
 def not_following(where: str, cure: str) -> RecordError:
-    """Return the error about a line whose link does not match."""
+    """Return the error for a line with a wrong link."""
     return RecordError(f"{where} does not match the lines before it: a line was changed, removed or moved. {cure}.")
 
 
 def linked_forms(
     path: Path, lines: Iterable[bytes], *, cure: str, first: int = 1, before: str = "", needed: bool = True
 ) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yield the JSON object of each line without its link, and the link, after comparing it.
+    """Yield the JSON object of each line without its link, and the link, after checking the link.
 
     Args:
         path: File for the error.
-        lines: All lines, or the lines after those that were read earlier.
+        lines: All lines, or the lines after those that have been read already.
         cure: Remedy for a changed line.
         first: Number of the first of these lines.
         before: Link of the previous line.
-        needed: False if the file may begin with lines of earlier versions, which have no links; a warning is logged.
+        needed: False if the file may begin with lines of earlier versions, which have no links. A warning is then
+            logged.
 
     Raises:
-        RecordError: If a line is not a JSON object, or does not follow from the lines before it.
+        RecordError: If a line is not a JSON object, or its link does not match the lines before it.
     """
     linked = needed
     for number, line in enumerate(lines, start=first):
@@ -193,15 +194,15 @@ def linked_forms(
 
 
 def _require_begun(path: Path, begun: bytes) -> None:
-    """Raise RecordError unless the end is the beginning of a line, or zeros left by a crash of the machine."""
+    """Raise RecordError unless the end is the beginning of a line, or zeros from a machine crash."""
     if begun not in (b"{", b"\0"):
         raise RecordError(f"{path}: its end is not an unfinished journal line. Restore the file from a copy.")
 
 
 def complete_lines(path: Path) -> tuple[list[bytes], int]:
-    """Return the complete lines of a file, empty if it is missing, and their size in bytes.
+    """Return the complete lines of a file (none if it is missing) and their size in bytes.
 
-    The part after the last line break is ignored: it is unfinished or being written.
+    The text after the last line break is ignored, because it is incomplete or still being written.
     """
     try:
         data = read_bounded(path, max_bytes=MAX_BYTES, cure="Restore the file from a copy", raises=RecordError)
@@ -214,7 +215,7 @@ def complete_lines(path: Path) -> tuple[list[bytes], int]:
 
 
 def say_lost_tail(path: Path) -> None:
-    """Warn that the last line of a file is incomplete and ignored, unless a process is writing to it now."""
+    """Warn that the incomplete last line of a file is ignored, unless a process is writing to the file."""
     if is_locked(path.parent / LOCK_NAME):
         return
     with open_ordinary(path) as file:

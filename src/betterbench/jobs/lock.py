@@ -1,4 +1,4 @@
-"""Lock that prevents two processes from writing to the same run folder."""
+"""Lock that allows only one process to write to a run folder."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from betterbench.errors import RunConflictError, StorageError
 from betterbench.jobs.places import guard, is_claimed_here, naming, open_in_place, require_guarded, unguard
 
 LOCK_NAME = ".lock"
-"""File in a folder that carries the lock of the folder."""
+"""Name of the lock file in a folder."""
 
 _TRIES = 25
-_PAUSE_S = 0.02  # longer than another process takes to check the lock
+_PAUSE_S = 0.02  # longer than a check of the lock by another process
 
 
 def is_locked(path: Path) -> bool:
-    """Return whether a living process holds a run's lock, without disturbing this process.
+    """Return whether a running process holds the lock of a run.
 
-    A lock held on another machine is detected if the file system shares locks.
+    Locks of other machines are detected if the file system shares locks.
     """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -45,12 +45,12 @@ def is_locked(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class HeldFolder:
-    """Reference to a folder that a process has locked, which it passes to its workers; small and picklable.
+    """Picklable reference to a locked folder, which a process passes to its workers.
 
     Attributes:
-        lock: File of the lock.
-        output: Locked path, as the user named it.
-        identity: Device and inode of the file.
+        lock: Path of the lock file.
+        output: Locked path, as given by the user.
+        identity: Device and inode of the lock file.
     """
 
     lock: Path
@@ -63,25 +63,24 @@ class HeldFolder:
         return self.lock.parent
 
     def require_folder(self, path: Path) -> None:
-        """Raise StorageError if a file is in the folder, and the folder no longer exists."""
+        """Raise StorageError if the path of a file is inside the locked folder and this folder no longer exists."""
         if path.absolute().is_relative_to(self.folder) and not _is_file(self.lock, self.identity):
             raise StorageError(_lost_text(self.output, self.lock.name, f"{path.name} is not written"))
 
 
 class RunLock:
-    """Exclusive lock on a run folder, released at the latest when the process ends.
+    """Exclusive lock on a run folder, which is released when the process ends, if not before.
 
-    The lock file remains, but only the kernel's lock matters, so a crash leaves nothing to clean up. Forked processes
-    do not keep the lock. While the lock is held, no file is written below the folder through a link that leads out of
-    the folder (:mod:`betterbench.jobs.places`), or after the folder was removed or moved (:func:`require_held`),
-    because earlier files would then be missing. With ``renews``, the owner writes the earlier files again, and the lock
-    is taken again. If ``output`` is given, messages
-    name this path instead of the folder, which only contains its parts.
+    The lock is held by the kernel. The lock file remains, but a crash leaves nothing to clean up. Forked processes do
+    not keep the lock. While the lock is held, no file is written through a link that leads out of the folder
+    (:mod:`betterbench.jobs.places`). If the folder is removed or moved, further writes fail (:func:`require_held`),
+    because earlier files would be missing. With ``renews``, the lock is taken again instead, and its owner writes the
+    earlier files again. Messages name ``output``, if given, instead of the folder.
 
     Raises:
         RunConflictError: If another process holds the lock, unless ``waits`` is set.
-        InvalidInputError: If the lock file is a link, not an ordinary file, or has a second name (hard link).
-        StorageError: If a surrounding folder locked by this process was removed or moved.
+        InvalidInputError: If the lock file is a symbolic link, is not a regular file, or has a second name (hard link).
+        StorageError: If a parent folder locked by this process was removed or moved.
     """
 
     _is_folder = True
@@ -91,7 +90,7 @@ class RunLock:
         self._output = output or path.parent
         self._handle: int | None = None
         self._renewing = threading.Lock()
-        if is_claimed_here(self._folder):  # this thread has already locked the folder
+        if is_claimed_here(self._folder):  # this thread has locked the folder already
             return
         require_guarded(path)
         for around in _around():  # do not create this folder inside a locked folder that was removed
@@ -102,7 +101,7 @@ class RunLock:
         self._guard()
 
     def _noted(self, *, waits: bool) -> int:
-        """Return the descriptor of the locked file, after writing the holder into it."""
+        """Write the holder into the lock file and return its descriptor."""
         with naming(self._locked):
             handle = self._taken(waits=waits)
             try:
@@ -114,9 +113,9 @@ class RunLock:
         return handle
 
     def require_folder(self, path: Path) -> None:
-        """Raise StorageError if a file is in the locked folder, and the folder no longer exists.
+        """Raise StorageError if the path of a file is inside the locked folder and this folder no longer exists.
 
-        With ``renews``, take the lock again; raises RunConflictError if another process has taken it.
+        With ``renews``, take the lock again instead. Raises RunConflictError if another process has taken it.
         """
         if self._handle is None or not self._is_folder or not path.absolute().is_relative_to(self._folder):
             return
@@ -136,7 +135,10 @@ class RunLock:
 
     @property
     def for_workers(self) -> HeldFolder | None:
-        """The locked folder, for worker processes, or None if no folder is held, or the lock would be renewed."""
+        """Reference to the locked folder for worker processes.
+
+        None if there is no lock, or the lock is renewed on removal.
+        """
         if self._handle is None or not self._is_folder or self._renews:
             return None
         held = os.fstat(self._handle)
@@ -144,7 +146,7 @@ class RunLock:
 
     @property
     def _locked(self) -> Path:
-        """Locked path, as the user named it."""
+        """Locked path, as given by the user."""
         return self._output
 
     def _guard(self) -> None:
@@ -154,10 +156,10 @@ class RunLock:
         unguard(self._folder)
 
     def _taken(self, *, waits: bool) -> int:
-        """Return the descriptor of the locked file that is still at its path.
+        """Lock the file and return its descriptor, after checking that the locked file is still at its path.
 
-        The last holder of the lock may have removed the file or its folder, and a lock on a removed file would not
-        exclude other processes.
+        The previous holder may have removed the file or its folder, and a lock on a removed file does not exclude other
+        processes.
         """
         while True:
             self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -187,15 +189,15 @@ class RunLock:
         return f"{self._locked}: another run (process {holder}) is writing here. Wait for it, or choose another folder."
 
     def require_in_place(self) -> None:
-        """Raise StorageError if the folder was removed or moved since it was locked, because files are then missing.
+        """Raise StorageError if the folder was removed or moved since it was locked, because files would be missing.
 
-        Call this last, before a command reports its output as complete.
+        Call this last, just before a command reports that its output is complete.
         """
         if self._handle is not None and not _stands_at(self._path, self._handle):
             raise StorageError(self._lost("a part of the output may be elsewhere or gone"))
 
     def _lost(self, consequence: str) -> str:
-        """Return the message for a locked folder that no longer exists."""
+        """Return the error message for a locked folder that no longer exists."""
         return _lost_text(self._locked, self._path.name, consequence)
 
     def release(self) -> None:
@@ -205,7 +207,7 @@ class RunLock:
         self._close()
 
     def _close(self) -> None:
-        """Close the file, which releases the kernel's lock unless a parent process still holds it."""
+        """Close the file. This releases the kernel's lock unless a parent process still holds it."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
@@ -222,7 +224,7 @@ class RunLock:
 
 
 class FileLock(RunLock):
-    """Exclusive lock on a single file, by a lock file ``.NAME.lock`` in the same folder that is removed at release."""
+    """Exclusive lock on a single file. Its lock file ``.NAME.lock`` in the same folder is removed at release."""
 
     _is_folder = False
 
@@ -231,14 +233,14 @@ class FileLock(RunLock):
         super().__init__(file.with_name(f".{file.name}.lock"), waits=waits)
 
     def _guard(self) -> None:
-        """Do nothing, because the user chose the folder and it contains other files."""
+        """Do nothing: the folder was chosen by the user and may contain other files."""
 
     def _unguard(self) -> None:
         """Do nothing."""
 
     @property
     def _locked(self) -> Path:
-        """Locked path, as the user named it."""
+        """Locked path, as given by the user."""
         return self._file
 
     def _conflict(self, holder: str) -> str:
@@ -246,7 +248,7 @@ class FileLock(RunLock):
         return f"{self._file}: another process ({holder}) is writing it. Wait for it, or choose another name."
 
     def release(self) -> None:
-        """Remove the lock file, and release the lock. This is harmless if it is not held."""
+        """Remove the lock file and release the lock. Calling it again is harmless."""
         if self._handle is not None:
             with contextlib.suppress(OSError):
                 self._path.unlink()
@@ -254,17 +256,17 @@ class FileLock(RunLock):
 
 
 def require_held(path: Path) -> None:
-    """Raise StorageError if a file to be written is in a locked folder that was removed or moved.
+    """Raise StorageError if a file is about to be written into a locked folder that was removed or moved.
 
-    This process's locks and those passed on by its parent (:func:`write_within`) are checked. Raises
-    RunConflictError if another process has taken a renewed lock.
+    This checks the locks of this process and of its parent (:func:`write_within`). Raises RunConflictError if another
+    process has taken a lock that is to be renewed.
     """
     for held in _around():
         held.require_folder(path)
 
 
 def _around() -> list[HeldFolder | RunLock]:
-    """Return the current locks of the parent and of this process, which threads take and release."""
+    """Return a copy of the current locks of this process and its parent, because other threads may change them."""
     return [*_OF_PARENT, *_HELD]
 
 
@@ -274,17 +276,17 @@ def held_folders() -> tuple[HeldFolder, ...]:
 
 
 def write_within(folders: Iterable[HeldFolder]) -> None:
-    """Forbid this process to write below folders locked by its parent process once they have been removed.
+    """Register folders locked by the parent process. This process no longer writes into them after they are removed.
 
-    A worker that continued to write would recreate a removed folder, which the same command could then not use.
+    Otherwise, a worker would recreate a removed folder, and the same command could not use this folder again.
     """
     _OF_PARENT.extend(folders)
 
 
 def _lost_text(output: Path, lock_name: str, consequence: str) -> str:
     return (
-        f"{output}: was removed or moved, or its {lock_name}, while this command writes there, so {consequence}. "
-        "Put the folder back, or run the same command again."
+        f"{output}: the folder or its {lock_name} was removed or moved while this command was writing to it, so "
+        f"{consequence}. Restore the folder, or run the same command again."
     )
 
 
@@ -295,7 +297,7 @@ def _stands_at(path: Path, handle: int) -> bool:
 
 
 def _is_file(path: Path, identity: tuple[int, int]) -> bool:
-    """Return whether the file at a path has this device and inode."""
+    """Return whether the file at a path has the given device and inode."""
     try:
         there = os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -304,7 +306,7 @@ def _is_file(path: Path, identity: tuple[int, int]) -> bool:
 
 
 def _lock_exclusively(handle: int) -> None:
-    """Take the lock, with a few retries, because a reader may be checking the lock."""
+    """Take the lock. Retry a few times, because another process may be checking it."""
     for left in reversed(range(_TRIES)):
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -322,7 +324,7 @@ _OF_PARENT: list[HeldFolder] = []
 
 
 def _forget_in_child() -> None:
-    """Close inherited locks in a forked process; the parent keeps its own."""
+    """Close the inherited lock files in a forked process. The parent keeps its locks."""
     for lock in tuple(_HELD):
         lock._close()
 

@@ -1,10 +1,10 @@
-"""Output files and folders of commands. Files that better did not write are not replaced.
+"""Output files and folders of commands, which never silently replace other files.
 
-The same rule applies to every subcommand. A file is ours if it has the mark of the subcommand (:func:`mark_of`) or
-content that the subcommand recognizes. A folder is ours if its list ``.written.json`` names the same subcommand, and a
-file in the folder is ours if the list contains its SHA-256: an edited page belongs to the user. Our files are always
-replaced, other files only with ``--overwrite``; folders, pipes and devices are never replaced. While an output is open,
-no other process can write to it, and unfinished files of killed processes are deleted.
+The rules are the same for every subcommand. A file is ours if it contains the mark of the subcommand (:func:`mark_of`)
+or content that the subcommand recognizes. A folder is ours if its list ``.written.json`` names the same subcommand. A
+file in such a folder is ours if the list contains its SHA-256, so an edited page is not ours. Our files are always
+replaced, other files only with ``--overwrite``. Folders, pipes and devices are never replaced. While an output is open,
+other processes cannot write to it. Unfinished files of killed processes are deleted.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from betterbench.jobs.places import guard, unguard
 from betterbench.json_form import file_digest, open_ordinary, read_bounded, read_form, strict_form
 
 LIST_NAME = ".written.json"
-"""File in a folder of ours that lists the written files."""
+"""File in an output folder that lists the written files."""
 
 _MAX_LIST_BYTES = 64 << 20
 _ENDS_BYTES = 1 << 16
-"""Number of bytes searched for a mark at the beginning (comments of PNG files) and the end (of MP4 files)."""
+"""Number of bytes to search for a mark at the beginning (comments of PNG files) and at the end (MP4 files)."""
 
 
 def mark_of(verb: str) -> str:
-    """Return the comment that marks a file as the output of a subcommand."""
+    """Return the comment that marks a file as output of a subcommand."""
     return f"Written by better {verb} (betterbench)"
 
 
 def bears_mark(path: Path, verb: str) -> bool:
-    """Return whether a file has the mark of a subcommand near its beginning or end. Raises OSError."""
+    """Return whether a file contains the mark of a subcommand near its beginning or end. Raises OSError."""
     mark = mark_of(verb).encode()
     with open_ordinary(path) as file:
         if mark in file.read(_ENDS_BYTES):
@@ -60,7 +60,7 @@ def require_replaceable(
         path: Path of the file to write.
         verb: Subcommand that writes it.
         overwrite: Whether to replace files that this subcommand did not write.
-        is_ours: Function that returns whether this subcommand wrote an existing regular file; None to check the mark.
+        is_ours: Function that returns whether this subcommand wrote an existing file; None to check its mark.
     """
     try:
         there = os.lstat(path).st_mode
@@ -85,7 +85,7 @@ def _occupied(path: Path, what: str, verb: str) -> RunConflictError:
 
 
 class OutputFile:
-    """A file that a subcommand writes, locked while open; a context manager that returns the path.
+    """Output file of a subcommand, locked while open. A context manager that returns the path.
 
     Raises:
         RunConflictError: If the existing file must not be replaced, or another process is writing it.
@@ -98,7 +98,7 @@ class OutputFile:
         self._lock: FileLock | None = None
 
     def __enter__(self) -> Path:
-        self._require()  # before a lock file is created
+        self._require()  # check before creating a lock file
         self._lock = FileLock(self._path)
         try:
             self._require()
@@ -129,18 +129,17 @@ _WRITTEN = TypeAdapter(_Written)
 
 
 class OutputFolder:
-    """Output folder of a subcommand, locked while open; a context manager.
+    """Output folder of a subcommand, locked while open. A context manager.
 
-    Every file that this process writes there (:class:`~betterbench.jobs.durable.DurableFile`) is checked and listed,
+    Every :class:`~betterbench.jobs.durable.DurableFile` that this process writes into the folder is checked and listed,
     except in subfolders with their own lock.
 
     Args:
         path: The folder, which is created if missing.
         verb: Subcommand that writes it.
-        overwrite: Whether other files may be replaced, and a folder with other files may be used.
-        holds: Function that returns whether an unlisted entry of the folder belongs there, such as a run.
-        is_ours: Function that returns whether a folder without a list is ours, such as a folder written by an older
-            version.
+        overwrite: Whether to accept a folder that contains other files, and to replace them.
+        holds: Function that returns whether an unlisted entry, such as a run, belongs into the folder.
+        is_ours: Function that returns whether a folder without a list is ours, for example from an older version.
 
     Raises:
         RunConflictError: If the folder contains other files, a file in it was changed since it was written, or another
@@ -178,7 +177,7 @@ class OutputFolder:
             stack.callback(unguard, self.path, self)
             if (
                 self._listed() is None
-            ):  # written first, so that the folder is recognized as ours even if the command is killed
+            ):  # write the list first, so that the folder counts as ours even if the command is killed
                 self._store()
             self._stack = stack.pop_all()
         return self
@@ -189,12 +188,12 @@ class OutputFolder:
         with self._stack:
             if self._lock is not None and error is None:
                 self._lock.require_in_place()
-            if self._fresh and error is None:  # the digests of the previous content are no longer needed
+            if self._fresh and error is None:  # drop the digests of the previous content
                 self._known |= {name: (digest,) for name, digest in self._fresh.items()}
                 self._store()
 
     def _leave_nothing(self) -> None:
-        """Remove a claimed folder without files, for example after wrong input."""
+        """Remove the folder if it is still empty, for example after invalid input."""
         with suppress(OSError):
             if all(is_bookkeeping(entry) for entry in self.path.iterdir()):
                 for name in (LIST_NAME, LOCK_NAME):
@@ -202,7 +201,7 @@ class OutputFolder:
                 self.path.rmdir()
 
     def _checked(self) -> dict[str, tuple[str, ...]]:
-        """Return the listed files; reject a folder, or files in it, that this subcommand did not write."""
+        """Return the listed files. Raises RunConflictError if this subcommand did not write the folder or its files."""
         path = self.path
         if (path.exists() or path.is_symlink()) and not path.is_dir():
             raise RunConflictError(f"{path}: this is a file. Choose another folder.")
@@ -222,7 +221,7 @@ class OutputFolder:
         return known
 
     def _listed(self) -> dict[str, tuple[str, ...]] | None:
-        """Return the files that the same subcommand has written here, or None without a list."""
+        """Return the files that this subcommand has written here, or None without a list."""
         file = self.path / LIST_NAME
         if not file.is_file() or file.is_symlink():
             return None
@@ -235,7 +234,7 @@ class OutputFolder:
         return inside if found.by == self._verb else None
 
     def require_ours(self, path: Path) -> None:
-        """Raise RunConflictError if a path in the folder contains a file that must not be replaced."""
+        """Raise RunConflictError if the file at a path in the folder must not be replaced."""
         if path.absolute() != self.path / LIST_NAME:
             self._require_ours(path.absolute(), self._known)
 
@@ -246,7 +245,7 @@ class OutputFolder:
         )
 
     def note(self, path: Path, sha256: str) -> None:
-        """List a file that is about to be moved into place, and keep the entry of the file that it replaces."""
+        """List a file that is about to be moved to its path. The digest of the replaced file stays listed, too."""
         name = path.absolute().relative_to(self.path).as_posix()
         if name == LIST_NAME:
             return
@@ -261,7 +260,7 @@ class OutputFolder:
 
 
 def _is_name(name: str) -> bool:
-    """Return whether a listed name can be a file's name in the folder."""
+    """Return whether a listed name is a valid file name."""
     return name.isprintable() and not {"..", "/"} & set(Path(name).parts)
 
 
@@ -271,5 +270,5 @@ def is_run(path: Path) -> bool:
 
 
 def is_bookkeeping(path: Path) -> bool:
-    """Return whether a folder entry is a lock, a file list or a command's unfinished file."""
+    """Return whether a folder entry is a lock, a file list or an unfinished file."""
     return path.name in (LOCK_NAME, LIST_NAME) or is_part(path)

@@ -1,8 +1,8 @@
-"""Guards against writing outside an output folder through a symbolic link.
+"""Protection against writing out of an output folder through a symbolic link.
 
-An untrusted run folder may contain a link to one of the user's files, which must not be overwritten. After all links
-are resolved, every path written below a folder that this process has locked
-(:class:`~betterbench.jobs.lock.RunLock`) must therefore still be inside this folder.
+An untrusted run folder may contain a link to one of the user's files, which must not be overwritten. While this process
+has locked a folder (:class:`~betterbench.jobs.lock.RunLock`), every path that it writes there must still be inside the
+folder after all links are resolved.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """Claim of a command on a folder, which determines which files may be replaced."""
+    """Claim of a command on a folder, which decides which files may be replaced."""
 
     @property
     def thread(self) -> int:
-        """The thread that made the claim."""
+        """Thread that made the claim."""
 
     def require_ours(self, path: Path) -> None:
-        """Raise RunConflictError if a path contains a file that must not be replaced."""
+        """Raise RunConflictError if the file at a path must not be replaced."""
 
     def note(self, path: Path, sha256: str) -> None:
-        """Record that a file is about to be moved to its path."""
+        """Note that a file is about to be moved to its path."""
 
 
 _GUARDED: dict[Path, list[FolderClaim | None]] = {}
-"""Folders locked by this process, each with the claims on its files."""
+"""Folders locked by this process, with the claims on each."""
 
 
 def guard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Guard a folder until :func:`unguard` has been called as often as this function."""
+    """Guard a folder, until :func:`unguard` is called as often as this function."""
     _GUARDED.setdefault(folder, []).append(claim)
 
 
 def unguard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Undo a :func:`guard` with the same arguments. This is harmless without a guard."""
+    """Undo a call of :func:`guard` with the same arguments. Does nothing without a guard."""
     claims = _GUARDED.get(folder, [])
     if claim in claims:
         claims.remove(claim)
@@ -52,32 +52,32 @@ def unguard(folder: Path, claim: FolderClaim | None = None) -> None:
 
 
 def is_claimed_here(folder: Path) -> bool:
-    """Return whether this thread has claimed a folder, so that its lock is already held."""
+    """Return whether this thread has claimed a folder and therefore holds its lock."""
     return any(claim is not None and claim.thread == threading.get_ident() for claim in _GUARDED.get(folder, []))
 
 
 def claim_of(path: Path) -> FolderClaim | None:
-    """Return the claim on the innermost guarded folder around a file."""
+    """Return the claim on the innermost guarded folder that contains a file."""
     around = [folder for folder in tuple(_GUARDED) if path.absolute().is_relative_to(folder)]
     innermost = max(around, key=lambda folder: len(folder.parts), default=None)
     return None if innermost is None else next(filter(None, reversed(_GUARDED.get(innermost, []))), None)
 
 
 def require_inside(path: Path, folder: Path) -> None:
-    """Raise InvalidInputError with the name of the link if a path below a folder leads out of the folder."""
+    """Raise InvalidInputError, with the name of the link, if a path in a folder leads out of the folder."""
     top = os.path.realpath(folder)
-    if Path(os.path.realpath(path)).is_relative_to(top):  # realpath does not fail, even if links form a loop
+    if Path(os.path.realpath(path)).is_relative_to(top):  # realpath does not fail even for link loops
         return
     link = folder
     for part in path.relative_to(folder).parts:
         link /= part
         if link.is_symlink() and not Path(os.path.realpath(link)).is_relative_to(top):
             break
-    raise InvalidInputError(str(link), f"leads out of {folder} by a link", "Remove the link")
+    raise InvalidInputError(str(link), f"leads out of {folder} through a link", "Remove the link")
 
 
 def require_guarded(path: Path) -> None:
-    """Raise InvalidInputError if a file to be written leads out of a guarded folder by a link."""
+    """Raise InvalidInputError if the path of a file leads out of a guarded folder through a link."""
     place = path.absolute()
     for folder in tuple(_GUARDED):
         if place.is_relative_to(folder):
@@ -86,7 +86,7 @@ def require_guarded(path: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Let an OSError name the user's file or folder instead of a lock file or an unfinished file."""
+    """Let OSErrors name the file or folder given by the user instead of a lock file or temporary file."""
     try:
         yield
     except OSError as error:
@@ -95,12 +95,12 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def open_in_place(path: Path) -> int:
-    """Open a file for reading and writing in place, creating it if missing, and return its descriptor.
+    """Open or create a file for reading and writing in place, and return its descriptor.
 
-    A journal or lock is modified in place, so a link under its name would change another file.
+    Journals and locks are modified in place, so a link with their name would let another file be changed.
 
     Raises:
-        InvalidInputError: If it is a link, not an ordinary file, or has a second name (a hard link).
+        InvalidInputError: If it is a symbolic link, is not a regular file, or has a second name (a hard link).
         OSError: If it cannot be opened.
     """
     require_guarded(path)
@@ -119,4 +119,4 @@ def open_in_place(path: Path) -> int:
     if not stat.S_ISREG(found.st_mode):
         raise InvalidInputError(str(path), "is not a regular file", "Move it away")
     problem = "has a second name (a hard link), so another file would be changed too"
-    raise InvalidInputError(str(path), problem, "Replace it by a copy")
+    raise InvalidInputError(str(path), problem, "Replace it with a copy")

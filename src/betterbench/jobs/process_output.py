@@ -1,4 +1,4 @@
-"""Output of a policy's process, passed to standard error without control characters and up to a limit."""
+"""Output of a policy's process, forwarded to standard error without control characters and up to a limit."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _DRAIN_S = 0.5
 class ProcessOutput:
     """Pipe that replaces standard output and standard error of a process.
 
-    The process does not get our own standard error, because it could change that file's flags or truncate it.
+    The process does not inherit our standard error, because it could change the flags of that file or truncate it.
 
     Attributes:
-        theirs: File descriptor for the process.
+        theirs: File descriptor of the pipe's end for the process.
     """
 
     def __init__(self) -> None:
@@ -36,12 +36,12 @@ class ProcessOutput:
         self._thread = threading.Thread(target=self._pass_on, name="policy output", daemon=True)
 
     def begin(self) -> None:
-        """Start showing the output, after the start of the process."""
+        """Start forwarding the output. Call this after starting the process."""
         os.close(self.theirs)
         self._thread.start()
 
     def end(self) -> None:
-        """Show the remaining output, and close the pipe, which other processes may still have open."""
+        """Forward the remaining output and close the pipe, even if other processes still have it open."""
         self._ending.set()
         self._thread.join(_DRAIN_S + 1.0)
 
@@ -65,7 +65,10 @@ class ProcessOutput:
             self._show(self._line)
 
     def _take(self, piece: bytes) -> None:
-        """Show the complete lines, and only the last state of a repeatedly overwritten line (a progress bar)."""
+        """Forward complete lines.
+
+        Of a line that was overwritten repeatedly (a progress bar), only the last state is forwarded.
+        """
         *lines, self._line = (self._line + piece).split(b"\n")
         self._line = self._line[-2 * _LONGEST_LINE :]
         for line in lines:
@@ -79,6 +82,6 @@ class ProcessOutput:
         shown = printable(text, most=_LONGEST_LINE)
         if self._left <= 0:
             shown += "\nFurther output of the policy is not shown."
-        with contextlib.suppress(OSError, ValueError, AttributeError):  # our own standard error may be closed
+        with contextlib.suppress(OSError, ValueError, AttributeError):  # standard error may be closed
             sys.stderr.write(f"{shown}\n")
             sys.stderr.flush()

@@ -1,4 +1,4 @@
-"""Bookkeeping of retries: remaining items, items whose workers died, and limits."""
+"""Bookkeeping of retries: remaining items, items whose workers died, and retry limits."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from typing import Generic, TypeVar
 from betterbench.errors import WorkerError
 
 MAX_DEATHS = 3
-"""Number of worker deaths after which an item is abandoned. After the first death, the item runs alone."""
+"""Number of worker deaths after which an item is given up. After its first death, an item runs alone."""
 
 MAX_DEATHS_IN_A_ROW = 12
-"""Number of consecutive worker deaths, without a finished item, after which the job ends with an error."""
+"""Number of consecutive worker deaths without a finished item after which the job fails."""
 
 Item = TypeVar("Item", bound=Hashable)
 
 
 class RetryLedger(Generic[Item]):
-    """Items without a worker, and worker deaths so far.
+    """Items that wait for a worker, and worker deaths so far.
 
-    The distributor of the work takes items from the ledger and reports results. The items of a dead worker are
-    suspects: each of them is repeated alone, so that an item that kills its worker affects no other item.
+    The pool takes items from the ledger and reports finished items and dead workers. The items of a dead worker are
+    suspects. Each suspect is retried alone, so that an item that kills its worker does not affect other items.
     """
 
     def __init__(self, items: Iterable[Item], *, workers: str, cure: str) -> None:
-        """Begin with all items waiting; ``workers`` ("worker processes") and ``cure`` are for the messages."""
+        """Initially, all items wait. ``workers`` ("worker processes") and ``cure`` are used in messages."""
         self._workers, self._cure = workers, cure
         self._waiting = deque(items)
         self._suspects: deque[Item] = deque()
@@ -44,19 +44,19 @@ class RetryLedger(Generic[Item]):
 
     @property
     def left(self) -> int:
-        """Number of all items without a worker."""
+        """Number of waiting items and suspects."""
         return len(self._waiting) + len(self._suspects)
 
     def take(self, count: int) -> list[Item]:
-        """Return up to ``count`` waiting items for a worker."""
+        """Remove and return up to ``count`` waiting items for a worker."""
         return [self._waiting.popleft() for _ in range(min(count, len(self._waiting)))]
 
     def take_suspect(self) -> Item:
-        """Return an item for an idle worker, which must not get another item until this one has ended."""
+        """Remove and return a suspect. Its worker must not get another item until this one has ended."""
         return self._suspects.popleft()
 
     def put_back(self, items: Iterable[Item]) -> None:
-        """Queue items again before all others, because their worker ended for another reason."""
+        """Return items to the front of the queue, if their worker ended for another reason."""
         self._waiting.extendleft(reversed(list(items)))
 
     def item_ended(self) -> None:
@@ -64,7 +64,7 @@ class RetryLedger(Generic[Item]):
         self._in_a_row = 0
 
     def worker_died(self, items: Sequence[Item], how: str) -> list[Item]:
-        """Queue the items of a dead worker again, to run alone, and return the items with too many deaths.
+        """Add the items of a dead worker to the suspects, and return the items to give up.
 
         Raises WorkerError after too many consecutive deaths.
         """
@@ -79,5 +79,5 @@ class RetryLedger(Generic[Item]):
         return given_up
 
     def reason(self, how: str) -> str:
-        """Return the reason for giving up an item, in one line with the death of the last worker."""
-        return f"{MAX_DEATHS} {self._workers} died while they ran it ({how}); run the same command again to retry it"
+        """Return the reason for giving up an item, with the exit of its last worker."""
+        return f"{MAX_DEATHS} {self._workers} died while running it ({how}); run the same command again to retry it"

@@ -1,4 +1,4 @@
-"""Worker processes for a job: pipe, signals, thread counts, and termination together with the parent process."""
+"""Worker processes of a job: pipes, signals, thread counts, and termination with the parent process."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from betterbench.jobs.lock import HeldFolder, write_within
 
 
 class SpawnedProcess:
-    """Child process with a pipe. Ctrl-C is blocked in it, because the parent process handles Ctrl-C.
+    """Child process with a pipe. It ignores Ctrl-C, which the parent process handles.
 
     Attributes:
         process: The process.
-        connection: Our end of the pipe.
+        connection: Parent's end of the pipe.
     """
 
     def __init__(self, target: Callable[..., None], *args: object, name: str) -> None:
-        """Start a process that calls ``target`` with the arguments and its end of the pipe."""
+        """Start a process that calls ``target`` with the arguments and the child's end of the pipe."""
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=target, args=(*args, theirs), name=name)
@@ -33,7 +33,7 @@ class SpawnedProcess:
         theirs.close()
 
     def end(self, within_s: float = 0.0) -> str:
-        """Close the pipe, kill the process if it has not ended within a time limit [s], and return how it ended."""
+        """Close the pipe, kill the process after a time limit [s], and return a description of its exit."""
         self.connection.close()
         self.process.join(within_s)
         self.process.kill()
@@ -42,7 +42,7 @@ class SpawnedProcess:
 
 
 def exit_text(status: int | None) -> str:
-    """Return an exit status of a process as text (negative for a signal)."""
+    """Describe the exit status of a process, which is negative for a signal."""
     if status is None or status >= 0:
         return f"exit status {status}"
     name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
@@ -51,7 +51,7 @@ def exit_text(status: int | None) -> str:
 
 @contextlib.contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C in this thread inside the context, and permanently in processes started there."""
+    """Block Ctrl-C in this thread inside the context, and permanently in the processes started there."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -60,10 +60,10 @@ def interrupts_blocked() -> Iterator[None]:
 
 
 def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
-    """Limit numerical libraries and the software renderer to one thread each, and end with the parent process.
+    """Prepare a worker process: one thread per numerical library and renderer, and termination with the parent.
 
-    The log level is that of ``BETTERBENCH_LOG_LEVEL``, set by ``--log-level``. Nothing is written below folders locked
-    by the parent (``held``) after their removal.
+    The log level is read from ``BETTERBENCH_LOG_LEVEL``, set by ``--log-level``. ``held`` contains folders locked by
+    the parent, into which nothing is written after their removal.
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -76,7 +76,7 @@ def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when the run is killed, so that it does not write to the resumed run."""
+    """End this process if the parent is killed, so that it does not write to the resumed run."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

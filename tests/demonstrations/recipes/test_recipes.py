@@ -143,7 +143,7 @@ def test_the_real_arm_has_the_papers_steps_for_pi05_and_lerobots_own_for_others(
     assert decided["batch_size"] == "upstream"
     _, _, mine = made("lerobot", {"extends": "real_arm", "steps": 5000, "batch": 16}, policy=policy)
     assert (mine["steps"], mine["batch_size"]) == (5000, 16)
-    assert any("tablecloth alone" in text for text in setup.checks) == (policy == "act")
+    assert any("by the tablecloth" in text for text in setup.checks) == (policy == "act")
     for framework in ("lerobot", "openpi"):
         with pytest.raises(InvalidInputError, match="not a multiple of 3000"):
             made(framework, {"extends": "real_arm", "save_every": 3000}, policy=policy)
@@ -177,7 +177,7 @@ def test_the_paper_has_25_demonstrations_of_each_training_condition(framework):
         assert set(yaml.safe_load(words["robot.cameras"])) == {"front", "wrist"}
         assert words["dataset.root"] == "sets/fruit"
         assert words["robot.use_degrees"] == words["teleop.use_degrees"] == "true"  # LeRobot 0.4 has another default
-    assert any("100 in all" in text for text in setup.checks)
+    assert any("100 in total" in text for text in setup.checks)
 
 
 @pytest.mark.parametrize("framework", ["openpi", "lerobot"])
@@ -318,17 +318,17 @@ def test_a_recorded_data_set_that_is_here_is_checked(tmp_path):
     place = recorded(tmp_path / "fruit")
     for framework in ("openpi", "lerobot"):
         setup, _, _ = made(framework, "real_arm", data=(place,))
-        assert any("100 in all; the data have 98." in text for text in setup.checks)
+        assert any("100 in total; this data set has 98." in text for text in setup.checks)
         assert any("passes over the 29,400 frames" in text for text in setup.checks)
         assert any("The data have 30 Hz and the twin 20 Hz" in text for text in setup.checks)
         assert "--rate-hz 30" in setup.evaluation
         assert not any("lerobot-record" in told for _, told in setup.commands)
     good = json.loads((tmp_path / "fruit/meta/info.json").read_text())["features"]
     for changed, says in (
-        ({"codebase_version": "v2.1"}, "it is LeRobot v2.1, not v3.0"),
+        ({"codebase_version": "v2.1"}, "its format is LeRobot v2.1, expected v3.0"),
         ({"features": {k: v for k, v in good.items() if k != "action"}}, "action does not have the six positions"),
         ({"features": good | {"observation.state": {"names": ["x"] * 6}}}, "observation.state does not have the six"),
-        ({"features": {k: v for k, v in good.items() if "wrist" not in k}}, "it has no camera 'wrist', but front"),
+        ({"features": {k: v for k, v in good.items() if "wrist" not in k}}, "expected a camera 'wrist', found front"),
         ({"fps": 0}, "fps"),
     ):
         with pytest.raises(InvalidInputError, match=re.escape(says)):
@@ -514,7 +514,7 @@ def test_a_data_set_that_is_here_is_checked(tmp_path):
     with pytest.raises(InvalidInputError, match=r"its layout is openpi_libero.*--preset gr00t_new_embodiment"):
         made("gr00t", data=(good,))
     new = exported(tmp_path / "new", "being_h_libero", "v3.0")
-    with pytest.raises(InvalidInputError, match=r"it is LeRobot v3.0, not v2.1.*--to lerobot-v2.1"):
+    with pytest.raises(InvalidInputError, match=r"its format is LeRobot v3.0, expected v2.1.*--to lerobot-v2.1"):
         made("being-h", data=(new,))
     (tmp_path / "good/meta/stats.json").write_text('{"state": {"q01": [0]}}')
     with pytest.raises(InvalidInputError, match="its meta files are inconsistent"):
@@ -530,12 +530,12 @@ def test_a_data_set_that_is_here_is_checked(tmp_path):
         ("openpi", "better", {"gpus": 3}, "a batch of 128 is not divisible by 3.*Give 1, 2, 4, 8"),
         ("openpi", "better", {"gpus": 0}, "--gpus: 0 is out of range"),
         ("openpi", "better", {"data": ()}, "--data: is missing"),
-        ("openpi", "better", {"data": ("a", "b")}, "2 are given, but this trainer reads one"),
-        ("gr00t", {"proprioception": False}, {}, "GR00T cannot leave the state out"),
-        ("being-h", {"proprioception": False}, {}, "Being-H cannot leave the state out"),
-        ("being-h", {"frozen": {"being-h": ["language"]}}, {}, "freeze_llm freezes the action expert"),
+        ("openpi", "better", {"data": ("a", "b")}, "2 data sets are given, but this trainer reads only one"),
+        ("gr00t", {"proprioception": False}, {}, "GR00T cannot be trained without a state"),
+        ("being-h", {"proprioception": False}, {}, "Being-H cannot be trained without a state"),
+        ("being-h", {"frozen": {"being-h": ["language"]}}, {}, "freeze_llm also freezes the action expert"),
         ("being-h", "better", {"data": ("a/x", "b/x")}, "folders of the same name"),
-        ("lerobot", {"frozen": {"lerobot": ["vision"]}}, {"policy": "act"}, "act has no switch"),
+        ("lerobot", {"frozen": {"lerobot": ["vision"]}}, {"policy": "act"}, "act has no option to freeze"),
         ("lerobot", {"steps": 30_000, "save_every": 7_000}, {}, "not a multiple of 7000"),
         ("lerobot", {"steps": 0}, {}, "steps"),
         ("lerobot", {"stepps": 1}, {}, "stepps"),

@@ -77,9 +77,9 @@ def test_commands_run_nothing_that_was_planted(tmp_path, framework):
         parent = tmp_path / f"{number}" / (word.strip("/").replace("..", "_") or "x")
         data = data_set(parent / "demos", framework, vectors=names)
         if UNPRINTABLE.search(word) or "\n" in word or "\t" in word:
-            with pytest.raises(InvalidInputError, match="not a place of a data set"):
+            with pytest.raises(InvalidInputError, match="not the path of a data set"):
                 trainer_setup(framework, recipe_of(recipe), (str(data),))
-            with pytest.raises(InvalidInputError, match=r"--weights: .* is not a place\."):
+            with pytest.raises(InvalidInputError, match=r"--weights: .* is not a path\."):
                 trainer_setup(framework, recipe_of(recipe), ("demos",), weights=word)
             continue
         setup = trainer_setup(framework, recipe_of(recipe), (str(data),), weights=word or None)

@@ -80,7 +80,7 @@ def test_without_a_column_for_the_order_it_is_that_of_the_file(tmp_path):
     change_rows(path, interleaved)
     mixed = read_lerobot(path)
     assert facts_by_name(mixed) == facts_by_name(plain)
-    assert "by episode_index alone: no column has the order of the frames" in mixed.reading.paragraph
+    assert "by episode_index only: no column contains the order of the frames" in mixed.reading.paragraph
 
 
 def test_an_episode_in_two_files_is_one_if_its_frames_differ(tmp_path):
@@ -140,7 +140,7 @@ def test_the_advice_about_places_lists_numbers_of_that_arm(tmp_path):
     names = ["left_x", "right_wrist", "left_y", "right_x", "left_z", "a", "left_gripper", "right_gripper"]
     info_of(path, features=info["features"] | {"observation.state": state | {"names": names}})
     said = refusal(path, Choices(grippers=("action:right_gripper",)))
-    assert "no component is named like the position of the right arm" in said
+    assert "no component has a name for the position of the right arm" in said
     assert "observation.state has observation.state:right_wrist, observation.state:right_x" in said
     assert "left" not in said
     assert "--place 'COLUMN[0,1,2]', with its own column and numbers, x first, counted from 0" in said

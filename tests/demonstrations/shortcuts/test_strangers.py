@@ -213,15 +213,15 @@ def info_of(path, **changes):
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        (["x", "y", "z", "gripper", "x", "y", "z", "gripper"], "2 components of action are named like a gripper"),
+        (["x", "y", "z", "gripper", "x", "y", "z", "gripper"], "2 components of action have the name of a gripper"),
         (["left_gripper", "gripper", "x", "y", "z", "a", "b", "c"], "grippers with and without an arm"),
-        (["x", "x", "y", "gripper", "a", "b", "c", "d"], "2 numbers are called x"),
+        (["x", "x", "y", "gripper", "a", "b", "c", "d"], "2 components have the name x"),
         (
             ["left_x", "left_y", "right_x", "right_y", "gripper", "a", "b", "c"],
-            "no component is named like the position of the gripper",
+            "no component has a name for the position of the gripper",
         ),
-        (["j1", "j2", "j3", "j4", "j5", "j6", "waist_yaw", "thumb"], "no component is named like a gripper"),
-        ([f"motor_{i}" for i in range(8)], "no component is named like a gripper; action was searched first"),
+        (["j1", "j2", "j3", "j4", "j5", "j6", "waist_yaw", "thumb"], "no component has the name of a gripper"),
+        ([f"motor_{i}" for i in range(8)], "no component has the name of a gripper; action was searched first"),
     ],
 )
 def test_names_that_do_not_tell_are_refused(tmp_path, names, said):

@@ -124,7 +124,7 @@ def test_hosts_of_all_interfaces():
 
 def test_a_viser_that_the_gate_does_not_stand_before_is_not_used(monkeypatch):
     monkeypatch.setattr(gate.Gate, "before_servers", lambda _: contextlib.nullcontext())
-    with pytest.raises(MissingDependencyError, match="access could not be controlled"):
+    with pytest.raises(MissingDependencyError, match="cannot control access"):
         Page(Controls(), host="127.0.0.1", port=0, cameras=())
 
 

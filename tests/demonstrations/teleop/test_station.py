@@ -179,7 +179,7 @@ def test_a_demonstration_is_saved_and_the_same_command_goes_on(tmp_path, monkeyp
             broken.setattr(RunFolder, "write_record", lambda *_: (_ for _ in ()).throw(full))
             assert desk.tap("save").said[-1].startswith("not saved, but not lost:")
         store.run.path.rename(tmp_path / "elsewhere")
-        assert "run: was removed or moved" in desk.tap("save").said[-1]
+        assert "run: the folder or its .lock was removed or moved" in desk.tap("save").said[-1]
         assert not store.run.path.exists()
         (tmp_path / "elsewhere").rename(store.run.path)
         assert store.saved == 0

@@ -30,7 +30,9 @@ def print_calibration(found: Calibration) -> None:
         ]
         for s in found.scores()
     ]
-    print_table(["true label", "kind", "found", "right when given", "otherwise taken for"], rows, title="calibration")
+    print_table(
+        ["true label", "kind", "found", "correct if assigned", "otherwise labeled as"], rows, title="calibration"
+    )
     for j in found.wrong[:WRONG_SHOWN]:
         OUT.print(f"• {j.policy} {j.trial}: {j.truth.value} was labeled {j.label.value}. {j.text}", markup=False)
     if len(found.wrong) > WRONG_SHOWN:

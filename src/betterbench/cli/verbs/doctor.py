@@ -29,7 +29,7 @@ def doctor_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Check everything that a run needs, and print a remedy for each failure. The exit status is 2 if a check fails.
+    """Check this installation, and print a remedy for each failed check. The exit status is 2 if a check fails.
 
     With --policy: compare conventions, request actions for one observation, measure the latency, and draw the
     observation and the motion that the actions would cause. Then send the observations of a demonstration to the policy

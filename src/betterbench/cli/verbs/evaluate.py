@@ -70,7 +70,7 @@ MANY_TRIALS = 200
 """Number of trials above which a smaller run is suggested."""
 
 FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
-"""Task of the suggested smaller run if it is planned (it has the shortest trials), and its trials per variation."""
+"""Task of the suggested smaller run, which has the shortest trials, and its number of trials per variation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -536,7 +536,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
 
 
 def _print_expert(run: RunFolder, ambiguous: Collection[TrialId]) -> None:
-    """Print the obstacle in the expert's first failed trial, and the command that shows the trial."""
+    """Print the obstacle in the first trial that the expert failed, and the command that shows this trial."""
     from betterbench.tasks.user_files import options_for
 
     failed = [e for e in run.entries() if e.status == "done" and e.key not in ambiguous and not run.outcome(e).success]

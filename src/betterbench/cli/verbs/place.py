@@ -1,4 +1,4 @@
-"""``better place``: adapt the layout of tasks to another robot."""
+"""``better place``: adapt tasks to another robot."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def place_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Lay tasks out for another robot, and measure which grasps it can plan and which trials it solves.
+    """Adapt tasks to another robot, and measure the grasps that it can plan and the trials that it solves.
 
     The robot's base is moved to the position from which it can reach the most slots. Each task is written as a separate
     task file, TASK_ROBOT.json. The table shows the base position relative to the base of the task's original robot, the
@@ -39,7 +39,7 @@ def place_command(
         suite: Suite to take the tasks from.
         arm: The robot.
         trials: Trials per training condition.
-        measure: Measure the grasps and the solved trials; without it, only the task files are written.
+        measure: Measure the grasps and the solved trials; with --no-measure, only the task files are written.
         overwrite: Write to a folder that better place did not make, and replace files of the same names there.
         json: Print the measurements as one JSON document.
     """

@@ -49,7 +49,9 @@ def premise_command(
     for name in chosen:
         if (suite_named(name).name in PLUS_SUITES) != (world == "libero_plus"):
             raise InvalidInputError(
-                "--suites", f"{name} is not a suite of {world}", "Give suites of this world, or choose the other world"
+                "--suites",
+                f"{name} is not a suite of the world {world}",
+                "Give suites of this world, or choose the other world",
             )
     path = out or Path(f"premises-{world}.jsonl")
     found: list[PremiseEntry] = []

@@ -1,4 +1,4 @@
-"""``better real``: the overview of its commands, each in a separate module."""
+"""``better real``: overview of its nested commands, each of which has its own module."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ What = Literal["sheet", "check-cameras", "plan", "run", "status", "judge", "repo
 
 
 def real_command(what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metavar="COMMAND")]) -> None:
-    """Run the diagnostic protocol on a real arm: plan it, run it with an operator, judge its films, report it.
+    """Run the diagnostic protocol on a real robot arm.
 
-    sheet writes the markers and places of the scene, to print.
+    sheet writes a sheet with the markers and object positions of the scene, for printing.
 
-    check-cameras measures from the markers how to move the front camera.
+    check-cameras measures the pose of the front camera from the markers.
 
-    plan writes randomized trials of conditions and policies.
+    plan randomizes the trials of conditions and policies.
 
-    run guides an operator through the trials, in the browser or by keys in the terminal.
+    run guides an operator through the trials, in the browser or in the terminal.
 
-    status shows what is done and what comes next.
+    status shows the progress and the next trial.
 
-    judge shows the films to a second person, who knows neither condition nor policy.
+    judge shows the videos to another person, who does not know condition and policy.
 
-    report writes both diagnostic matrices with labels, evidence and agreement.
+    report writes both diagnostic matrices, with labels, evidence and agreement between people.
 
     better real COMMAND --help explains a command.
 

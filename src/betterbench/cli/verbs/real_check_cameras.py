@@ -1,4 +1,4 @@
-"""``better real check-cameras``: the pose of the real front camera from the marker sheet, beside that of the twin."""
+"""``better real check-cameras``: measure the pose of the real front camera from the marker sheet."""
 
 from __future__ import annotations
 
@@ -26,22 +26,23 @@ def check_cameras_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Measure where the real front camera stands, with the marker sheet on the table, and how to move it.
+    """Measure the pose of the real front camera from the marker sheet, and print the required correction.
 
-    The sheet is that of better real sheet. Its markers tell the camera's pose and lens; the pose is compared with the
-    twin's front camera. The exit status is 1 while the camera is more than 1 cm or 1 degree off.
+    Print the sheet of better real sheet and lay it on the table. Pose and field of view of the camera are computed from
+    its markers, and compared with the front camera of the simulated twin. The exit status is 1 if the pose differs by
+    more than 1 cm or 1 degree.
 
-    Give an image, or --camera for the live camera. The image must have the size that better real run uses: a camera may
-    have another field of view in another size.
+    Give an image, or --camera for the live camera. The image must have the size that better real run uses, because the
+    field of view of a camera may depend on it.
 
     Example: better real check-cameras --camera 0 --ruler-mm 100
 
     Args:
         images: Image of the front camera, PNG or JPEG.
-        ruler_mm: Length of the printed ruler of 100 mm as you measured it, in millimeters.
+        ruler_mm: Measured length of the printed 100 mm ruler in millimeters.
         camera: Index or path of the live camera, as in better real run.
-        camera_size: Width and height of its images in pixels.
-        fovy_deg: Vertical field of view of the lens in degrees, if it is known; by default it is measured, too.
+        camera_size: Width and height of the images in pixels.
+        fovy_deg: Vertical field of view of the camera in degrees; by default it is measured as well.
         out: PNG or JPEG file to write: the image with the markers as found, and where the twin's camera would see them.
         overwrite: Replace a file that better real check-cameras did not write.
         json: Print one JSON document.
@@ -91,7 +92,8 @@ def check_cameras_command(
             f"camera        {where} (standard deviation {100.0 * found.spread_m:.1f} cm)",
             f"lens          {found.pose.fovy_deg:.1f} degrees vertically; the twin's has {twin.fovy_deg:.1f}",
             f"off the twin  {100.0 * correction.distance_m:.1f} cm and {correction.angle_deg:.1f} degrees",
-            "to do         " + (" ".join(correction.sentences) if not correction.is_near else "nothing: it is placed"),
+            "to do         "
+            + (" ".join(correction.sentences) if not correction.is_near else "none, the pose is correct"),
         ]
         lines += [f"note          {note}" for note in notes]
         for line in lines:
@@ -101,11 +103,14 @@ def check_cameras_command(
 
 
 def _notes(width: int, height: int, pose: CameraPose) -> Iterator[str]:
-    """Yield what may be wrong with the image or the sheet although the pose was measured."""
+    """Yield warnings about the image or the sheet."""
     if abs(3 * width - 4 * height) > 0.02 * 3 * width:
         yield (
-            f"The image has {width} x {height} pixels, which is not 4:3. Give it in the size that better real run "
-            "records: a squeezed image gives a wrong pose."
+            f"The image has {width} x {height} pixels, expected an aspect ratio of 4:3. Give it in the size that "
+            f"better real run records, because a distorted image gives a wrong pose."
         )
     if pose.axes[0, 2] > 0.0:
-        yield "The camera looks away from the arm. If it does not, the sheet is turned around: lay it around the base."
+        yield (
+            "According to the sheet, the camera points away from the arm. If this is wrong, rotate the sheet by 180 "
+            "degrees."
+        )

@@ -1,4 +1,4 @@
-"""``better real judge``: judge the films of a protocol without knowing condition and policy."""
+"""``better real judge``: judge the videos of a protocol without knowing condition and policy."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ def judge_command(
     host: str = "127.0.0.1",
     port: int = 8080,
 ) -> None:
-    """Judge the films of a protocol in the browser: one key for each behavior, with its definition on the screen.
+    """Judge the videos of a protocol in the browser, with one key for each behavior.
 
-    The page shows the films of the trials that are done, in an order of each person's own, and the instruction. It
-    names neither condition nor policy nor what the operator or another judge entered. The same command resumes. The
-    operator of a protocol cannot be a judge of it. Two judges make an agreement: see better real report.
+    The page shows the videos of finished trials in a random order, with the instruction and the definitions of the
+    behaviors. It does not show the condition, the policy, or the entries of other people. The same command resumes. The
+    operator of a protocol cannot judge it. With two judges, better real report computes their agreement.
 
-    The command listens on this machine only: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
+    The command only listens on this machine; from another one, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
     The printed address contains a token that every request needs.
 
     Example: better real judge bench --person ada
 
     Args:
         folder: Folder of the protocol.
-        person: Name of the judge in the entries; the user's name if not given.
-        host: Interface of the page; on 0.0.0.0 the token of the address is sent unencrypted.
-        port: Port of the page; 0 for any free one.
+        person: Name of the judge; default: the user name.
+        host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
+        port: Port to listen on; 0 for any free port.
     """
     from betterbench.cli.verbs.serve import stopped_by_signal
     from betterbench.real.judge_page import JudgePage
@@ -49,4 +49,4 @@ def judge_command(
             stopped.wait()
     finally:
         page.server.close()
-    say(f"stopped; {desk.done} of {len(desk.trials)} films are judged by {desk.person}", whole=True)
+    say(f"stopped; {desk.person} has judged {desk.done} of {len(desk.trials)} videos", whole=True)

@@ -1,4 +1,4 @@
-"""``better real plan``: write the frozen plan of a protocol on a real arm."""
+"""``better real plan``: write the plan of a protocol on a real robot arm."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ def plan_command(
     rate_hz: float = 20.0,
     time_limit_s: float = 30.0,
 ) -> None:
-    """Plan a protocol on a real arm: randomized blocks of conditions and policies, with a code for each trial.
+    """Plan a protocol on a real robot arm: randomized blocks of conditions and policies, and a code for each trial.
 
-    Each block holds every condition once for every policy. The policies of a condition follow each other in changing
-    order, so that a drift of light or calibration reaches all of them. A plan is never changed.
+    Each block contains every condition once for every policy. The policies are run one after the other in a condition,
+    in varying order, so that changes of light or calibration affect all of them. A plan cannot be changed later.
 
     Example: better real plan --out bench --policies ours=openpi://127.0.0.1:8000 base=lerobot:checkpoint --trials 3
 
     Args:
         out: Folder of the protocol.
-        policies: Policies as NAME=ADDRESS; their actions have to be joint positions of the SO-101 in --unit.
+        policies: Policies as NAME=ADDRESS; their actions must be joint positions of the SO-101 in --unit.
         task: Task of the suite.
-        conditions: Conditions of the task; by default one for each cell of its diagnostic matrices.
-        trials: Trials per condition and policy.
-        seed: Seed of the order and the codes; the same options give the same plan.
-        unit: Unit of the arm's positions, as in lerobot: degrees, or -100 to 100 (normalized).
-        rate_hz: Rate of actions, as the policies were trained.
-        time_limit_s: Longest duration of a trial in seconds.
+        conditions: Conditions of the task; default: one for each cell of its diagnostic matrices.
+        trials: Number of trials per condition and policy.
+        seed: Random seed of the order and the codes.
+        unit: Unit of joint positions as in LeRobot: degrees, or normalized (-100 to 100).
+        rate_hz: Rate of actions, as in the training of the policies.
+        time_limit_s: Maximum duration of a trial in seconds.
     """
     from betterbench.real.plan import make_plan, write_plan
     from betterbench.statistics.wording import plural
@@ -71,6 +71,6 @@ def _policy(text: str) -> RealPolicy:
     if not separator or not name or not address:
         raise InvalidInputError("--policies", f"{text!r} is not NAME=ADDRESS", "Write ours=openpi://127.0.0.1:8000")
     policy = RealPolicy(name, address)
-    kind_of(address).parse(address)  # now, because a plan is never changed
+    kind_of(address).parse(address)  # check now, because a plan cannot be changed later
     require_images_suffice(policy)
     return policy

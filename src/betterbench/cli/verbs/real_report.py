@@ -1,4 +1,4 @@
-"""``better real report``: labels, matrices and checks of a protocol on a real arm."""
+"""``better real report``: labels, matrices and checks of a protocol on a real robot arm."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ def report_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Report a protocol: both diagnostic matrices per policy, labels with their evidence, agreement of people, order.
+    """Write the report on a protocol: diagnostic matrices of each policy, labels with evidence, and agreement.
 
-    A label follows from the joint states and from what judges saw in the films; a trial that neither of them decides
-    is unscored, and so is one whose files are not the recorded ones. An entry that the joint states rule out is named
-    as a contradiction. With --sim, each cell is compared with a run of the same policy on the simulated twin. The
-    report names conditions and policies: do not show it to a judge who is not finished.
+    Labels are based on joint states and on the judgments of videos. A trial is unscored if neither decides, or if its
+    files have changed. Judgments that contradict the joint states are listed. With --sim, each cell is compared with a
+    run of the same policy on the simulated twin. The report shows conditions and policies: do not show it to judges
+    before they have finished.
 
     Example: better real report bench --sim runs/ours_on_the_twin
 
     Args:
         folder: Folder of the protocol.
-        sim: Run of the twin by one of the policies; may be given several times.
+        sim: Run of one of the policies on the simulated twin; may be given several times.
         out: HTML file; FOLDER/report/index.html if not given.
         overwrite: Replace a file that better real report did not write.
-        json: Print one JSON document, and write no page.
+        json: Print one JSON document instead of writing a page.
     """
     from betterbench.jobs.outputs import OutputFile
     from betterbench.real.report_page import write_real_page
@@ -52,7 +52,7 @@ def report_command(
     title = f"{done} of {len(results.run.plan.trials)} trials are done"
     print_table(["policy", "right", "failed", "ambiguous", "unscored", "not done"], rows, title=title)
     for damaged in results.run.damaged:
-        say(f"{damaged.code} is damaged and therefore unscored: {damaged.problem}", whole=True)
+        say(f"{damaged.code} is unscored because its files are damaged: {damaged.problem}", whole=True)
     for trial in results.trials:
         if trial.label.contradiction:
             say(f"{trial.trial.code}: {trial.label.contradiction}", whole=True)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from betterbench.real.session import RealSession
 
 LAST_LOOK_S = 1.0
-"""Time for the page to show that every trial is done [s]."""
+"""Time for which the page shows that all trials are finished [s]."""
 _KEYS = "a: switch on or off   s: start   f: start anyway   e: over   space: STOP   u: undo   r: discard   q: quit"
 
 
@@ -47,34 +47,34 @@ def run_command(
     host: str = "127.0.0.1",
     port: int = 8080,
 ) -> None:
-    """Run the trials of a plan on an arm: set up, switch on, start, and enter what happened.
+    """Guide an operator through the trials of a plan: set up the scene, start the policy, enter the outcome.
 
-    The page shows where to put each object, with the twin's objects over the live front camera, and measures whether
-    the scene matches. The arm moves only while its switch is on and within the safety limits; the space key stops it. A
-    trial that was stopped or interrupted will be repeated. The same command continues where it stopped. Keys also work
-    in the terminal; with --no-page, only there.
+    The page shows the position of each object as an overlay on the image of the front camera, and checks whether the
+    scene matches. The arm only moves while it is switched on, within the safety limits; the space key stops it. Stopped
+    and interrupted trials are repeated. The same command resumes. Keys also work in the terminal, and with --no-page
+    only there.
 
-    The command listens on this machine only: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
+    The command only listens on this machine; from another one, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
     The printed address contains a token that every request needs.
 
     Example: better real run bench --arm-port /dev/ttyACM0 --cameras front=0 wrist=2
 
     Args:
         folder: Folder of the protocol.
-        robot: so101 for the arm behind lerobot; mock for a simulated arm, to practice.
+        robot: so101 for an SO-101 connected by LeRobot; mock for a simulated arm, to practice.
         arm_port: Serial port of the arm.
-        arm_id: Id under which lerobot keeps the calibration of the arm.
-        cameras: Cameras as NAME=INDEX or NAME=PATH; one is named front. For mock: names.
-        camera_size: Width and height of their images in pixels.
-        camera_rate_hz: Rate of the cameras.
-        limits: JSON file with safety limits that differ from the defaults, such as {"speed_rad_s": 1.0}.
-        repeat: Codes of trials with damaged files, as better real report names them; they come again, and what is left
-            of them is kept in FOLDER/aborted.
-        mock_faults: Faults of the mock as NAME=VALUE, such as stalled=elbow_flex after_s=1.
-        author: Name of the operator in the entries; the user's name if not given.
-        page: Serve the page.
-        host: Interface of the page; on 0.0.0.0 the token of the address is sent unencrypted.
-        port: Port of the page; 0 for any free one.
+        arm_id: Id of the arm's calibration in LeRobot.
+        cameras: Cameras as NAME=INDEX or NAME=PATH, one of them named front; for mock only names.
+        camera_size: Width and height of the images in pixels.
+        camera_rate_hz: Frame rate of the cameras.
+        limits: JSON file with non-default safety limits, such as {"speed_rad_s": 1.0}.
+        repeat: Codes of trials to repeat because their files are damaged, as listed by better real report; the damaged
+            files are kept in FOLDER/aborted.
+        mock_faults: Simulated faults of the mock arm as NAME=VALUE, such as stalled=elbow_flex after_s=1.
+        author: Name of the operator; default: the user name.
+        page: Show the page in the browser.
+        host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
+        port: Port to listen on; 0 for any free port.
     """
     from betterbench.cli.verbs.serve import stopped_by_signal
     from betterbench.real.page import OperatorPage
@@ -121,7 +121,7 @@ def _tell(text: str) -> None:
 
 
 def _named(texts: tuple[str, ...], option: str) -> dict[str, str]:
-    """Return NAME=VALUE texts as a mapping; raise InvalidInputError for another form or a name given twice."""
+    """Parse NAME=VALUE texts into a mapping. Raises InvalidInputError for other texts and duplicate names."""
     found: dict[str, str] = {}
     for text in texts:
         name, separator, value = text.partition("=")
@@ -138,7 +138,7 @@ def _so101(
 
     named = _named(cameras, "--cameras")
     if "front" not in named:
-        raise InvalidInputError("--cameras", "no camera is named front", "Give front=0; the twin is compared with it")
+        raise InvalidInputError("--cameras", "no camera is named front", "Give front=0; it is compared with the twin")
     return LeRobotArm(port, arm_id=arm_id, unit=plan.unit, cameras=named, size=size, rate_hz=rate_hz)
 
 
@@ -163,7 +163,7 @@ def _mock(plan: RealPlan, cameras: tuple[str, ...], size: tuple[int, int], fault
 
 
 def _limits(path: Path | None) -> SafetyLimits | None:
-    """Return the limits of a file."""
+    """Return the safety limits in a file."""
     from pydantic import TypeAdapter
 
     from betterbench.json_form import read_bounded, read_form
@@ -177,7 +177,7 @@ def _limits(path: Path | None) -> SafetyLimits | None:
 
 @contextmanager
 def _terminal_keys(session: RealSession, stopped: threading.Event, *, needed: bool) -> Iterator[None]:
-    """Obey keys of the terminal meanwhile. Without a terminal, lines of standard input, if they are needed."""
+    """Execute keys pressed in the terminal inside the context, or lines of standard input if there is no terminal."""
     if not sys.stdin.isatty():
         if needed:
             threading.Thread(target=_obey_lines, args=(session, stopped), daemon=True).start()
@@ -197,7 +197,7 @@ def _terminal_keys(session: RealSession, stopped: threading.Event, *, needed: bo
 
 
 def _obey_lines(session: RealSession, stopped: threading.Event) -> None:
-    """Obey lines: a key, and a note after it."""
+    """Execute lines of a key and an optional note."""
     for line in sys.stdin:
         key, _, note = line.rstrip("\n").partition(" ")
         if line.startswith(" "):
@@ -227,7 +227,7 @@ def _obey_keys(session: RealSession, stopped: threading.Event, read: Callable[[]
 
 
 def obey_key(session: RealSession, key: str, note: str, stopped: threading.Event) -> bool:
-    """Obey a key of the terminal, and return whether to go on."""
+    """Execute a key pressed in the terminal, and return whether to continue."""
     from betterbench.real.outcomes import OUTCOMES
     from betterbench.real.session import Command, Stage
 

@@ -1,4 +1,4 @@
-"""``better real sheet``: write the marker sheet of the real scene, to print."""
+"""``better real sheet``: write the marker sheet of the real scene for printing."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from betterbench.cli.console import OUT, say
 
 
 def sheet_command(*, out: Path, paper: Literal["a4", "letter", "whole"] = "a4", overwrite: bool = False) -> None:
-    """Write the marker sheet as PDF and SVG, true to scale: markers, slots, the place of the arm's base, and rulers.
+    """Write the marker sheet as PDF and SVG: markers, object slots, position of the arm's base, and rulers.
 
-    The sheet lies on the table around the arm while better real check-cameras measures the front camera, and while the
-    places of objects are marked. It has six pages on A4 or Letter, and an overview with instructions; whole is one page
-    of 795 x 410 mm for a print shop.
+    Lay the sheet on the table around the arm to measure the front camera (better real check-cameras) and to mark the
+    positions of objects. It has six pages of A4 or Letter and an overview with instructions, or one page of 795 x 410
+    mm for a print shop (whole).
 
     Example: better real sheet --out sheet --paper a4
 
@@ -27,5 +27,5 @@ def sheet_command(*, out: Path, paper: Literal["a4", "letter", "whole"] = "a4", 
 
     with OutputFolder(out, "real sheet", overwrite=overwrite):
         paths = write_sheet(out, paper)
-    say(f"wrote {len(paths)} files; print the PDF at 100 %, without fitting it to the page", whole=True)
+    say(f"wrote {len(paths)} files; print the PDF at 100 %, without scaling it to the page", whole=True)
     OUT.print(str(paths[0]), markup=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""``better real status``: what is done of a protocol and what comes next."""
+"""``better real status``: progress of a protocol, and the next trial."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ _TITLES = {
     "overridden": "forced",
     "operators": "entry",
 }
-"""Short titles of columns, so that a table fits into 80 characters."""
+"""Short column titles, so that the table fits into 80 characters."""
 _STEPS = ("late_steps", "held_steps", "limited_steps", "late_frames")
-"""Columns without room beside condition and policy."""
+"""Columns that are left out if condition and policy are shown."""
 
 
 def status_command(
     folder: Annotated[Path, tyro.conf.Positional], *, open_codes: bool = False, json: bool = False
 ) -> None:
-    """Show the state of a protocol: trials done, entries, attempts that do not count, late frames.
+    """Show the progress of a protocol: finished trials, entries, repeated attempts, and late frames.
 
-    Conditions and policies are not named beside codes, so that an operator or a judge may look at it. With
-    --open-codes, they are.
+    Conditions and policies of codes are hidden, so that operators and judges can use this command. --open-codes shows
+    them.
 
     Example: better real status bench
 
     Args:
         folder: Folder of the protocol.
-        open_codes: Name the condition and the policy of each trial that is done.
+        open_codes: Show the condition and the policy of each finished trial.
         json: Print one JSON document instead of tables.
     """
     from betterbench.real.record import read_run

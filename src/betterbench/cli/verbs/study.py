@@ -30,7 +30,7 @@ def study_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Train learners on confounded, balanced and covered demonstrations, evaluate them and compare them on one page.
+    """Train learners on confounded, balanced and covered demonstrations, and compare them on one page.
 
     For each task and arm (a way to choose the training data), learners are trained with each seed, evaluated on
     training conditions and all variations, and diagnosed. study.html then shows the size of each illusion gap, how much

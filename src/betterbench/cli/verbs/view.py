@@ -52,7 +52,7 @@ def view_command(
     from betterbench.sim.modalities.run import default_views, seen_quality
 
     named = tuple(ViewSpec.parse(text) for text in camera)
-    Wanted(named or (ViewSpec("front"),), quality=quality)  # raises for unknown names before reading the record
+    Wanted(named or (ViewSpec("front"),), quality=quality)  # reject unknown names before reading the record
     run, meta = run_of(record)
     path = out or Path(f"{meta.task}_{meta.condition}_{meta.seed}.html")
     if path.suffix not in (".rrd", ".html"):
@@ -78,7 +78,7 @@ def view_command(
 
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """Treat SIGTERM like Ctrl-C, so that partially written files are removed."""
+    """Handle SIGTERM like Ctrl-C, so that partially written files are removed."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         del number, frame

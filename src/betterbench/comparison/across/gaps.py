@@ -1,6 +1,7 @@
 """Illusion gaps across worlds: the drop in success when the scene changes, on paired trials or chains.
 
-A trial in LIBERO-PRO and its twin in the base suite share only the number of the initial state; the states differ.
+A trial in LIBERO-PRO and its twin in the base suite share only the index of the initial state. The states themselves
+differ.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ class WorldGap:
         world: "better60", "LIBERO-PRO", "LIBERO-Plus" or "CALVIN".
         change: Name of the change ("swap", "resampled"), or the LIBERO-Plus axis; "all variations" in betterbench's own
             suite.
-        base: Success rate without the change, or the share of subtasks solved in a row.
+        base: Success rate without the change, or for CALVIN the mean share of subtasks solved in a row.
         changed: The same rate with the change.
-        pairs: Number of trials that were run with and without the change.
+        pairs: Number of paired trials, run with and without the change.
         difference: ``base - changed`` as a fraction, with its interval.
-        p_value: p-value of the paired test, Holm-corrected over the policy's gaps; None if there is only an
-            interval (CALVIN's average length).
+        p_value: p-value of the paired test, Holm-corrected over the gaps of the policy. None for CALVIN's average
+            length, which has only an interval.
     """
 
     policy: str
@@ -51,7 +52,7 @@ class WorldGap:
 
 
 def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> tuple[WorldGap, ...]:
-    """Return every gap that can be computed from the runs of each policy, in run order.
+    """Return all gaps that the runs of each policy allow, in run order.
 
     A LIBERO-PRO gap needs a run of the base suite and a run of the changed suite. A gap in CALVIN needs the official
     and the resampled chains. The gap in betterbench's own suite is the metric of the diagnosis.
@@ -96,7 +97,10 @@ def _of_libero(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
 
 
 def _of_plus(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
-    """Return the gap for each LIBERO-Plus axis; all variants of a task are paired with the same base-suite trial."""
+    """Return the gap for each LIBERO-Plus axis.
+
+    All variants of a task are paired with the same trial of the base suite.
+    """
     pairs: dict[str, list[tuple[InitialState, bool]]] = {}
     for (name, seed), success in sorted(run.successes.items()):
         task, _, condition = name.partition("/")

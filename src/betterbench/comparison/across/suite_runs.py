@@ -1,4 +1,7 @@
-"""Outcomes of runs, each in one suite of one world. Every planned trial counts; unfinished trials are failures."""
+"""Outcomes of runs, each in one suite of one world.
+
+Every planned trial counts, and unfinished trials count as failures.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,10 @@ from betterbench.tasks.worlds.facts import OURS as OUR_WORLD
 from betterbench.tasks.worlds.libero import PLUS_SUITES
 
 OURS = OUR_SUITE
-"""Suite name for a run in betterbench's own scenes."""
+"""Suite name of runs in betterbench's own scenes."""
 
 InitialState = tuple[str, int]
-"""Task and seed (the index of the initial state), by which twins and policies are paired.
+"""Key for pairing trials with twins and across policies: the task, and the seed (index of the initial state).
 
 In LIBERO-Plus, the task is the name of a variant ("libero_object-03/camera_0_0_100_2_4").
 """
@@ -29,18 +32,18 @@ In LIBERO-Plus, the task is the name of a variant ("libero_object-03/camera_0_0_
 
 @dataclass(frozen=True, slots=True)
 class SuiteRun:
-    """One policy in one suite.
+    """Run of one policy in one suite.
 
     Attributes:
-        policy: Policy name; runs of the same name are one policy.
-        base: Name of the suite from which this suite was derived, or this suite's own name.
+        policy: Policy name. Runs with the same name belong to one policy.
+        base: Suite from which this suite was derived, or this suite itself.
         change: The change ("swap", "resampled"), or None.
-        protocol: Community protocol used for the run; empty for betterbench's own suite.
-        versions: Versions of the world's packages; numbers from different versions are not compared.
+        protocol: Published evaluation protocol of the run; empty for betterbench's own suite.
+        versions: Versions of the world's packages. Results from different versions are not comparable.
         successes: Whether each planned trial succeeded.
-        chains: The planned chains of CALVIN.
+        chains: Results of the planned CALVIN chains.
         unfinished: Planned trials that have not ended yet.
-        broken: Trials that failed to run and have no record.
+        broken: Trials that could not be run and have no record.
     """
 
     policy: str
@@ -62,7 +65,7 @@ class SuiteRun:
 
 
 def is_across(runs: Sequence[RunFolder]) -> bool:
-    """Return whether the runs span several suites or are chains; their labels then cannot be compared by trial."""
+    """Return whether the runs span several suites or contain chains."""
     suites = {_suite_of(run) for run in runs}
     return len(suites) > 1 or any(run.world.reading == "chains" for run in runs)
 
@@ -72,8 +75,7 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 
     Args:
         runs: Folders of the runs.
-        names: Name of each run's policy; runs with the same name share one policy's row. Default: the declared name of
-            the policy.
+        names: Policy name of each run. Runs with the same name share a row. Default: the name that the policy declared.
 
     Raises:
         InvalidInputError: If the numbers of names and runs differ, or a policy has two runs in the same suite.
@@ -160,10 +162,10 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
 
 
 def chain_result(chain: Chain, record: Record | None) -> ChainResult:
-    """Return a chain's result from its record; a chain without a record counts as not run.
+    """Return the result of a chain from its record. A chain without a record counts as not run.
 
     Raises:
-        RecordError: If the record has other subtasks.
+        RecordError: If the record contains other subtasks than the chain.
     """
     if record is None:
         return ChainResult(chain.number, ())

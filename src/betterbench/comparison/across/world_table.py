@@ -1,4 +1,4 @@
-"""The paper's Table 4 from runs: four LIBERO suites and their average, CALVIN's five rates and average length."""
+"""Table 4 of the paper, computed from runs: success in LIBERO's suites, and lengths of CALVIN's chains."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LIBERO_COLUMNS = {
     "libero_goal": "Goal",
     "libero_10": "Long",
 }
-"""Suites in the paper's table, with the names used there."""
+"""Suites in Table 4, with their names in the paper."""
 
 AVERAGE = "average"
 CALVIN = "calvin"
@@ -35,13 +35,13 @@ CALVIN = "calvin"
 
 @dataclass(frozen=True, slots=True)
 class WorldRow:
-    """Row of one policy.
+    """Table row of one policy.
 
     Attributes:
         policy: Its name.
-        suites: Success rate by name, for each of LIBERO's four suites that was run.
+        suites: Success rate by suite name, for the LIBERO suites that were run.
         average: Mean of the four rates with equal weights, with its interval; None unless all four suites were run.
-        chains: Results of its chains in CALVIN, or None.
+        chains: Results of its CALVIN chains, or None.
     """
 
     policy: str
@@ -66,7 +66,7 @@ class WorldContrast:
     Attributes:
         suite: Suite name; "average" for all four together.
         pairs: Number of initial states that both policies ran.
-        p_value: Exact McNemar test, after Holm's correction over the policy pair's suites.
+        p_value: p-value of the exact McNemar test, Holm-corrected over the suites of the pair of policies.
     """
 
     first: str
@@ -83,12 +83,12 @@ class WorldContrast:
 
 @dataclass(frozen=True, slots=True)
 class WorldTable:
-    """The table with comparisons of its rows.
+    """Table with comparisons of its rows.
 
     Attributes:
         contrasts: Comparisons between policy pairs in LIBERO.
-        chain_contrasts: Comparisons between policy pairs in CALVIN, with their names.
-        notes: Limits of the numbers.
+        chain_contrasts: Comparisons between policy pairs in CALVIN, with the names of both policies.
+        notes: Notes on the limits of the results.
     """
 
     rows: tuple[WorldRow, ...]
@@ -150,7 +150,7 @@ def _row(policy: str, by: Mapping[tuple[str, str], SuiteRun]) -> WorldRow:
 
 
 def _contrasts(a: str, b: str, by: Mapping[tuple[str, str], SuiteRun], alpha: float) -> list[WorldContrast]:
-    """Compare two policies in each shared suite, with p-values corrected together, and over all four suites."""
+    """Compare two policies in each shared suite and over all four suites. The p-values are corrected together."""
     pairs: dict[str, list[tuple[tuple[str, int], bool, bool]]] = {}
     for suite in LIBERO_COLUMNS:
         if (a, suite) in by and (b, suite) in by:
@@ -213,7 +213,10 @@ def _limits(runs: Sequence[SuiteRun]) -> list[str]:
         if run.unfinished:
             notes.append(f"{run.unfinished}/{run.planned} trials of {where} are not finished and count as failures.")
         if run.broken:
-            notes.append(f"{run.broken}/{run.planned} trials of {where} broke down and count as failures.")
+            notes.append(
+                f"{run.broken}/{run.planned} trials of {where} have no record because of an error and count "
+                f"as failures."
+            )
         if run.suite == CALVIN and len(run.chains) != 1000:
             notes.append(f"{where}: {len(run.chains)} of 1,000 chains; CALVIN's published numbers use all of them.")
         if run.suite in LIBERO_COLUMNS and run.protocol == "openpi" and run.planned != 500:

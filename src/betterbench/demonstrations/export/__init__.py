@@ -1,4 +1,4 @@
-"""Export of demonstrations from runs as data sets for policy training, in the layout of a policy preset.
+"""Export of demonstrations as data sets for policy training, in the layout of a policy preset.
 
 - ``job``, ``selection``, ``part``, ``frames``, ``actions``, ``layout``: the episodes and their columns.
 - ``lerobot``, ``lerobot_v21``, ``robomimic``, ``video``, ``language``, ``card``: the formats.

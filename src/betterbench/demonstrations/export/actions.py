@@ -1,4 +1,4 @@
-"""Action labels of a record in an action space: intended actions, or actions that command the same motion."""
+"""Action labels of a record in any action space."""
 
 from __future__ import annotations
 
@@ -27,15 +27,14 @@ from betterbench.sim.robots import robot_of_space
 def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
     """Return a record's actions in an action space, (n_steps, dim) float64.
 
-    In the action space of the record, these are exactly the intended actions: the applied ones, without the noise that
-    a demonstrator added. In another action space they are computed from the commands to the controller, which every
-    record
-    contains: the joint references at the end of each control step, or the corresponding pose. A delta is computed
-    from the sum of all earlier deltas, so it compensates for clipping of earlier deltas. Noise is removed from poses,
-    but not from joint references, because the controller's response to another pose is not recorded.
+    In the action space of the record, these are the intended actions: the executed actions without the noise that a
+    demonstrator added. For another action space, actions are computed from the recorded controller commands: the joint
+    references at the end of each control step, or the corresponding poses. Each delta is relative to the sum of all
+    earlier deltas, so it compensates for their clipping. Noise is removed from poses, but not from joint references,
+    because the controller's response to another pose is not recorded.
 
     Raises:
-        InvalidInputError: If the record lacks a reference of one of the joints, or the action space is unknown.
+        InvalidInputError: If the record does not have a reference for every joint, or the action space is unknown.
     """
     meant = _meant(record)
     if record.metadata.action_space == space.name:
@@ -65,7 +64,7 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
 def _openings(record: Record, space: ActionSpace) -> np.ndarray:
     """Return the commanded gripper openings (n_steps, 1) in an action space of the robot's own motors.
 
-    The gripper's servo is the last one.
+    The last joint reference is that of the gripper.
     """
     jaw, unit = robot_of_space(space.name).jaw, space.scale[-1]
     return np.array([[jaw.share_at(jaw.width_at_control(c)) / unit] for c in record.ctrl[1:, -1].tolist()])
@@ -78,7 +77,7 @@ def _noise(record: Record) -> float:
 
 
 def _meant(record: Record) -> np.ndarray:
-    """Return the intended actions (n_steps, dim), within the bounds of the record's action space."""
+    """Return the intended actions (n_steps, dim), clipped to the bounds of the record's action space."""
     if not _noise(record):
         return np.array(record.applied[1:])
     space = action_space(record.metadata.action_space)

@@ -27,7 +27,7 @@ STILL = 1e-3
 
 
 def card(dataset: Dataset, stats: Mapping[str, Stats]) -> str:
-    """Return the card; its front matter is for the Hugging Face hub."""
+    """Return the card as Markdown, with front matter for the Hugging Face hub."""
     source, layout = dataset.source, dataset.layout
     lengths = [len(episode) for episode in dataset.episodes]
     seconds = dataset.frames / dataset.rate_hz

@@ -1,4 +1,4 @@
-"""Check of a data set against the records from which it was made."""
+"""Comparison of a data set with the records from which it was exported."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from betterbench.records import Record, RunFolder
 from betterbench.tasks import TrialId
 
 MOST_MEAN_ERROR = 4.0
-"""Largest mean error of an image after the video codec, in levels of 255; see ``docs/export.md`` for usual values."""
+"""Maximum mean error of an image caused by the video codec, in levels of 255. Typical values are in ``docs/export.md``.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +63,7 @@ def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount 
     form: ImageForm = "png" if path.is_file() else source["images"]
     expected, episodes = ExpectedDataset(path, layout, form), source["episodes"]
     found = [_trial(runs, about) for about in episodes]
-    told = any("pairs" in about for about in episodes)  # an older export may not contain the pairs of twins
+    told = any("pairs" in about for about in episodes)  # exports of earlier versions do not contain the pairs of twins
     pairs = pairs_of(runs, found) if told else {}
     pictures, worst = 0, 0.0
     with _stored(path, expected, len(episodes)) as stored, Pictures(layout.cameras, source["quality"]) as drawn:
@@ -86,7 +87,7 @@ def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount 
 
 @contextmanager
 def _stored(path: Path, expected: ExpectedDataset, episodes: int) -> Iterator[LeRobotCheck | RobomimicCheck]:
-    """Open the comparison with a robomimic file or a LeRobot folder."""
+    """Open a robomimic file or a LeRobot folder for the comparison."""
     if path.is_dir():
         yield lerobot_check(path, expected, episodes)
         return
@@ -107,7 +108,7 @@ def _errors(
     where: str,
     most: float,
 ) -> Iterator[float]:
-    """Yield the mean error of each image that was rendered again, in levels.
+    """Yield the mean error of each image that was rendered again, in levels of 255.
 
     Raises InvalidInputError if an image is missing or its error exceeds ``most``.
     """
@@ -128,13 +129,13 @@ def _source_name(path: Path) -> str:
 
 
 def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
-    """Return the expected description of an episode's origin."""
+    """Return the expected metadata of an episode's record."""
     episode = expected.dataset.episodes[number]
     return {**episode.about, "record": episode.record}
 
 
 def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDataset) -> None:
-    """Compare the stored origin with records and layout.
+    """Compare the stored origin with the records and the layout.
 
     The omitted trials, package version, evaluation command, options digest and file sizes are not checked, because they
     cannot be derived from the records. The file digests are checked later.
@@ -154,14 +155,14 @@ def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDat
     }
     require_match(dict(source), wanted | stated, _source_name(path))
     if path.is_dir():
-        stored_source(path)  # reading the source checks the seal, which also covers the other fields
+        stored_source(path)  # reading the origin verifies its seal, which covers all other fields
     _compare_digests(path, source)
 
 
 def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
-    """Compare the bytes of all files with their stored digests, if the data set has digests.
+    """Compare all files with their stored digests, if the data set has any.
 
-    This also covers images that are not rendered again. An edited dataset card is ignored.
+    This includes images that are not rendered again. Changes to the dataset card are allowed.
     """
     if path.is_file():
         with intact(str(path)):
@@ -211,7 +212,7 @@ def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, Tr
 
 
 def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
-    """Return the mean image error in levels, or infinity if the image is missing or has another size."""
+    """Return the mean error of an image in levels of 255, or infinity if the image is missing or has another size."""
     if there is None or there.shape != wanted.shape:
         return float("inf")
     return float(np.abs(there.astype(np.int16) - wanted.astype(np.int16)).mean())

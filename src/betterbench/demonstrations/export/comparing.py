@@ -1,4 +1,4 @@
-"""Comparison of a data set with its expected content, which reports the first difference in one line."""
+"""Comparison of a data set with its expected content, with an error for the first difference."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import parse_json
 
 ReadPictures = Callable[[str, Sequence[int]], Mapping[int, np.ndarray]]
-"""Function that reads images of an episode, by column name and rows."""
+"""Function that reads the images of some rows of an episode, given the column name."""
 
 CURE = "Export it again into another folder"
 
@@ -23,11 +23,11 @@ LEVEL = "a number from 0 to 1"
 """Placeholder for the expected image statistics, which are not recomputed."""
 
 _CLOSE = 1e-9
-"""Maximum relative difference of a number; other versions of NumPy may sum in a different order."""
+"""Maximum relative difference of a number, because other versions of NumPy may sum in another order."""
 
 _ROOT = "$"
 _MOST_OF_A_FIELD = 200
-"""Maximum number of characters of a field name in a message; names come from external files."""
+"""Maximum length of a field name in a message, because names come from external files [characters]."""
 
 
 def require_match(there: object, wanted: object, where: str) -> None:
@@ -40,7 +40,7 @@ def require_match(there: object, wanted: object, where: str) -> None:
 
 
 def require_equal(there: object, wanted: object, where: str) -> None:
-    """Raise InvalidInputError unless two JSON values are equal in every type and number."""
+    """Raise InvalidInputError unless two JSON values are exactly equal, including types."""
     found = first_difference(there, wanted, _ROOT)
     if found is None:
         return
@@ -52,7 +52,7 @@ def require_equal(there: object, wanted: object, where: str) -> None:
 
 @contextmanager
 def intact(where: str) -> Iterator[None]:
-    """Turn any error in reading a part of a data set into an InvalidInputError."""
+    """Convert errors while reading a part of a data set into an InvalidInputError."""
     try:
         yield
     except BetterError:
@@ -66,11 +66,11 @@ _BROKEN = (
     OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, MemoryError,
     pa.ArrowException,
 )  # fmt: skip
-"""Exceptions raised when damaged or foreign files are read."""
+"""Exceptions that can occur when a damaged or unknown file is read."""
 
 
 def _settled(there: object, wanted: object) -> object:
-    """Return a value in which nearly equal numbers are replaced by the expected ones, and non-JSON types by strings."""
+    """Replace numbers close to the expected ones by these, and values that are not JSON by strings."""
     if isinstance(there, dict):
         known = wanted if isinstance(wanted, dict) else {}
         return {str(name): _settled(value, known.get(name)) for name, value in there.items()}

@@ -1,4 +1,4 @@
-"""Ordered episodes and description of a data set, the input of the writers for all formats."""
+"""Content of a data set, from which the writers of all formats generate files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.errors import RecordError
 
 @dataclass(frozen=True, slots=True)
 class FrameQuestion:
-    """A question about one frame of an episode, with its answer."""
+    """Question about a frame of an episode, with its answer."""
 
     row: int
     camera: str
@@ -24,7 +24,7 @@ class FrameQuestion:
 
 @dataclass(frozen=True, slots=True)
 class DatasetEpisode:
-    """One episode of a data set: the folder of its part, its description, and the digest of its record."""
+    """Episode of a data set: the folder with its data, its metadata, and the digest of its record."""
 
     folder: Path
     about: Mapping[str, Any]
@@ -37,10 +37,10 @@ class DatasetEpisode:
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """Episodes of a data set in order, with the layout and format in which they are written.
+    """Episodes of a data set in order, with their layout and file format.
 
     Attributes:
-        train: Number of training episodes, which come first; the others are for validation.
+        train: Number of training episodes, which come before the validation episodes.
         language: Whether to write LeRobot's language columns.
         source: Origin of the data: runs, versions, omitted trials, and the evaluation command.
     """
@@ -60,16 +60,16 @@ class Dataset:
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        """The distinct instructions, which task indices refer to."""
+        """Distinct instructions, numbered by task index."""
         return tuple(dict.fromkeys(str(episode.about["instruction"]) for episode in self.episodes))
 
     @property
     def subgoals(self) -> tuple[str, ...]:
-        """The distinct subgoals, which subtask indices refer to."""
+        """Distinct subgoals, numbered by subtask index."""
         return tuple(dict.fromkeys(name for episode in self.episodes for name in episode.about["subgoals"]))
 
     def parts(self) -> Iterator[Part]:
-        """Yield the content of each episode; raise RecordError if it was damaged after it was made."""
+        """Yield the content of each episode. Raises RecordError if a part has been damaged."""
         for episode in self.episodes:
             part = read_part(episode.folder, self.layout)
             if part is None:
@@ -78,7 +78,7 @@ class Dataset:
 
 
 def splits(dataset: Dataset) -> dict[str, str]:
-    """Return the episode ranges for training and, if there are any, for validation, in LeRobot's notation."""
+    """Return the ranges of training and validation episodes in LeRobot's notation, without an empty range."""
     total = len(dataset.episodes)
     ranges = {"train": f"0:{dataset.train}"}
     return ranges if dataset.train == total else ranges | {"validation": f"{dataset.train}:{total}"}

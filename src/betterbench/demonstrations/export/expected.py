@@ -1,4 +1,4 @@
-"""Expected content of a data set, computed from its records as by the writers, to check an export."""
+"""Expected content of a data set, computed from its records in the same way as by the writers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.tasks import TrialId
 
 
 class ExpectedDataset:
-    """Expected episodes of a data set, collected from its records without images and questions."""
+    """Expected episodes of a data set without images and questions, added record by record."""
 
     def __init__(self, path: Path, layout: DatasetLayout, form: ImageForm) -> None:
         self.path, self.layout, self.form = path, layout, form
@@ -34,7 +34,7 @@ class ExpectedDataset:
         self._first: list[int] = [0]
 
     def add(self, record: Record, digest: str, numbers: Numbers, pairs: Sequence[str] | None) -> Part:
-        """Add the next episode, and return it with empty files for its images.
+        """Add the next episode, and return it without images.
 
         Raises InvalidInputError if its control rate differs from that of earlier episodes.
         """
@@ -61,7 +61,8 @@ class ExpectedDataset:
     def divided(self, train: int, where: str, said: str) -> Dataset:
         """Return the data set with ``train`` training episodes.
 
-        If no validation share gives this split, raises InvalidInputError that quotes ``said`` from the file ``where``.
+        Raises InvalidInputError, with the text ``said`` from the file ``where``, if no validation share gives this
+        split.
         """
         trials = [TrialId(e.about["task"], e.about["condition"], e.about["seed"]) for e in self.dataset.episodes]
         if not is_split(trials, train):
@@ -78,7 +79,7 @@ class ExpectedDataset:
         return self._open(self._totals.stats())
 
     def _open(self, stats: dict[str, Stats]) -> dict[str, Stats]:
-        """Return statistics with placeholders for image levels, because only their shape and count are known."""
+        """Return statistics with placeholders for image statistics, of which only shape and count are known."""
         levels: Any = [[[LEVEL]]] * 3
         opened = {
             name: {what: value if what == "count" else levels for what, value in stats[name].items()}

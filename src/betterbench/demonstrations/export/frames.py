@@ -1,4 +1,4 @@
-"""Frames of an episode: the observation of each control step, and the action label."""
+"""Frames of an episode: observation and action label of each control step."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ DONE = "done"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Numbers:
-    """Frames of an episode without their images.
+    """Frames of an episode without images.
 
     Attributes:
         vectors: (N, size) by column: states and action.
-        subgoals: (N,) current subgoal of the demonstrator.
+        subgoals: (N,) name of the current subgoal.
     """
 
     vectors: Mapping[str, np.ndarray]
@@ -34,7 +34,7 @@ class Numbers:
 
 
 def frame_numbers(record: Record, layout: DatasetLayout) -> Numbers:
-    """Return the numeric columns of all frames, except of the last state, which no action follows.
+    """Return the numeric columns of all frames. The last state has no action and is left out.
 
     Raises InvalidInputError if the motion cannot be expressed in the preset's action space.
     """
@@ -64,7 +64,7 @@ def shown_images(
     pictures: Iterator[Mapping[str, np.ndarray]],
     rows: Collection[int] | None = None,
 ) -> Iterator[dict[str, np.ndarray]]:
-    """Yield the images that the policy would see, by column, for some or all frames, from the camera images."""
+    """Convert camera images to the policy's input images, and yield them by column for some or all frames."""
     observed = (o for o in _observations(record) if rows is None or o.step in rows)
     for seen, views in zip(observed, pictures, strict=True):
         by_key = layout.adapter.images(replace(seen, images=views))
@@ -75,7 +75,7 @@ def shown_images(
 def active_subgoals(record: Record) -> tuple[str, ...]:
     """Return the subgoal of each frame in words ("pack burger"), or :data:`DONE` after the last subgoal.
 
-    The segments come from the record, or are derived from the record as for demonstrations.
+    The segments are read from the record, or computed from its states.
 
     Raises UnknownNameError if the record has no segments, and its task or condition is unknown.
     """

@@ -1,8 +1,8 @@
-"""Export job: several workers make the episodes, and the complete data set is then moved to its path.
+"""Export job: workers write the episodes, and the complete data set is then moved to its path.
 
-All files are made in a hidden folder next to the target, ``.NAME.parts``. Complete episodes are reused, and a single
-rename moves the finished data set to its path, so the set is either complete or absent. The bytes depend only on the
-records and the options.
+All files are written to a hidden folder next to the target, ``.NAME.parts``, in which a resumed export finds complete
+episodes. A single rename moves the finished data set to its path, so it is either complete or absent. The bytes depend
+only on the records and the options.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 logger = logging.getLogger(__name__)
 
 EXPORT_VERSION = 1
-"""Version of the export's content, increased when the same records give different frames."""
+"""Version of the export, increased if the same records give different frames."""
 
 SOURCE_FILE = "meta/betterbench.json"
 """File that describes the origin of a data set."""
 README = "README.md"
-"""Dataset card, which the owner may edit."""
+"""Dataset card, which users may edit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class ExportPlan:
         form: Image format; always lossless for robomimic.
         quality: Render preset; None for the runs' preset.
         validation: Share of the seeds held out for validation.
-        language: Whether to write LeRobot's language columns, which LeRobot 0.6 and newer read.
+        language: Whether to write LeRobot's language columns, which LeRobot reads from version 0.6.
         questions: Folder of a question set about the frames, or None.
         overwrite: Whether to replace another data set of betterbench, or for robomimic any other file.
     """
@@ -137,7 +137,7 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount |
 
 
 def _checked(plan: ExportPlan) -> ExportPlan:
-    """Return the plan with the settings that its format prescribes; raise InvalidInputError for conflicting options."""
+    """Return the plan with the settings required by its format. Raises InvalidInputError for conflicting options."""
     if plan.to == "robomimic":
         require_h5py()
         plan = replace(plan, form="png")
@@ -156,7 +156,7 @@ def _checked(plan: ExportPlan) -> ExportPlan:
 
 
 def _quality(plan: ExportPlan) -> str:
-    """Return the render preset by name; raise InvalidInputError if the runs differ and none is given."""
+    """Return the name of the render preset. Raises InvalidInputError if none is given and the runs differ."""
     if plan.quality is not None:
         return quality_preset(plan.quality).name
     forms = [run.plan.get("quality", "standard") for run in plan.runs]
@@ -191,7 +191,7 @@ def _pairs(plan: ExportPlan) -> dict[tuple[int, TrialId], list[str]]:
 def pairs_of(
     runs: Sequence[RunFolder], demonstrations: Sequence[tuple[int, TrialId]]
 ) -> dict[tuple[int, TrialId], list[str]]:
-    """Return the ids of the twin pairs of each demonstration, by run index and trial. Runs without twins have none."""
+    """Return the ids of the twin pairs that each demonstration belongs to, by run index and trial."""
     found: dict[tuple[int, TrialId], list[str]] = {}
     for number, run in enumerate(runs):
         chosen = {trial for of, trial in demonstrations if of == number}
@@ -203,7 +203,7 @@ def pairs_of(
 
 
 def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
-    """Return the settings that, together with the record, determine an episode's frames."""
+    """Return the settings that determine an episode's frames, in addition to the record."""
     video = VIDEO_SETTINGS if plan.form == "video" else {}
     return {"version": EXPORT_VERSION, "layout": plan.layout.to_json(), "quality": quality, "form": plan.form, **video}
 
@@ -214,7 +214,7 @@ def _part_folder(staging: Path, plan: ExportPlan, quality: str, demonstration: C
 
 
 def _remove_leftover(staging: Path) -> None:
-    """Remove leftovers of a killed process, unless another process exports to the same place with other options."""
+    """Remove leftovers of a killed process, unless another process is exporting to the same path with other options."""
     if staging.is_dir():
         with contextlib.suppress(RunConflictError, OSError), RunLock(staging / LOCK_NAME):
             shutil.rmtree(staging, ignore_errors=True)
@@ -257,7 +257,7 @@ def _digest(file: Path) -> str | None:
 
 
 def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
-    """Return whether to replace the content of the path: only with ``overwrite``, and only our own folders."""
+    """Return whether to replace the content of the path. This requires ``overwrite``, and a folder must be ours."""
     if not plan.overwrite or out.is_symlink():
         return False
     there = None
@@ -283,7 +283,7 @@ def stored_source(folder: Path) -> dict[str, Any]:
 
 
 def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_progress: OnCount | None) -> int:
-    """Make the missing parts, and return their number."""
+    """Write the missing parts, and return their number."""
     wanted = {_part_folder(staging, plan, quality, d): d for d in plan.selection.demonstrations}
 
     def make(pictures: Pictures, folder: Path) -> None:
@@ -340,14 +340,14 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
         whole / SOURCE_FILE,
         json_bytes(sealed_form({**dataset.source, "version": 2, "files": files, "sha256": digests})),
     )
-    if out.exists():  # an older data set to replace; it is deleted with the hidden folder
+    if out.exists():  # the replaced data set is deleted together with the hidden folder
         shutil.rmtree(replaced, ignore_errors=True)
         out.rename(replaced)
     whole.replace(out)
 
 
 def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Dataset:
-    """Return the data set assembled from the parts, training episodes first, with its origin."""
+    """Assemble the data set from the parts, training episodes first."""
     shown = plan.selection.demonstrations
     asked = questions_of(question_set(plan.questions), plan.layout, shown) if plan.questions else {}
     pairs = _pairs(plan)
@@ -372,7 +372,7 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
 
 
 def validation_seeds(seeds: set[int], share: float) -> set[int]:
-    """Return the validation seeds; whole seeds are held out, because the conditions of a seed share their layout.
+    """Return the validation seeds. All conditions of a seed share its layout, so they are held out together.
 
     At least one seed remains for training.
     """
@@ -408,9 +408,9 @@ def origin_of(
 
 
 def is_split(trials: Sequence[TrialId], train: int) -> bool:
-    """Return whether some validation share makes the first ``train`` trials the training trials.
+    """Return whether a validation share exists for which the first ``train`` trials are the training trials.
 
-    The share itself is not stored. Complete seeds are held out, and their trials come last.
+    The share is not stored. All trials of a held-out seed are held out, and they come last.
     """
     held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
     first = sorted(trial for trial in trials if trial.seed not in held_out)
@@ -441,7 +441,7 @@ def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[st
         words.append("--suite better60")
     else:
         words.append(f"--tasks {' '.join(map(shell_word, sorted(set(tasks))))} --trials 3")
-    words += map(shell_word, options_by_name(tasks))  # a data set may be shared, and its users have the files elsewhere
+    words += map(shell_word, options_by_name(tasks))  # data sets are shared, and other users keep these files elsewhere
     return " ".join([*words, "--out RUN"])
 
 

@@ -19,8 +19,8 @@ PERSISTENT, EVENTS = "language_persistent", "language_events"
 def language_columns(dataset: Dataset, number: int, part: Part) -> dict[str, pa.Array]:
     """Return the two columns of an episode.
 
-    ``language_persistent`` lists in every frame all subgoals with their start time [s]; ``language_events`` lists the
-    questions and answers about a frame in that frame, with the name of the image column.
+    ``language_persistent`` contains all subgoals with their start times [s], repeated in every frame.
+    ``language_events`` contains the questions and answers about each frame, with the name of the image column.
     """
     times = (np.arange(len(part)) / dataset.rate_hz).astype(np.float32)
     changes = [row for row in range(len(part)) if row == 0 or part.subgoals[row] != part.subgoals[row - 1]]
@@ -42,7 +42,7 @@ def _said(role: str, text: str, style: str) -> dict[str, Any]:
 
 
 def _column(rows: list[list[dict[str, Any]]], *, timed: bool) -> pa.Array:
-    # pyarrow cannot build an array of its JSON type from Python values, but casts strings to it.
+    # pyarrow cannot create an array of its JSON type from Python values, but can cast strings to it.
     return pa.array(rows, pa.list_(_entry(pa.string(), timed=timed))).cast(pa.list_(_entry(pa.json_(), timed=timed)))
 
 

@@ -1,6 +1,7 @@
-"""Columns of a data set: a policy's inputs and outputs in a preset, under the names expected by its trainer.
+"""Columns of a data set: inputs and outputs of a policy preset, under the names that the trainer expects.
 
-The policy's adapter computes every column, so a policy is trained on exactly the inputs that ``better eval`` sends.
+Every column is computed by the policy's adapter, so a policy is trained on exactly the inputs that ``better eval``
+sends.
 """
 
 from __future__ import annotations
@@ -28,10 +29,10 @@ NumberType = Literal["float32", "float64", "int64"]
 IMAGES, STATE, ACTION = "observation.images.", "observation.state", "action"
 
 _OBSERVATIONS = ("default", "droid", "official")
-"""Observation presets, in the order in which they are searched for the cameras of a layout."""
+"""Observation presets, in the order of the search for the cameras of a layout."""
 
 _REPEATED = {"openpi_droid": {"exterior_image_2_left": "exterior_image_1_left"}}
-"""Columns required by a trainer's configuration but not used by the policy; they repeat another column.
+"""Columns that a trainer's configuration requires but the policy does not use, as copies of another column.
 
 openpi's ``LeRobotDROIDDataConfig`` expects a second exterior image, which its policy does not use.
 """
@@ -39,7 +40,7 @@ openpi's ``LeRobotDROIDDataConfig`` expects a second exterior image, which its p
 
 @dataclass(frozen=True, slots=True)
 class ImageColumn:
-    """One image per frame: column, key in the policy's request, camera, and size [pixel]."""
+    """Image column: name, key in the policy's request, camera, and size [pixel]."""
 
     name: str
     key: tuple[str, ...]
@@ -50,7 +51,7 @@ class ImageColumn:
 
 @dataclass(frozen=True, slots=True)
 class VectorPart:
-    """Components ``start`` to ``end`` of a column, with their key in a request or reply."""
+    """Range ``start`` to ``end`` of a column's components, with its key in a request or reply."""
 
     key: tuple[str, ...]
     start: int
@@ -58,13 +59,13 @@ class VectorPart:
 
     @property
     def name(self) -> str:
-        """The name without prefix, as in GR00T's modality.json."""
+        """Name without prefix, as in GR00T's modality.json."""
         return name_of(self.key).replace("/", "_")
 
 
 @dataclass(frozen=True, slots=True)
 class VectorColumn:
-    """One vector per frame, with the names of its components."""
+    """Vector column, with the names of its components."""
 
     name: str
     parts: tuple[VectorPart, ...]
@@ -79,11 +80,11 @@ class VectorColumn:
 
 @dataclass(frozen=True, slots=True)
 class DatasetLayout:
-    """The columns of a data set.
+    """Columns of a data set.
 
     Attributes:
-        adapter: Adapter that fills them.
-        observation: Preset that ``better eval --observation`` renders for the policy.
+        adapter: Adapter that computes the columns.
+        observation: Observation preset for evaluating the policy (``better eval --observation``).
         copies: Image columns that repeat another column.
         robot: Name of the robot.
     """
@@ -123,14 +124,14 @@ class DatasetLayout:
 
 
 def layout_of(name: str, observation: str | None = None, *, robot: str | None = None) -> DatasetLayout:
-    """Return a preset's layout.
+    """Return the layout of a preset.
 
-    ``observation`` is the observation preset for evaluating the policy; by default the first preset with all required
-    cameras. ``robot`` is the name of the robot in the records, by default a robot that executes the preset's actions.
+    ``observation`` is the observation preset for evaluating the policy, by default the first preset with all required
+    cameras. ``robot`` is the robot in the records, by default one that supports the preset's actions.
 
     Raises:
-        UnknownNameError: If no such preset exists, or the robot does not execute its actions.
-        InvalidInputError: If only another world executes its actions, or the observation preset lacks a required
+        UnknownNameError: If the preset does not exist, or the robot does not support its actions.
+        InvalidInputError: If only another world supports its actions, or the observation preset lacks a required
             camera.
     """
     adapter = own_preset(name)
@@ -149,7 +150,7 @@ def layout_of(name: str, observation: str | None = None, *, robot: str | None = 
 
 
 def robot_of_runs(runs: Sequence[RunFolder]) -> str:
-    """Return the robot of some runs by name; raise InvalidInputError if they differ."""
+    """Return the name of the robot in some runs. Raises InvalidInputError if the runs differ."""
     names = sorted({str(run.plan.get("robot", USUAL_ROBOT)) for run in runs})
     if len(names) > 1:
         raise InvalidInputError(
@@ -182,13 +183,13 @@ def _is_openpi(name: str) -> bool:
 
 
 def _image_name(adapter: str, key: tuple[str, ...]) -> str:
-    """Return the column of an image: openpi's own names, or LeRobot's."""
+    """Return the column name of an image, as in openpi or LeRobot."""
     bare = name_of(key).removeprefix(IMAGES).rpartition("/")[2]
     return bare if _is_openpi(adapter) else IMAGES + bare
 
 
 def _states(adapter: Adapter, joints: int) -> tuple[VectorColumn, ...]:
-    """Return the state columns: one for all state parts, or one per part if the trainer or precision requires it."""
+    """Return the state columns: one for all state parts, or one per part where the trainer requires it."""
     columns: list[VectorColumn] = []
     parts: list[VectorPart] = []
     names: list[str] = []
@@ -205,13 +206,13 @@ def _states(adapter: Adapter, joints: int) -> tuple[VectorColumn, ...]:
 
 
 def _components(rule: StateRule, joints: int) -> tuple[str, ...]:
-    """Return the component names of a state, for an arm with this number of joints."""
+    """Return the component names of a state for the given number of arm joints."""
     sizes = [(part, columns.stop - columns.start) for part, columns in rule.columns(joints)]
     return tuple(name for part, size in sizes for name in _part_names(part, size))
 
 
 def _part_names(part: str, size: int) -> tuple[str, ...]:
-    """Return the component names of a state part; a part in motor units is named after the motors."""
+    """Return the component names of a state part. Components in motor units have the names of the motors."""
     if part in ROBOT_ACTION_SPACES:
         return ROBOT_ACTION_SPACES[part].components
     return (part,) if size == 1 else tuple(f"{part}.{i}" for i in range(size))
@@ -237,7 +238,7 @@ def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
 
 
 def _action(adapter: Adapter) -> VectorColumn:
-    """Return the action column, whose values are the answers expected from the policy."""
+    """Return the action column, which contains the replies expected from the policy."""
     parts, names = [], list[str]()
     for key, size in adapter.answer.columns.items():
         parts.append(VectorPart(key, len(names), len(names) + size))

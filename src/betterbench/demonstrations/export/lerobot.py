@@ -1,4 +1,4 @@
-"""Writer of LeRobot data sets: the parts shared by format versions 2.1 and 3.0, and version 3.0 itself.
+"""Writer of LeRobot data sets of version 3.0, with functions shared with version 2.1.
 
 Source of the format: huggingface/lerobot, ``src/lerobot/datasets`` of 0.4.4 and 0.6.1 (``utils.py``,
 ``lerobot_dataset.py``, ``dataset_metadata.py``, ``language.py``).
@@ -30,7 +30,7 @@ CHUNK_FILES = 1000
 """Maximum number of files in a folder ``chunk-NNN``."""
 
 MOST_FILE_BYTES = 100 * 1024 * 1024
-"""Maximum size of a frame file before compression, and of a video [byte]; episodes are never split."""
+"""Maximum size of a frame file before compression, and of a video file [byte]. Episodes are not split."""
 
 SUBTASK = "subtask_index"
 
@@ -71,7 +71,7 @@ def features(dataset: Dataset) -> dict[str, dict[str, Any]]:
 
 
 def frame_table(dataset: Dataset, number: int, part: Part, *, first: int) -> pa.Table:
-    """Return an episode's frames as a table with LeRobot's columns; ``first`` is the index of its first frame."""
+    """Return an episode's frames as a table with LeRobot's columns. ``first`` is the index of its first frame."""
     rows = len(part)
     columns: dict[str, pa.Array] = {}
     for name, files in part.pngs.items():
@@ -124,7 +124,7 @@ class Totals:
         self._sampled += part.sampled
 
     def stats(self) -> dict[str, Stats]:
-        """Return the statistics by column; quantiles are computed over all frames, not averaged over episodes."""
+        """Return the statistics by column. Quantiles are computed over all frames instead of averaged over episodes."""
         found = {name: image_stats(levels, self._sampled) for name, levels in self._levels.items()}
         return found | {name: vector_stats(np.concatenate(values)) for name, values in self._vectors.items()}
 
@@ -132,7 +132,7 @@ class Totals:
 def write_v30(folder: Path, dataset: Dataset) -> dict[str, Stats]:
     """Write a data set of version 3.0 into an empty folder, and return its statistics.
 
-    Raises RecordError if a part was damaged, OSError if a file cannot be written.
+    Raises RecordError if a part is damaged, and OSError if a file cannot be written.
     """
     first, totals, rows = starts(dataset.episodes), Totals(), list[dict[str, Any]]()
     frames = _FrameFiles(folder)
@@ -191,7 +191,7 @@ def info_v30(dataset: Dataset) -> dict[str, Any]:
 def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
     """Return an episode's row in ``meta/episodes`` without locations and statistics.
 
-    Our own fields begin with ``better/``.
+    The names of our own fields begin with ``better/``.
     """
     episode = dataset.episodes[number]
     about = episode.about
@@ -215,7 +215,7 @@ def stats_fields(stats: Mapping[str, Stats]) -> dict[str, Any]:
 
 
 def file_fields(kind: str, number: int) -> dict[str, int]:
-    """Return the fields of ``meta/episodes`` that locate an episode's file, by its number.
+    """Return the fields of ``meta/episodes`` for the number of an episode's file.
 
     ``kind`` is "data" or "videos/COLUMN".
     """
@@ -251,7 +251,7 @@ class _FrameFiles(_Files):
         self._tables: list[pa.Table] = []
 
     def add(self, table: pa.Table) -> dict[str, int]:
-        """Add an episode, and return the fields that locate it."""
+        """Add an episode, and return the fields with its location."""
         if self._tables and self._bytes + table.nbytes > MOST_FILE_BYTES:
             self.close()
             self._number += 1
@@ -270,7 +270,7 @@ class _FrameFiles(_Files):
 
 
 class _VideoFiles(_Files):
-    """Writer of the video files of one camera column; each file contains several consecutive episodes."""
+    """Writer of the video files of one camera column. Each file contains several consecutive episodes."""
 
     def __init__(self, folder: Path, column: str, rate_hz: int) -> None:
         super().__init__(f"videos/{column}")
@@ -303,7 +303,7 @@ def _vector(values: np.ndarray, column: VectorColumn) -> pa.Array:
 
 
 def _hub_features(dataset: Dataset) -> dict[str, Any]:
-    """Return the column types in the notation of the ``datasets`` library, which older readers need."""
+    """Return the column types in the format of the ``datasets`` library, for earlier readers."""
     found: dict[str, Any] = {}
     for name, feature in features(dataset).items():
         if feature["dtype"] in ("video", "language"):
@@ -325,7 +325,7 @@ def index_tables(dataset: Dataset) -> dict[str, pa.Table]:
 
 
 def _indexed(name: str, words: Sequence[str]) -> pa.Table:
-    """Return a table of text indices, with the texts as pandas index."""
+    """Return a table of indices, with the texts as pandas index."""
     table = pa.table({f"{name}_index": pa.array(range(len(words)), pa.int64()), name: pa.array(words, pa.string())})
     kinds = {f"{name}_index": ("int64", "int64"), name: ("unicode", "object")}
     described = {

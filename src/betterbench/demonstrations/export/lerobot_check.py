@@ -30,7 +30,7 @@ _RANGE = re.compile(r"0:([0-9]{1,9})")
 
 @dataclass(slots=True)
 class _Frames:
-    """Current frame file, with the number of its rows used by the episodes so far."""
+    """Open frame file, with the number of rows read so far."""
 
     name: str
     table: pa.Table
@@ -38,20 +38,20 @@ class _Frames:
 
 
 class LeRobotCheck(ABC):
-    """Check of all content except images, their statistics, and the questions in the language columns.
+    """Check of a data set, except images, image statistics, and questions in the language columns.
 
     Attributes:
-        listed_in: Folders of which trainers read every Parquet file.
+        listed_in: Folders in which trainers read every Parquet file.
     """
 
     listed_in: Sequence[str]
 
     def __init__(self, path: Path, expected: ExpectedDataset, info: Any, listed: Sequence[Any]) -> None:  # noqa: ANN401 - JSON
-        """Prepare for a data set.
+        """Initialize the check of a data set.
 
         Args:
             path: Its folder.
-            expected: Collects the expected episodes, one after the other.
+            expected: Expected content, to which the episodes are added one by one.
             info: Its ``meta/info.json``.
             listed: Entry of each episode in ``meta``.
         """
@@ -60,7 +60,7 @@ class LeRobotCheck(ABC):
         self._names: set[str] = set()
 
     def episode(self, number: int, part: Part) -> ReadPictures:
-        """Compare the most recently added expected episode, and return a reader of its images."""
+        """Compare the last added expected episode, and return a reader for its images."""
         self.compare_listed(number, part)
         dataset, first = self.expected.dataset, self.expected.first(number)
         wanted = lerobot.frame_table(dataset, number, part, first=first)
@@ -75,14 +75,14 @@ class LeRobotCheck(ABC):
         return self._pictures(number, table)
 
     def finish(self) -> None:
-        """Compare the dataset-level data, after the last episode."""
+        """Compare the data about the complete data set. Call it after the last episode."""
         self._close()
         known = {self.path / name for name in (*self._names, lerobot.EPISODES_FILE)}
         for kind in self.listed_in:
             for file in sorted((self.path / kind).rglob("*.parquet")):
                 if file not in known:
                     raise InvalidInputError(
-                        str(file), "trainers would read this file, but it belongs to no episode", CURE
+                        str(file), "this file does not belong to any episode, but trainers would read it", CURE
                     )
         splits = self.info.get("splits")
         train = str(splits.get("train")) if isinstance(splits, dict) else "absent"
@@ -97,7 +97,7 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def compare_meta(self, dataset: Dataset) -> None:
-        """Compare the other files of ``meta``."""
+        """Compare the remaining files of ``meta``."""
 
     @abstractmethod
     def frames_name(self, number: int) -> str:
@@ -105,10 +105,10 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the name of an episode's video, and the index of the episode's first frame in it."""
+        """Return the name of an episode's video file, and the index of its first frame in the file."""
 
     def same_json(self, file: str, wanted: object) -> None:
-        """Compare a file of JSON."""
+        """Compare a JSON file."""
         require_match(_json(self.path / file), wanted, str(self.path / file))
 
     def _open(self, name: str, wanted: pa.Table) -> pa.Table:
@@ -137,7 +137,7 @@ class LeRobotCheck(ABC):
 
 
 class CheckOfV30(LeRobotCheck):
-    """Check of version 3.0: ``meta/episodes`` locates episodes, and trainers count rows from the first file."""
+    """Check of version 3.0. ``meta/episodes`` has the locations of episodes, and trainers count rows over all files."""
 
     listed_in = ("data", "meta/episodes")
 
@@ -147,7 +147,7 @@ class CheckOfV30(LeRobotCheck):
         self._shown: dict[str, int] = {}
 
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare an episode's row: its locations, times and statistics."""
+        """Compare an episode's row in ``meta/episodes``: locations, times and statistics."""
         there, dataset = self.listed[number], self.expected.dataset
         wanted = lerobot.episode_row(dataset, number, self.expected.first(number))
         wanted |= lerobot.file_fields("data", self._file("data", there))
@@ -195,7 +195,7 @@ class CheckOfV30(LeRobotCheck):
 
 
 class CheckOfV21(LeRobotCheck):
-    """Check of version 2.1: each episode has its own files, found by name."""
+    """Check of version 2.1, in which each episode has its own files."""
 
     listed_in = ("data",)
 
@@ -227,11 +227,11 @@ class CheckOfV21(LeRobotCheck):
         self.same_json("meta/info.json", lerobot_v21.info_v21(dataset))
 
     def frames_name(self, number: int) -> str:
-        """Return the file name required by the version."""
+        """Return the file name required by the format version."""
         return lerobot_v21.frames_file(number)
 
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the file name required by the version; a video contains one episode."""
+        """Return the file name required by the format version. A video file contains one episode."""
         return lerobot_v21.video_file(column, number), 0
 
 
@@ -254,7 +254,7 @@ def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRob
 
 
 def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
-    """Compare an episode's frames; for images, compare only the names."""
+    """Compare the frames of an episode. Of images, only the file names are compared."""
     if len(table) != len(wanted):
         raise InvalidInputError(where, f"has {len(table)} rows, expected {len(wanted)}", CURE)
     for name in wanted.column_names:
@@ -268,18 +268,18 @@ def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
 
 
 def _types(schema: pa.Schema) -> dict[str, str]:
-    """Return the type of each column, with list items named alike (Parquet versions use two names)."""
+    """Return the type of each column, with a uniform name for list items, which depends on the Parquet version."""
     return {column.name: str(column.type).replace("<element: ", "<item: ") for column in schema}
 
 
 def _index_form(table: pa.Table) -> dict[str, Any]:
-    """Return the content of an index file as read by a trainer: rows, types, and the pandas index column."""
+    """Return the relevant content of an index file: rows, types, and the pandas index column."""
     described = parse_json((table.schema.metadata or {}).get(b"pandas", b"{}"))
     return {"rows": table.to_pylist(), "types": _types(table.schema), "index": described.get("index_columns")}
 
 
 def _at(video: str, number: int) -> np.ndarray | None:
-    """Return one frame of a video, or None past its end."""
+    """Return a frame of a video, or None after its end."""
     found = next(read_pictures(video, first=number), None)
     return found[1] if found is not None and found[0] == number else None
 

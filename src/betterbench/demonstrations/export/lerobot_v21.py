@@ -81,7 +81,7 @@ def episode_line(dataset: Dataset, number: int) -> dict[str, Any]:
 
 
 def stats_line(number: int, stats: Mapping[str, Stats]) -> dict[str, Any]:
-    """Return an episode's line in ``meta/episodes_stats.jsonl``; the quantiles of its statistics are left out."""
+    """Return the line of an episode in ``meta/episodes_stats.jsonl``, without quantiles."""
     return {"episode_index": number, "stats": without_quantiles(stats)}
 
 
@@ -95,12 +95,12 @@ def index_lines(dataset: Dataset) -> dict[str, list[dict[str, Any]]]:
 
 
 def kept_stats(whole: Mapping[str, Stats]) -> dict[str, Stats]:
-    """Return ``meta/stats.json`` from the statistics with all quantiles; openpi and GR00T read two quantiles."""
+    """Return ``meta/stats.json``, with the two quantiles that openpi and GR00T read."""
     return without_quantiles(whole, kept=("q01", "q99"))
 
 
 def modality(layout: DatasetLayout) -> dict[str, Any] | None:
-    """Return GR00T's ``meta/modality.json``, which names each state and action slice.
+    """Return GR00T's ``meta/modality.json`` with the names of state and action slices.
 
     The result is None for a layout without the columns that GR00T's loader needs (``observation.state`` and
     ``action``).

@@ -16,13 +16,13 @@ MOST_SAMPLED = 32
 _LEVELS = 256
 
 Stats = dict[str, Any]
-"""Values by name of the statistic; ``count`` is the number of frames."""
+"""Values by name of the statistic. ``count`` is the number of frames."""
 
 
 def vector_stats(values: np.ndarray) -> Stats:
     """Return the statistics of a column, (N, size): mean, population standard deviation, quantiles and so on.
 
-    They are computed in float64; quantiles are interpolated linearly.
+    They are computed in float64. Quantiles are interpolated linearly.
     """
     numbers = np.asarray(values, dtype=np.float64).reshape(len(values), -1)
     found: Stats = {
@@ -37,7 +37,7 @@ def vector_stats(values: np.ndarray) -> Stats:
 
 
 def sampled_rows(rows: int) -> set[int]:
-    """Return the rows of an episode whose images are included in the statistics."""
+    """Return the rows of an episode whose images are used for the statistics."""
     return {round(row) for row in np.linspace(0, rows - 1, min(rows, MOST_SAMPLED))}
 
 

@@ -50,7 +50,7 @@ _MAX_INDEX_BYTES = 1 << 26
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """Exported episode in a representation shared by all formats.
+    """Exported episode, independent of the output format.
 
     Attributes:
         vectors: (N, size) by column.
@@ -76,7 +76,7 @@ class Part:
 def write_part(
     folder: Path, record: Record, layout: DatasetLayout, pictures: Iterator[Mapping[str, np.ndarray]], form: ImageForm
 ) -> None:
-    """Compute an episode and write it into a folder. The index is written last and marks the episode as complete.
+    """Export an episode into a folder. Its index is written last, so its presence means that the episode is complete.
 
     Raises OSError, the rendering errors, and the same errors as
     :func:`~betterbench.demonstrations.export.frames.frame_numbers`.
@@ -130,7 +130,7 @@ class _Images:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _About:
-    """Fields read from a part's description of its record; see :func:`about`."""
+    """Metadata of an episode that is read from a part, see :func:`about`."""
 
     seed: int
     rows: Annotated[int, Field(ge=1)]
@@ -142,7 +142,7 @@ class _About:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PartIndex:
-    """Index of a part: its files, color counts and description, stored with a seal.
+    """Index of a part with its files, color histograms and metadata, stored with a seal.
 
     Attributes:
         files: SHA-256 of its other files by name.
@@ -157,7 +157,7 @@ class PartIndex:
     about: dict[str, Any]
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for a file name that contains a path, or an incomplete episode description."""
+        """Raise InvalidInputError if a file name contains a path, or metadata are incomplete."""
         if _NUMBERS not in self.files or any(Path(name).name != name for name in self.files):
             raise InvalidInputError("files", "expected the file names of a part", "Export the part again")
         read_form(_ABOUT, self.about, where="about", cure="Export the part again")
@@ -206,7 +206,7 @@ def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
 
 
 def about(record: Record, subgoals: Sequence[str]) -> dict[str, Any]:
-    """Return an episode's description in a data set."""
+    """Return the metadata of an episode in a data set."""
     m = record.metadata
     return {
         "task": m.task,
@@ -228,14 +228,14 @@ def about(record: Record, subgoals: Sequence[str]) -> dict[str, Any]:
 
 
 def png(picture: np.ndarray) -> bytes:
-    """Return a picture as a PNG file."""
+    """Encode an image as PNG."""
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, "PNG", compress_level=PNG_LEVEL)
     return buffer.getvalue()
 
 
 def read_png(data: bytes) -> np.ndarray:
-    """Return the image of a PNG file from any source; raise ValueError if it is damaged or not a PNG file."""
+    """Decode an untrusted PNG file. Raises ValueError if it is damaged or not a PNG file."""
     try:
         with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
             return np.asarray(image)
@@ -244,7 +244,7 @@ def read_png(data: bytes) -> np.ndarray:
 
 
 def parquet_bytes(table: pa.Table) -> bytes:
-    """Return a table as a Parquet file with one row group; the bytes are reproducible within one installation."""
+    """Return a table as a Parquet file with one row group. The bytes are reproducible within one installation."""
     buffer = io.BytesIO()
     pq.write_table(table, buffer, row_group_size=max(1, table.num_rows), compression="snappy", write_statistics=False)
     return buffer.getvalue()

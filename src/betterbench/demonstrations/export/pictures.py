@@ -1,4 +1,4 @@
-"""Images of recorded states, exactly as a policy observes them."""
+"""Images of recorded states, identical to those that a policy observes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.sim.scenes.limited import LimitedView
 
 
 class Pictures:
-    """Renderer of recorded states from the cameras of an observation preset, in a limited process.
+    """Renderer of recorded states with the cameras of an observation preset, in a limited process.
 
     A context manager.
     """
@@ -49,7 +49,7 @@ class Pictures:
             yield {name: sight["rgb"] for name, sight in zip(self._names, sights, strict=True)}
 
     def stop(self) -> None:
-        """End the process from another thread; the rendering thread then gets a RecordError."""
+        """End the process from another thread. The rendering thread then gets a RecordError."""
         self._view.stop()
 
     def close(self) -> None:

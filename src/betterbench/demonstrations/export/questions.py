@@ -14,7 +14,7 @@ from betterbench.vqa.dataset import QuestionSet, read_set
 
 
 def question_set(path: Path) -> QuestionSet:
-    """Return the question set in a folder, or next to its JSON lines file; raises the errors of ``read_set``."""
+    """Return the question set in a folder, or of a JSON lines file. Raises the errors of ``read_set``."""
     return read_set(path.parent if path.is_file() else path)
 
 
@@ -23,8 +23,8 @@ def questions_of(
 ) -> dict[str, tuple[FrameQuestion, ...]]:
     """Return the questions of a set about some records, by SHA-256 of the record.
 
-    Questions about cameras outside the layout are omitted, and so are boxes and points in images that are resized.
-    Options of a choice are listed with letters below the text.
+    Questions about cameras outside the layout are omitted, and so are questions about boxes and points in resized
+    images. Options of a multiple-choice question are listed with letters below the text.
 
     Raises InvalidInputError if no question is left.
     """

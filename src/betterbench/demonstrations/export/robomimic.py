@@ -25,12 +25,12 @@ from betterbench.installation import missing_extra
 from betterbench.json_form import open_ordinary, parse_json, say_unsealed
 
 GYM_TYPE = 2
-"""robomimic's number for environments of Gym (``robomimic/envs/env_base.py``)."""
+"""Type number of Gym environments in robomimic (``robomimic/envs/env_base.py``)."""
 
 _GZIP = 1
 
 _MOST_PACKED = 1100
-"""Maximum compression ratio of an array; gzip compresses zeros 1032 to 1."""
+"""Maximum accepted compression ratio of an array. gzip compresses zeros by 1032 to 1."""
 _LEAST_STORED = 4096
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -38,11 +38,11 @@ _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _DIGEST = "better_sha256"
 """Attribute with the digest of all other content of the file."""
 _SOURCE = "better"
-"""HDF5 data set with the origin, next to ``data``; an attribute would be limited to 64 kB."""
+"""HDF5 data set with the origin, next to ``data``. An attribute would be limited to 64 kB."""
 
 
 def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
-    """Write the file and return its column statistics; each image is one gzip-compressed chunk.
+    """Write the file and return the column statistics. Each image is a gzip-compressed chunk.
 
     Raises:
         MissingDependencyError: If h5py is not installed.
@@ -68,7 +68,7 @@ def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
 
 
 def require_same_content(path: Path, *, cure: str, raises: type[BetterError] = RunConflictError) -> None:
-    """Raise an error if a file has changed since it was written; log a warning if it has no digest."""
+    """Raise an error if a file has changed since it was written. Log a warning if it has no digest."""
     try:
         with open_stored(path) as file:
             told = file.attrs.get(_DIGEST)
@@ -84,7 +84,7 @@ def require_same_content(path: Path, *, cure: str, raises: type[BetterError] = R
 
 
 def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
-    """Return the SHA-256 over names, attributes, types, shapes and values of all plain objects in a file."""
+    """Return the SHA-256 of the names, attributes, types, shapes and values of all objects in a file."""
     whole = hashlib.sha256()
 
     def attributes(item: Any) -> dict[str, Any]:  # noqa: ANN401 - of h5py
@@ -109,18 +109,19 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
 
 
 class _StrangeError(ValueError):
-    """Raised for content that betterbench never writes."""
+    """Raised for content that betterbench does not write."""
 
 
 def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
-    """Open an untrusted file for reading after checking that it has no links and stores all of its content.
+    """Open an untrusted file for reading. It must not contain links, and must store all of its content itself.
 
-    HDF5 would follow links into other files, wait for a named pipe, and fill memory with data that is not stored.
+    Otherwise, HDF5 would follow links into other files, wait for a named pipe, or fill memory with data that is not
+    stored.
 
     Raises:
         MissingDependencyError: If h5py is not installed.
         OSError: If it cannot be opened.
-        ValueError: If an object is a link, occurs twice, is in another file or is not stored.
+        ValueError: If an object is a link, occurs twice, is stored in another file or is not stored.
     """
     open_ordinary(path).close()  # HDF5 would wait for a pipe
     file = open_hdf5(path, "r")
@@ -133,7 +134,7 @@ def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
 
 
 def _require_plain(file: Any) -> None:  # noqa: ANN401 - a file of h5py
-    """Raise _StrangeError if an object cannot come from :func:`write_robomimic`."""
+    """Raise _StrangeError if :func:`write_robomimic` cannot have written an object."""
     h5py = _h5py()
     seen, groups = {_address(file)}, [file]
     while groups:
@@ -149,7 +150,7 @@ def _require_plain(file: Any) -> None:  # noqa: ANN401 - a file of h5py
 
 
 def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: ANN401 - an object of h5py
-    """Return the reason why an object cannot come from betterbench, or an empty string if it can."""
+    """Return the reason why betterbench cannot have written an object, or an empty string."""
     h5py = _h5py()
     if _address(item) in seen:
         return "is another name of an earlier object"
@@ -177,7 +178,7 @@ def demo_name(number: int) -> str:
 
 
 def demo_attributes(episode: DatasetEpisode) -> dict[str, Any]:
-    """Return the attributes of a demonstration; ``better`` is JSON."""
+    """Return the attributes of a demonstration. ``better`` contains JSON."""
     return {
         "num_samples": len(episode),
         "instruction": str(episode.about["instruction"]),
@@ -186,7 +187,7 @@ def demo_attributes(episode: DatasetEpisode) -> dict[str, Any]:
 
 
 def data_attributes(dataset: Dataset) -> dict[str, Any]:
-    """Return the attributes of ``data``; ``env_args`` is JSON."""
+    """Return the attributes of ``data``. ``env_args`` contains JSON."""
     return {"total": dataset.frames, "env_args": json.dumps(_environment(dataset), sort_keys=True)}
 
 
@@ -198,7 +199,7 @@ def masks(dataset: Dataset) -> dict[str, list[str]]:
 
 
 def frame_arrays(part: Part, layout: DatasetLayout) -> dict[str, np.ndarray]:
-    """Return all arrays of a demonstration except images, by their data set name in HDF5."""
+    """Return all arrays of a demonstration except images, by HDF5 name."""
     done = np.zeros(len(part))
     done[-1] = 1.0
     return {
@@ -215,12 +216,12 @@ def observation_name(column: str) -> str:
 
 
 def open_hdf5(path: Path, mode: str) -> Any:  # noqa: ANN401 - a file of h5py
-    """Open an HDF5 file; raise MissingDependencyError if h5py is not installed, OSError if it cannot be opened."""
+    """Open an HDF5 file. Raises MissingDependencyError without h5py, and OSError if the file cannot be opened."""
     return _h5py().File(path, mode, libver="v110" if mode == "w" else None)
 
 
 def is_hdf5(path: Path) -> bool:
-    """Return whether a file is an HDF5 file, judged by its first bytes and not its name."""
+    """Return whether the first bytes of a file are those of an HDF5 file."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(_SIGNATURE)) == _SIGNATURE

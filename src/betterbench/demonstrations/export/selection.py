@@ -13,10 +13,10 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True)
 class ChosenTrial:
-    """One record to export.
+    """Record to export.
 
     Attributes:
-        run: Its run's index in the given runs.
+        run: Index of its run in the list of runs.
         digest: SHA-256 of the record's file.
         scene_hash: Name of the stored scene for its images.
     """
@@ -29,7 +29,7 @@ class ChosenTrial:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Demonstrations in data set order, and the number of trials left out for each reason."""
+    """Selected demonstrations in order, and the number of omitted trials by reason."""
 
     demonstrations: tuple[ChosenTrial, ...]
     left_out: Mapping[str, int]
@@ -45,7 +45,7 @@ def select_demonstrations(
     Raises:
         RecordError: If a record is missing, is damaged, or differs from the record in the journal.
         UnknownNameError: If no run has a requested task.
-        InvalidInputError: If no trial is left, a record occurs twice, or records of a task have different versions.
+        InvalidInputError: If no trial is left, a record occurs twice, or the records of a task have different versions.
     """
     found: list[ChosenTrial] = []
     left_out: Counter[str] = Counter()
@@ -83,12 +83,12 @@ def select_demonstrations(
 def _require_one_version(
     versions: dict[str, tuple[str, JournalEntry]], entry: JournalEntry, of_task: int, of_suite: str
 ) -> None:
-    """Remember the version of a task's demonstrations, and reject a second version."""
+    """Check that all demonstrations of a task have the same version."""
     version = f"version {of_task} of the task and {of_suite} of the suite"
     before, first = versions.setdefault(entry.task, (version, entry))
     if version != before:
         problem = f"it was recorded with {version}, {first.key} with {before}"
-        raise InvalidInputError(f"record of {entry.key}", problem, "Make data sets of one version only")
+        raise InvalidInputError(f"record of {entry.key}", problem, "Export each version separately")
 
 
 def _require_once(found: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> None:
@@ -101,7 +101,7 @@ def _require_once(found: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> No
 
 
 def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:
-    """Return the reason, from the journal, why a trial is not exported, or an empty string."""
+    """Return the reason why a trial is not exported, or an empty string."""
     if entry.status != "done":
         return "not finished"
     if tasks and entry.task not in tasks:

@@ -32,7 +32,7 @@ VIDEO_SETTINGS = {
     "effort": EFFORT,
     "group": GROUP,
 }
-"""Settings of the video encoder; stored with the data set."""
+"""Settings of the video encoder, which are stored with the data set."""
 
 _BITEXACT = {"fflags": "+bitexact"}  # so that the file does not contain library versions
 
@@ -59,7 +59,7 @@ class VideoWriter:
         self._container.mux(self._stream.encode(frame))
 
     def finish(self) -> bytes:
-        """Return the file; raise InvalidInputError if there was no image."""
+        """Return the encoded file. Raises InvalidInputError if there was no image."""
         if self._stream is None:
             raise InvalidInputError("video", "it has no images", "Leave out the episode")
         self._container.mux(self._stream.encode(None))
@@ -78,13 +78,13 @@ class VideoWriter:
 
 
 def require_even(width: int, height: int) -> None:
-    """Raise InvalidInputError if a side of an image is odd, which the pixel format does not support."""
+    """Raise InvalidInputError if the width or height of an image is odd, which the pixel format does not support."""
     if width % 2 or height % 2:
         raise InvalidInputError("--images", f"a video cannot have {width} x {height} pixels", "Give --images png")
 
 
 def join(videos: Sequence[bytes], *, rate_hz: int) -> bytes:
-    """Return the concatenation of several videos, without encoding again.
+    """Concatenate videos without encoding them again.
 
     All videos must come from :class:`VideoWriter`, with images of the same size.
     """
@@ -111,7 +111,7 @@ def join(videos: Sequence[bytes], *, rate_hz: int) -> bytes:
 
 
 def read_pictures(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield index and image, (height, width, 3) uint8, of each video frame from ``first`` on.
+    """Yield index and image, (height, width, 3) uint8, of the video frames from ``first`` on.
 
     Raises InvalidInputError if it cannot be read.
     """

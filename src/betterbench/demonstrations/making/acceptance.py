@@ -1,4 +1,4 @@
-"""Acceptance rates of attempts by task, source and region, with the causes of failure."""
+"""Acceptance rates of attempts by task, source and region, with failure reasons."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from betterbench.records import RunFolder
 from betterbench.tasks import Task, TrialId
 
 FOLDER = "acceptance"
-"""Folder within a run for the report and its videos."""
+"""Folder of the report and its videos in a run."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Attempts of one kind, and how many of them were accepted."""
+    """Number of attempts, and number of accepted attempts."""
 
     accepted: int
     attempts: int
 
     @property
     def rate(self) -> float | None:
-        """Share of accepted attempts, or None without attempts."""
+        """Fraction of accepted attempts, or None without attempts."""
         return round(self.accepted / self.attempts, 4) if self.attempts else None
 
     def __str__(self) -> str:
-        """Return the counts and the share, for people."""
+        """Return the counts and the percentage as text."""
         rate = self.rate
         return "–" if rate is None else f"{self.accepted}/{self.attempts} ({100.0 * rate:.0f} %)"
 
@@ -50,22 +50,22 @@ class ConditionCoverage:
 
     @property
     def filled(self) -> float:
-        """Number of factor levels with a demonstration, relative to the largest possible number."""
+        """Number of factor levels with a demonstration, divided by the largest possible number."""
         return round(sum(f.filled for f in self.factors) / len(self.factors), 4) if self.factors else 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class TaskAcceptance:
-    """Outcomes of the attempts at one task.
+    """Outcomes of the attempts at a task.
 
     Attributes:
         attempts: All attempts.
         starts: Number of initial states, and number of initial states with a demonstration.
         steps: Control steps of the accepted demonstrations.
-        sources: Attempts by the primary source.
+        sources: Attempts by primary source.
         regions: Attempts by cell of a slot's jitter region, "slot first 0" to "slot first 8".
         failures: Failed attempts by kind.
-        examples: The first failed attempt of each kind: trial, attempt number, reason.
+        examples: First failed attempt of each kind: trial, attempt number and reason.
         coverage: Coverage by training condition.
     """
 
@@ -82,15 +82,15 @@ class TaskAcceptance:
 
 @dataclass(frozen=True, slots=True)
 class Acceptance:
-    """Outcomes of a run's attempts, computed from its records only and without durations.
+    """Outcomes of the attempts in a run, computed from its records without durations.
 
     Attributes:
         policy: Name of the demonstrator in the records.
         sha256: Set hash.
         demonstrations: Number of demonstrations.
         tasks: Outcome counts by task.
-        variety: Differences between the demonstrations, by task; None if no condition has two.
-        sources: Differences between the source demonstrations of an amplified set; None if their folder is missing.
+        variety: Variety of the demonstrations by task; None if no condition has two demonstrations.
+        sources: Variety of the source demonstrations of an amplified set; None if their folder is missing.
     """
 
     policy: str
@@ -102,7 +102,7 @@ class Acceptance:
 
     @property
     def mean_rate(self) -> float | None:
-        """Mean, over the tasks, of the fraction of accepted attempts."""
+        """Mean fraction of accepted attempts over all tasks."""
         rates = [t.attempts.rate for t in self.tasks if t.attempts.rate is not None]
         return round(sum(rates) / len(rates), 4) if rates else None
 
@@ -116,7 +116,7 @@ class Acceptance:
 
 
 def acceptance_of(run: RunFolder, *, on_progress: OnCount | None = None) -> Acceptance:
-    """Return the attempt outcomes of a demonstration run, and the differences between accepted demonstrations.
+    """Return the outcomes of the attempts in a run of demonstrations, and the variety of the demonstrations.
 
     Args:
         run: The run.
@@ -137,7 +137,7 @@ def acceptance_of(run: RunFolder, *, on_progress: OnCount | None = None) -> Acce
 
 
 def _of_sources(method: Method, tasks: Sequence[str]) -> tuple[TaskVariety, ...]:
-    """Return the differences between the sources of a run, or None if they are missing or were replaced."""
+    """Return the variety of the sources of a run, or None if they are missing or have changed."""
     folder = Path(method.sources)
     if not method.sources or not (folder / "run.json").exists():
         return ()
@@ -191,10 +191,9 @@ def write_acceptance(
 
     Args:
         run: The run.
-        found: Outcome counts of its attempts.
-        films: File of each film, relative to the page, by task and kind of failure; or the reason why the film is
-            missing.
-        pictures: File of each path picture, relative to the page, by task; or the reason why it is missing.
+        found: Outcomes of its attempts.
+        films: File of each film relative to the page, or the reason why it is missing, by task and kind of failure.
+        pictures: File of each path picture relative to the page, or the reason why it is missing, by task.
     """
     folder = run.inside(FOLDER)
     text = json_text(found.to_json(), indent=1) + "\n"
@@ -251,9 +250,9 @@ def _failure_lines(t: TaskAcceptance, films: Mapping[tuple[str, str], str]) -> l
 
 
 def _coverage_lines(t: TaskAcceptance) -> list[str]:
-    """Return a Markdown table of the demonstrations per factor level and condition.
+    """Return a Markdown table of the number of demonstrations per factor level and condition.
 
-    If an attempt was rejected, the region with the lowest acceptance rate follows.
+    If any attempt was rejected, the region with the lowest acceptance rate is added.
     """
     lines = ["| condition | factor | demonstrations per level | rarest level against the mean |", "|---|---|---|---|"]
     for c in t.coverage:

@@ -1,4 +1,4 @@
-"""Amplifier: a demonstrator for new scenes that transfers the skills of source demonstrations."""
+"""Amplifier: demonstrator that transfers the skills of source demonstrations to new scenes."""
 
 from __future__ import annotations
 
@@ -27,20 +27,22 @@ from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM
 from betterbench.tasks.relations import relation
 
 SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
-"""How to choose a source demonstration: at random, by the most similar object pose, or by the motion that begins
-nearest to the arm."""
+"""Choice of a source demonstration: at random, by the most similar object pose, or by the motion that begins closest to
+the arm.
+"""
 
 NEAREST, NEAREST_SHARE = 3, 0.5
-"""Maximum number and share of nearest neighbors among which a source is drawn with equal probability."""
+"""Maximum number and maximum share of nearest neighbors from which a source is drawn uniformly."""
 OTHER_INSTANCE_M = 0.05
-"""Penalty added to the distance between two objects if they are different instances of one category [m]."""
+"""Penalty in the distance between two objects of one category if they are different instances [m]."""
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
-"""Distances from the pose of the gripper change at which a skill may begin, tried in this order [m]; the motion before
-is transit."""
+"""Distances from the pose of the gripper change at which a skill may begin, in the order in which they are tried [m].
+The motion before belongs to the transit.
+"""
 TURN_RAD = math.pi / 8.0
-"""Angle between two neighboring grasps of an object that may be grasped from any side [rad]."""
+"""Angle between neighboring grasps of an object that can be grasped from any side [rad]."""
 TURNS_RAD = tuple(sign * step * TURN_RAD for step in (2, 4, 6) for sign in (1.0, -1.0))
-"""Rotations about its own axis tried for an object that can be grasped from any side [rad]."""
+"""Rotations about the object's axis to try, for an object that can be grasped from any side [rad]."""
 SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
 """Distance [m] and angle [rad] from its goal within which the arm counts as settled, and maximum number of control
 steps to wait before the gripper moves.
@@ -48,19 +50,19 @@ steps to wait before the gripper moves.
 STILL_M, STILL_STEPS = 2e-4, 2
 """Finger motion below which the fingers count as still [m], and number of still steps before a lift."""
 LEAVE_M = 0.10
-"""Height by which the tool retreats from the released object at the end, if the source did not retreat [m]."""
+"""Height by which the tool retreats from the released object at the end if the source does not retreat [m]."""
 NOISE_BLOCK = 256
-"""Number of control steps for which noise is drawn at once."""
+"""Number of control steps for which noise is drawn in one block."""
 MOST_DEVIATIONS = 5.0
-"""Largest noise [standard deviations]; the check of a replay accepts up to 6."""
+"""Maximum noise [standard deviations]. The check of a replay accepts up to 6."""
 TEMPO = 1.4
-"""Maximum factor by which a skill's speed is changed to give the demonstration one tempo throughout."""
+"""Maximum factor by which the speed of a skill is changed to match the tempo of the demonstration."""
 TEMPO_DRAWN = 0.1
 """Largest relative difference between the tempo of a demonstration and the tempo of its primary source."""
 ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.05
-"""Maximum displacement of a transit's midpoint from that of its source: sideways, down and up [m]."""
+"""Maximum displacement of the midpoint of a transit relative to its source: sideways, down and up [m]."""
 LAST_STEPS = 60
-"""Number of control steps after the last skill within which the goal must be met."""
+"""Maximum number of control steps from the last skill until the goal is met."""
 PRESS_M = 0.004
 """Distance by which a drawer is pushed beyond its stop [m], as by the expert."""
 FULL_M = 0.003
@@ -69,12 +71,13 @@ FULL_M = 0.003
 
 @dataclass(frozen=True, slots=True)
 class AmplifierSettings:
-    """Settings for transferring sources to a scene.
+    """Settings for the transfer of source demonstrations to a scene.
 
     Attributes:
-        select: How to choose the source for each subgoal.
+        select: Choice of the source for each subgoal.
         action_noise: Standard deviation of the noise on executed actions, in action units of translation (5 cm) and
-            rotation (0.5 rad). No noise is added to the gripper, or while the arm settles or the gripper moves.
+            rotation (0.5 rad). The gripper command has no noise. No noise is added while the arm settles or the gripper
+            moves.
     """
 
     select: SourceChoice = "nearest_object"
@@ -92,14 +95,14 @@ class _Hand:
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A candidate skill for the transfer.
+    """Transferred skill that can be executed next.
 
     Attributes:
-        source: The skill of the source.
-        moved: The skill in this scene.
-        change: Difference between its transit and the source's transit.
-        hand: Gripper state in the transit.
-        touched: Objects that the robot may touch in the skill.
+        source: Skill of the source.
+        moved: The same skill in this scene.
+        change: Difference between its transit and the transit of the source.
+        hand: State of the gripper during the transit.
+        touched: Objects that the robot may touch during the skill.
     """
 
     source: SourceSkill
@@ -116,7 +119,7 @@ class _WayIn:
     Attributes:
         poses: Corners of a planned path, or one pose per control step of a transferred transit.
         planned: Whether the path was found by the planner.
-        begin: Skill step at which the approach ends.
+        begin: Step of the skill at which the path ends.
     """
 
     poses: tuple[Pose, ...]
@@ -125,17 +128,17 @@ class _WayIn:
 
 
 class Amplifier:
-    """Demonstrator that uses the privileged state, like the expert, and the motions of source demonstrations.
+    """Demonstrator that uses the privileged state, as the expert does, and the motions of source demonstrations.
 
     Attributes:
-        used: Names of the sources, one per skill that was started.
+        used: Names of the sources, one for each started skill.
         failure: Reason why the attempt failed, or None.
     """
 
     def __init__(
         self, scene: Scene, library: Library, lead: Source, settings: AmplifierSettings, draw: np.random.Generator
     ) -> None:
-        """Prepare for one attempt.
+        """Initialize for one attempt.
 
         Args:
             scene: The scene.
@@ -186,14 +189,14 @@ class Amplifier:
             run.close()
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
-        """Return the action to execute: the last action with noise, or unchanged while the arm settles.
+        """Return the action to execute: the last action plus noise, without noise while the arm settles.
 
         Out-of-range values are clipped on execution.
         """
         if self._quiet or not self._settings.action_noise:
             return action
         if self._drawn >= len(self._block):
-            # drawn in blocks to save time in a control step
+            # drawn in blocks to save time
             drawn = self._noise.standard_normal((NOISE_BLOCK, 7)).clip(-MOST_DEVIATIONS, MOST_DEVIATIONS)
             drawn[:, 6] = 0.0
             self._block, self._drawn = self._settings.action_noise * drawn, 0
@@ -202,7 +205,7 @@ class Amplifier:
         return noisy
 
     def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield the actions of an episode. If the primary source has no skills, the arm does not move."""
+        """Yield the actions of an episode. The arm stays still if the primary source has no skills."""
         self._quiet = not self._lead.skills
         while not self._lead.skills:
             state = yield delta_action(state.commanded_pose, state.commanded_pose, 0.0)
@@ -218,7 +221,7 @@ class Amplifier:
         raise AttemptFailedError("misplaced", self._what_is_open(state))
 
     def _what_is_open(self, state: WorldState) -> str:
-        """Describe the subgoals of the primary source that are not reached."""
+        """Describe the unmet subgoals of the primary source."""
         for s in self._lead.segments:
             if s.subgoal and not relation(s.relation).holds(state, s.object, s.target, s.region):
                 return f"{s.subgoal}: {s.object} is not {s.relation} {s.target}{'.' if s.region else ''}{s.region}"
@@ -227,7 +230,7 @@ class Amplifier:
     def _carry_out(
         self, state: WorldState, window: SkillWindow, source: str | None
     ) -> Generator[np.ndarray, WorldState, tuple[WorldState, str | None]]:
-        """Execute one skill of the primary source, from the first source whose transfer is possible."""
+        """Execute one skill of the primary source, with the motion of the first source that can be transferred."""
         if window.kind == "place" and state.held != window.object:
             raise AttemptFailedError("dropped", f"{window.object} was lost on the way to {window.target}")
         slide_m = self._slide_m(state, window) if window.kind == "slide" else 0.0
@@ -259,11 +262,11 @@ class Amplifier:
         raise AttemptFailedError("no free way", f"{what}: none of the sources can be transferred ({why})")
 
     def _drawn_turn(self) -> float:
-        """Return the rotation of a grasp if any side is allowed [rad]: one step between neighboring grasps, or none."""
+        """Return the rotation of the grasp of an object that can be grasped from any side [rad]."""
         return TURN_RAD * float(self._draw.integers(-1, 2))
 
     def _slide_m(self, state: WorldState, window: SkillWindow) -> float:
-        """Return the distance to move a drawer [m]: to close it, or to open it as far as the primary source did."""
+        """Return the distance to close a drawer, or to open it as far as the primary source did [m]."""
         opening = distance(state.pose(window.object).position, self._shut[window.object].position)
         lead = next(s for s in self._lead.skills if s.window == window)
         if lead.slid_m < 0.0:
@@ -275,9 +278,9 @@ class Amplifier:
     def _ordered(
         self, state: WorldState, key: tuple[str, str, str, str, str], window: SkillWindow, source: str | None
     ) -> list[SourceSkill]:
-        """Return the matching skills from all sources in the order in which they are tried.
+        """Return the matching skills of all sources in the order in which they are tried.
 
-        A placement is first tried with the source of the pick, because the object is then held in the same way.
+        For a placement, the source of the pick is tried first, because the object is then held in the same way.
         """
         found = list(self._library.skills(key))
         found = [found[i] for i in self._draw.permutation(len(found))]
@@ -292,7 +295,10 @@ class Amplifier:
         return found
 
     def _from_object(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return the distance between a skill's object or target in source and scene; 1 rad is weighted as 1 m."""
+        """Return the distance between the pose of a skill's object or target in the source and in the scene.
+
+        1 rad counts as 1 m.
+        """
         here = state.pose(window.object) if window.kind != "place" else state.pose(window.target)
         there = skill.object_pose if window.kind != "place" else skill.target_pose
         other = skill.asset.identity != self._planner.asset(window.object).identity
@@ -300,7 +306,7 @@ class Amplifier:
         return distance(there.position, here.position) + turned + OTHER_INSTANCE_M * other
 
     def _from_robot(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return the distance from the arm to the start of the skill; 1 rad is weighted as 1 m."""
+        """Return the distance from the arm to the start of the skill. 1 rad counts as 1 m."""
         found = next((moved for _, moved in self._candidates(state, window, [skill], skill.slid_m)), None)
         if found is None:
             return float("inf")
@@ -317,11 +323,11 @@ class Amplifier:
         *,
         turn_rad: float = 0.0,
     ) -> Iterator[tuple[SourceSkill, CarriedOver]]:
-        """Yield skills transferred to this scene, in two variants for objects that may be rotated freely.
+        """Yield skills transferred to this scene, with variants for objects that may have any rotation.
 
-        For an object that may be grasped from any side, the grasp is first rotated about the object's axis by
-        ``turn_rad``; if all skills are blocked, other sides are tried. If a container is filled differently than in the
-        source, the object may be released at another goal of the expert, if demonstrations release objects there.
+        For an object that can be grasped from any side, the grasp is first rotated about the object's axis by
+        ``turn_rad``. If all skills are blocked, other rotations are tried. If a container is filled differently than in
+        the source, the object may be released at another goal of the expert at which demonstrations release objects.
         """
         asset = self._planner.asset(window.object)
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
@@ -348,7 +354,7 @@ class Amplifier:
                 yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn)
 
     def _is_trained(self, state: WorldState, window: SkillWindow, foot: tuple[float, float, float]) -> bool:
-        """Return whether demonstrations release objects at a base position [m]; True if this was not measured."""
+        """Return whether demonstrations release objects at a base position [m], or True if this was not measured."""
         trained = self._trained(window.target, window.relation, window.region)
         if trained is None:
             return True
@@ -357,7 +363,7 @@ class Amplifier:
         return near and abs(trained.off_mm(1000.0 * foot[2])) <= SURE * HEIGHT_MM
 
     def _way_in(self, state: WorldState, skill: _Candidate) -> _WayIn | None:
-        """Return a free path to a possible start of a skill, or None."""
+        """Return a collision-free path to a start of a skill, or None."""
         tried: set[int] = set()
         for radius in BEGIN_WITHIN_M:
             begin = skill.moved.begin_within(radius)
@@ -370,14 +376,14 @@ class Amplifier:
                 if blocked is None:
                     return way
                 if blocked != OUT_OF_REACH:
-                    break  # the skill itself is blocked, so no path to its beginning helps
+                    break  # the skill itself is blocked, so a path to its start would not help
             self._blocked.append(blocked or "")
         return None
 
     def _free_ways(self, state: WorldState, skill: _Candidate, begin: int) -> Iterator[tuple[_WayIn, list[float]]]:
-        """Yield free paths to a step of a skill, each with the joint positions at its end [rad].
+        """Yield collision-free paths to a step of a skill, each with the joint positions at its end [rad].
 
-        The transit of the skill's own source comes first, with and without variation, and then a planned path.
+        The first paths are the transit of the source, with and without variation. The last one is planned.
         """
         goal, hand = skill.moved.targets[begin], skill.hand
         for change in (skill.change, TransitChange(faster=skill.change.faster)):
@@ -398,7 +404,7 @@ class Amplifier:
             yield _WayIn(found[0], True, begin), found[1]
 
     def _what_blocks(self, state: WorldState, skill: _Candidate, begin: int, joints: Sequence[float]) -> str | None:
-        """Return the first obstacle that blocks a skill before its gripper change or the opening gripper, or None."""
+        """Return the first obstacle for a skill, before its gripper change or for the opening gripper, or None."""
         hand, points = skill.hand, skill.moved.checkpoints(begin, skill.moved.change)
         held, T_tcp_object = hand.held, hand.T_tcp_object
         blocked, joints = self._planner.check_way(
@@ -412,7 +418,7 @@ class Amplifier:
         )[0]
 
     def _faster(self, skill: SourceSkill) -> float:
-        """Return the speed of a skill relative to its source that matches the demonstration's tempo."""
+        """Return the speed of a skill, relative to its source, that matches the tempo of the demonstration."""
         own, lead = skill.tempo_mps, self._tempo_mps
         return min(TEMPO, max(1.0 / TEMPO, lead / own)) if own > 0.0 and lead > 0.0 else 1.0
 
@@ -436,7 +442,7 @@ class Amplifier:
         return replace(pace, speed=s * pace.speed, corner_speed=s * pace.corner_speed, turning=s * pace.turning)
 
     def _play(self, state: WorldState, moved: CarriedOver) -> Motion:
-        """Execute a skill; before the gripper moves, the arm settles without noise."""
+        """Execute a skill. Before the gripper moves, the arm settles without noise."""
         before = OPEN if moved.gripper[moved.change] > 0.0 else 1.0
         for i, (target, gripper) in enumerate(zip(moved.targets, moved.gripper, strict=True)):
             changes = (gripper > 0.0) != (before > 0.0)
@@ -462,7 +468,7 @@ class Amplifier:
         return state
 
     def _close(self, state: WorldState, goal: Pose) -> Motion:
-        """Close the fingers until they are still, because this instance may be narrower than the source's object."""
+        """Close the fingers until they stop, because this instance may be narrower than the object of the source."""
         still = 0
         for _ in range(SETTLE_STEPS):
             width = state.finger_width_m
@@ -473,7 +479,7 @@ class Amplifier:
         return state
 
     def _leave(self, state: WorldState) -> Motion:
-        """Retreat upward at the end to release the object completely, even if the source's episode ended earlier."""
+        """Retreat upward at the end, to release the object completely even if the source ended earlier."""
         if state.held is not None:
             return state
         goal = state.commanded_pose.translated(z=LEAVE_M)

@@ -1,4 +1,4 @@
-"""Attempt at a demonstration: its episode, and the decision to accept it."""
+"""Attempt at a demonstration: running the episode, and accepting or rejecting it."""
 
 from __future__ import annotations
 
@@ -29,22 +29,23 @@ from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.interventions import resolve_condition
 
 LASTING_STEPS = 4
-"""Control steps after the end of an episode in which its goal must stay true: 0.2 s, after the dwell of 0.5 s."""
+"""Number of control steps after the end of an episode for which the goal must stay met: 0.2 s after the dwell of 0.5 s.
+"""
 
 EXPERT, AMPLIFIED, TELEOPERATED = "demonstrator:expert", "demonstrator:amplified", "demonstrator:teleoperated"
-"""Names of the demonstrators, used as the policy name in records of demonstrations."""
+"""Names of the demonstrators, which are the policy names in records of demonstrations."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AttemptNote:
-    """Outcome of one attempt.
+    """Outcome of an attempt.
 
     Attributes:
         number: Index of the attempt at this initial state, from 0.
         failure: Failure kind, or "" if the attempt was accepted.
-        reason: Reason of the failure, in one line.
-        steps: Number of control steps that the attempt took.
+        reason: Reason for the failure, in one line.
+        steps: Number of control steps of the attempt.
         sources: Sources used by the attempt, one per skill.
         lead: Primary source demonstration, which determined the order of skills, or "".
     """
@@ -100,7 +101,7 @@ def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> Demons
 
 @settled_heap()
 def amplify_attempt(scene: Scene, number: int, library: Library, settings: AmplifierSettings) -> DemonstrationAttempt:
-    """Transfer source demonstrations to a scene; each attempt has a different primary source."""
+    """Transfer source demonstrations to a scene. Each attempt has a different primary source."""
     draw = _stream(scene, "amplify", number)
     leads = library.of_condition(scene.condition.name)
     # one order per initial state; each attempt uses the next primary source
@@ -146,8 +147,8 @@ def judge_attempt(
 ) -> DemonstrationAttempt:
     """Judge an attempt, and return it with the segments in its record.
 
-    An accepted attempt meets all requirements of a demonstration set. The scene must be at the end of the episode, and
-    ``states`` must contain the state of each record row.
+    An accepted attempt meets all requirements of a demonstration set. Call this while the scene is at the end of the
+    episode. ``states`` contains the state of each record row.
     """
     condition = scene.condition
     record = replace(record, metadata=replace(record.metadata, segments=subgoal_segments(record, condition)))
@@ -158,7 +159,7 @@ def judge_attempt(
 
 
 def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[FailureKind, str]:
-    """Return the kind of failure of an unsuccessful episode."""
+    """Return the failure of an unsuccessful episode, with its kind."""
     done = record.subgoals[-1]
     if record.metadata.subgoal_names and done.all():
         return "harm", "all subgoals are done, but another object was moved or harmed"
@@ -171,9 +172,9 @@ def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[F
 
 
 def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None:
-    """Continue the simulation after the end of an episode, and return a failure if the goal does not stay true.
+    """Continue the simulation after the end of an episode, and return a failure if the goal does not stay met.
 
-    Returns None without a check if the right behavior is to do nothing.
+    Returns None without a check if the correct behavior is to do nothing.
     """
     if scene.condition.expected is not Expected.SUCCEED:
         return None

@@ -1,4 +1,4 @@
-"""Reasons why an attempt at a demonstration is not accepted."""
+"""Kinds of failure of an attempt at a demonstration."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ FAILURES: dict[FailureKind, str] = {
     "harm": "All subgoals were done, but another object moved or fell, or the order was wrong.",
     "time": "The step limit was reached.",
     "did not last": "The goal was met for the dwell time, but not afterward.",
-    "outside support": "It succeeded with a pick or placement outside the certificate's training regime.",
+    "outside support": "It succeeded, but with a pick or placement outside the certified training distribution.",
     "breakdown": "The program failed because of an error in betterbench.",
 }
 """Meaning of each kind of failure."""
 
 
 class AttemptFailedError(Exception):
-    """Error that ends an attempt that can no longer succeed."""
+    """Raised when an attempt can no longer succeed."""
 
     def __init__(self, kind: FailureKind, reason: str) -> None:
         super().__init__(reason)

@@ -1,4 +1,4 @@
-"""Videos of failed attempts: the first attempt with each kind of failure, simulated again from its seed."""
+"""Videos of failed attempts. The first attempt with each kind of failure is simulated again from its seed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.sim.scenes.limited import LimitedView
 SIZE = 256
 """Side length of the videos [pixel]."""
 EVERY = 2
-"""Record rows per frame, which gives ten frames per second."""
+"""Record rows per video frame, for ten frames per second."""
 
 
 def film_failures(
@@ -21,8 +21,8 @@ def film_failures(
 ) -> dict[tuple[str, str], str]:
     """Render the first failed attempt of each kind and task, unless its video exists.
 
-    Returns: The file of each video, relative to the report folder, by task and kind of failure; or the reason why it is
-        missing.
+    Returns: The file of each video relative to the report folder, or the reason why it is missing, by task and kind of
+    failure.
     """
     wanted = [(t.task, kind, trial, number) for t in found.tasks for kind, (trial, number, _) in t.examples.items()]
     films: dict[tuple[str, str], str] = {}

@@ -1,4 +1,4 @@
-"""Motion styles of demonstrations, drawn from the seed to imitate differences between people."""
+"""Motion styles of demonstrations, drawn at random to imitate differences between people."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from betterbench.policies.experts.motion import (
 from betterbench.policies.experts.skills import Skills
 
 MISS_GAP_M = 0.012
-"""Minimum height of the tool above the top of an object when a missed grasp closes [m]."""
+"""Minimum height of the tool above an object when the gripper closes in a missed grasp [m]."""
 MISS_STEPS = 12
-"""Maximum control steps for which a missed grasp stays closed."""
+"""Maximum number of control steps for which the gripper stays closed in a missed grasp."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +40,12 @@ class DemonstrationManner:
         approach_height_m: Height above the grasp at which the final approach begins [m].
         approach_offset_m: Horizontal distance from the grasp at which the final approach begins [m].
         approach_bearing_rad: Direction of that offset in the world frame [rad].
-        grasp_turn_rad: Maximum random cost added to the gripper rotation when equally good grasps are ranked [rad].
+        grasp_turn_rad: Maximum random cost added to the gripper rotation in the ranking of grasps [rad].
         raise_m: Additional height of transits [m].
         detour_m: Largest sideways displacement of a transit's midpoint [m].
         pause_s: Mean duration of a pause [s].
-        pause_rate: Probability of a pause at each opportunity.
-        miss_rate: Probability that the gripper closes too early and opens again before a grasp.
+        pause_rate: Probability of a pause where one is possible.
+        miss_rate: Probability that the gripper closes too early and reopens before a grasp.
     """
 
     speed: float = 1.0
@@ -69,7 +69,7 @@ def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
     """Return a motion style drawn from a random stream.
 
     Teleoperators move at one third to the full speed of a scripted expert, pause before contact, approach at an angle
-    and sometimes close the gripper too early. The ranges were chosen by us, not measured from people.
+    and sometimes close the gripper too early. The ranges are our choice and were not measured.
     """
     return DemonstrationManner(
         speed=round(float(np.clip(0.75 * math.exp(0.22 * draw.standard_normal()), 0.45, 1.1)), 4),
@@ -90,18 +90,18 @@ def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
 class VariedSkills(Skills):
     """The expert's skills, executed in a motion style.
 
-    The deviations that a style adds are planned like other motions, and omitted if an obstacle blocks them.
+    Detours and missed grasps are planned like other motions, and left out if an obstacle blocks them.
 
     Attributes:
         manner: The motion style.
-        chance: Random stream of the demonstration for pauses, detours and misses, consumed in the order of events.
+        chance: Random stream of the demonstration for pauses, detours and missed grasps.
     """
 
     manner: DemonstrationManner = DemonstrationManner()
     chance: np.random.Generator | None = None
 
     def paced(self, pace: Pace) -> Pace:
-        """Return a pace scaled to the speed and acceleration of the motion style."""
+        """Scale a pace by the speed and acceleration of the motion style."""
         m = self.manner
         return replace(
             pace,
@@ -112,7 +112,7 @@ class VariedSkills(Skills):
         )
 
     def wait(self, state: WorldState, *, gripper: float) -> Motion:
-        """Pause with the style's probability."""
+        """Pause, with the probability given by the style."""
         if self._stream.random() >= self.manner.pause_rate:
             return state
         seconds = min(float(self._stream.exponential(self.manner.pause_s)), 1.0)
@@ -121,7 +121,7 @@ class VariedSkills(Skills):
     def passing(
         self, state: WorldState, way: tuple[Pose, ...], width_m: float, *, held: str | None = None
     ) -> tuple[Pose, ...]:
-        """Return a planned path up, across and down, with a detour if that is also free."""
+        """Plan a path up, across and down, with a detour if it is collision-free."""
         *_, up, over, goal = way
         raised = self.manner.raise_m
         aside = float(self._stream.uniform(-1.0, 1.0)) * self.manner.detour_m
@@ -145,7 +145,7 @@ class VariedSkills(Skills):
         return way if blocked else varied
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
-        """Move to the start of the final approach, next to the grasp, and then along it.
+        """Move to the start of the final approach next to the grasp, and then along the approach.
 
         Raises PlanningError if blocked.
         """
@@ -177,7 +177,7 @@ class VariedSkills(Skills):
         return state, grasp
 
     def _miss(self, state: WorldState, name: str, start: Pose, grasp: Pose) -> Motion:
-        """Close and reopen the gripper above an object during the descent to a grasp, if it touches nothing."""
+        """Close and reopen the gripper above an object during the descent to a grasp, if this touches nothing."""
         info = state.info.object(name)
         top = state.pose(name).position[2] + info.size_m[2] + MISS_GAP_M
         low, high = grasp.position[2], start.position[2]

@@ -1,4 +1,4 @@
-"""Pictures of tool paths: all demonstrations of a task, drawn over an image of one initial state."""
+"""Pictures of the tool paths of a task's demonstrations, drawn over an image of an initial state."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from betterbench.tasks import TrialId
 SIZE = 512
 """Side of a picture [pixel]."""
 MOST_PATHS = 60
-"""Maximum number of paths drawn, in the order of their seeds."""
+"""Maximum number of paths in a picture, in seed order."""
 
 
 def draw_paths(run: RunFolder, *, on_progress: OnCount | None = None) -> dict[str, str]:
     """Draw the paths in the first training condition of every task.
 
-    Returns the file of each picture, relative to the report. Paths from the same source share a color; demonstrations
-    without a source have one color each. A picture that cannot be drawn is replaced by the reason. ``on_progress`` gets
-    the number of finished pictures and the total.
+    Returns the file of each picture relative to the report, or the reason why it could not be drawn. Paths from the
+    same source share a color. Each demonstration without a source has its own color. ``on_progress`` is called with the
+    number of finished pictures and the total.
     """
     leads = {t: next((n.lead for n in o.notes if n.accepted), "") for t, o in attempts_of(run.path).items()}
     done = sorted(entry.key for entry in run.entries() if entry.status == "done")

@@ -1,9 +1,9 @@
-"""Production of a demonstration set: workers attempt the planned initial states and write the run folder.
+"""Production of a demonstration set: workers try the planned initial states and write the run folder.
 
 ``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. An initial state without
-an accepted attempt stays in the plan as an error, with the reason, and a replacement start is added to the plan. The
-attempts at an initial state depend only on its seed and the sources, so the records do not depend on the number of
-workers or on interruptions.
+an accepted attempt stays in the plan as an error with its reason, and a replacement is added. The attempts at an
+initial state depend only on its seed and the sources, so the records do not depend on the number of workers or on
+interruptions.
 """
 
 from __future__ import annotations
@@ -68,27 +68,27 @@ from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files, o
 logger = logging.getLogger(__name__)
 
 ATTEMPTS = "attempts"
-"""Folder in a demonstration run that contains the journal of attempts."""
+"""Folder of the journal of attempts, in a run of demonstrations."""
 METHOD_VERSIONS = {EXPERT: 1, TELEOPERATED: 1, AMPLIFIED: 2}
-"""Versions of the demonstration methods; a run can be resumed only with the version that started it."""
+"""Versions of the methods. A run can only be resumed with the version that started it."""
 MOST_ATTEMPTS = 100
 MOST_WORKERS = 256
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """Production method of a run's demonstrations; small and picklable, so that it can be sent to workers.
+    """Method by which the demonstrations of a run are made, picklable for sending to workers.
 
     Attributes:
-        policy: Demonstrator, as the policy name in records: the expert, or the amplifier.
+        policy: Policy name in the records: that of the expert or of the amplifier.
         first_seed: First seed of the initial states.
         attempts: Maximum attempts per initial state.
         sources: Run folder with the source demonstrations; "" for the expert.
         sources_hash: Hash of the source set; "" for the expert.
-        source_tasks: Tasks covered by that hash; empty for the expert.
+        source_tasks: Tasks included in the hash; empty for the expert.
         settings: Settings of the transfer.
         quality: Render preset of the stored scenes.
-        task_files: The user's files that workers load before anything else.
+        task_files: User files that workers load first.
         regime: Training distribution whose conditions are demonstrated.
         twins: Whether conditions with the same scene share their seeds and the expert's motion styles.
         robot: Name of the robot.
@@ -108,7 +108,7 @@ class Method:
     robot: str = USUAL_ROBOT
 
     def task(self, name: str) -> Task:
-        """Return a task whose training conditions are the distribution's conditions."""
+        """Return a task with the conditions of the distribution as its training conditions."""
         return in_regime(get_task(name), self.regime)
 
     def starts(self, name: str, demos: int) -> tuple[Start, ...]:
@@ -124,14 +124,11 @@ class Method:
         return (twin_starts if self.twins else planned_starts)(task, numbers, first_seed=self.first_seed)
 
     def replacement(self, start: Start, round_: int) -> Start | None:
-        """Return a replacement for an abandoned initial state; twins are not replaced."""
+        """Return the replacement of an abandoned initial state. Twins are not replaced."""
         return None if self.twins else replacement(self.task(start.task), start, round_, first_seed=self.first_seed)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the values that identify a run in addition to its trials.
-
-        It can be resumed only with the same values.
-        """
+        """Return the values that, in addition to the trials, must be equal for resuming a run."""
         form: dict[str, Any] = {
             "method_version": METHOD_VERSIONS[self.policy],
             "first_seed": self.first_seed,
@@ -159,7 +156,7 @@ _METHOD = TypeAdapter(_MethodForm)
 
 
 def method_of(run: RunFolder) -> Method:
-    """Return the production method of a demonstration run; raise RecordError for other kinds of run."""
+    """Return the method of a run of demonstrations. Raises RecordError for other runs."""
     where, cure = f"{run.path}: plan.demonstrations", "Give a run of better collect or better amplify"
     form = read_form(_METHOD, run.plan.get("demonstrations"), where=where, cure=cure, raises=RecordError)
     quality = run.plan.get("quality")
@@ -184,7 +181,7 @@ class StartOutcome:
     """Outcomes of the attempts at one initial state.
 
     Attributes:
-        notes: One outcome per attempt, in order; only the last attempt can be accepted.
+        notes: One outcome per attempt, in order. Only the last attempt can be accepted.
     """
 
     task: str
@@ -199,12 +196,12 @@ class StartOutcome:
 
     @property
     def accepted(self) -> bool:
-        """Whether this initial state has a demonstration."""
+        """Whether there is a demonstration for this initial state."""
         return bool(self.notes) and self.notes[-1].accepted
 
     @property
     def why_not(self) -> str:
-        """Reason why this initial state has no demonstration, in one line."""
+        """Reason why there is no demonstration for this initial state, in one line."""
         kinds = dict.fromkeys(note.failure for note in self.notes)
         return f"given up after {len(self.notes)} attempts ({', '.join(kinds)}): {self.notes[-1].reason}"
 
@@ -219,7 +216,7 @@ class _Produced:
 
 @dataclass(frozen=True, slots=True)
 class SetProgress:
-    """Progress of a set: demonstrations made and requested, number of attempts, and outcome of the last start."""
+    """Progress of a set: finished and requested demonstrations, number of attempts, and last outcome."""
 
     done: int
     planned: int
@@ -233,7 +230,7 @@ _OUTCOME = TypeAdapter(StartOutcome)
 class AttemptJournal(VersionedJournal):
     """Journal of a run's attempts.
 
-    The last line about an initial state is valid. Raises the same errors as :class:`VersionedJournal`.
+    The last line about an initial state counts. Raises the same errors as :class:`VersionedJournal`.
     """
 
     form = "betterbench attempts journal"
@@ -243,7 +240,7 @@ class AttemptJournal(VersionedJournal):
         super().__init__(path, versions, renews=True)
 
     def append(self, outcome: StartOutcome) -> None:
-        """Append the outcome of an initial state and force it to disk."""
+        """Append the outcome of an initial state and sync it to disk."""
         self._append_form(asdict(outcome))
         self.found[outcome.trial] = outcome
 
@@ -257,7 +254,7 @@ def _read_line(form: dict[str, Any], where: str) -> StartOutcome:
 
 
 def attempts_of(run: Path) -> dict[TrialId, StartOutcome]:
-    """Return the outcomes of all starts in a run so far; raise RecordError if the journal is corrupt."""
+    """Return the outcomes of all initial states tried so far. Raises RecordError if the journal is corrupt."""
     path = run / ATTEMPTS / "journal.jsonl"
     lines, _ = complete_lines(path)
     if lines:
@@ -280,7 +277,7 @@ def collect(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Collect expert demonstrations in varied motion styles in a run folder. The same call resumes the run.
+    """Collect expert demonstrations in varied motion styles. The same call resumes the run.
 
     Args:
         tasks: Names of the tasks.
@@ -364,7 +361,7 @@ def amplify(
 
 
 def _check_sources(run: RunFolder, task: Task) -> None:
-    """Raise an error if a condition of a task has no source demonstration."""
+    """Raise InvalidInputError if a condition of a task has no source demonstration."""
     library = load_library(run, task.id)
     for condition in task.training:
         if not library.of_condition(condition.name):
@@ -376,7 +373,7 @@ def _check_sources(run: RunFolder, task: Task) -> None:
 
 
 def set_hash(run: RunFolder, tasks: Iterable[str] | None = None) -> str:
-    """Return the hash of a demonstration set over the names and bytes of its records (64 hex digits)."""
+    """Return the SHA-256 of the names and contents of a set's records (64 hex digits)."""
     chosen = None if tasks is None else set(tasks)
     done = [e for e in run.entries() if e.status == "done" and (chosen is None or e.task in chosen)]
     lines = sorted(f"{entry.key} {entry.record}\n" for entry in done)
@@ -392,13 +389,13 @@ def _produce(
     workers: int,
     on_progress: Callable[[SetProgress], None] | None,
 ) -> RunFolder:
-    """Make a set in rounds, until every initial state has a demonstration or has been replaced."""
+    """Make a set in rounds, until each initial state has a demonstration or has been replaced."""
     require_between("--attempts", method.attempts, 1, MOST_ATTEMPTS)
     require_between("--workers", workers, 1, MOST_WORKERS)
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
     wanted = [s for task in chosen for s in method.starts(task.id, demos)]
     for task in chosen:
-        demonstrated(task, engine=engine_version())  # the training support is checked against it
+        demonstrated(task, engine=engine_version())  # needed for checking the training support
     versions = versions_in_use([task.id for task in chosen], robot=method.robot)
     out = out.absolute()
     found = attempts_of(out) if (out / "run.json").exists() else {}
@@ -418,7 +415,7 @@ def _produce(
                 keep=functools.partial(_note, journal=journal, attempts=attempts),
                 on_progress=None if on_progress is None else _teller(on_progress, chains, attempts),
             )
-            changed = [run.restore(), journal.restore(), attempts.restore()]  # rewrite removed files
+            changed = [run.restore(), journal.restore(), attempts.restore()]  # restore removed files
             is_whole = not any(changed) or not reopen_lost(run, journal)
             found = dict(attempts.found)
         if is_whole and chains == _chains(wanted, found, method):
@@ -426,7 +423,7 @@ def _produce(
 
 
 def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
-    """Log that a journal lacks lines that the other journal implies; the corresponding starts are repeated."""
+    """Warn about initial states that are in only one of the two journals. They are repeated."""
     lost = [entry.key for entry in journal.entries if entry.key not in attempts.found]
     lost += [key for key, outcome in attempts.found.items() if outcome.accepted and not journal.is_done(key)]
     if lost:
@@ -439,7 +436,7 @@ def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
 
 
 def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], method: Method) -> list[list[Start]]:
-    """Return each initial state followed by its replacements."""
+    """Return one list per planned initial state: the state followed by its replacements."""
     chains = []
     for start in wanted:
         chain = [start]
@@ -487,15 +484,15 @@ def _teller(
 
 
 def _produced(run: RunFolder, method: Method, workers: int, due: Iterable[Start]) -> Iterator[_Produced]:
-    """Yield outcomes as they arrive; initial states with the same compiled scene are processed consecutively."""
+    """Yield outcomes as they arrive. Initial states that share a compiled scene are processed consecutively."""
     order = sorted((s.trial for s in due), key=lambda t: (t.task, look_set_of(t.task, t.seed), t.condition, t.seed))
     return in_processes(order, functools.partial(_work, str(run.path), method), workers=workers)
 
 
 def _note(produced: _Produced, *, journal: Journal, attempts: AttemptJournal) -> None:
-    """Write the outcome of an initial state into both journals.
+    """Append the outcome of an initial state to both journals.
 
-    If the process is killed between the two writes, the start is repeated.
+    If the process is killed between the two writes, the initial state is repeated.
     """
     outcome, trial = produced.outcome, produced.outcome.trial
     varied = None if resolve_condition(trial.task, trial.condition).variation is None else trial.condition
@@ -520,9 +517,9 @@ def _note(produced: _Produced, *, journal: Journal, attempts: AttemptJournal) ->
 
 
 def _work(out: str, method: Method, trial: TrialId) -> _Produced:
-    """Try one initial state until an attempt is accepted, and write its record; called in a worker."""
+    """Attempt one initial state until an attempt is accepted, and write its record. Called in a worker."""
     load_sources(method.task_files)
-    run = RunFolder(Path(out), {}, {})  # the main process may be writing run.json
+    run = RunFolder(Path(out), {}, {})  # the main process may be writing to run.json
     began = time.perf_counter()
     scene = scene_of(trial, method.quality, method.robot)
     setup_s = time.perf_counter() - began
@@ -544,7 +541,7 @@ def _work(out: str, method: Method, trial: TrialId) -> _Produced:
 
 
 def scene_of(trial: TrialId, quality: str, robot: str) -> Scene:
-    """Return a demonstration's scene."""
+    """Return the scene of a demonstration."""
     found = resolve_condition(trial.task, trial.condition)
     return Scene(
         found.task,
@@ -557,7 +554,7 @@ def scene_of(trial: TrialId, quality: str, robot: str) -> Scene:
 
 
 def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttempt:
-    """Make one attempt at an initial state, which is determined by its number."""
+    """Make the attempt with a given number at an initial state."""
     if method.policy == EXPERT:
         return collect_attempt(scene, number, twins=method.twins)
     library = _library(method.sources, method.sources_hash, method.source_tasks, scene.task.id)
@@ -566,10 +563,10 @@ def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttemp
 
 @functools.lru_cache(maxsize=4)
 def _library(sources: str, sha256: str, tasks: tuple[str, ...], task: str) -> Library:
-    """Return the sources of a task; raise RecordError if their hash has changed, for example by additions."""
+    """Return the sources of a task. Raises RecordError if their hash has changed, for example because of additions."""
     run = RunFolder.open(Path(sources))
     library = load_library(run, task)
-    if set_hash(run, tasks) != sha256:  # checked after loading, so that additions during loading are detected
+    if set_hash(run, tasks) != sha256:  # check after loading, to detect additions during loading
         raise RecordError(
             f"{sources}: its demonstrations have changed since the amplification began. When no process writes there "
             "anymore, run the same command with another --out folder."
@@ -578,7 +575,7 @@ def _library(sources: str, sha256: str, tasks: tuple[str, ...], task: str) -> Li
 
 
 def _write(run: RunFolder, scene: Scene, attempt: DemonstrationAttempt) -> tuple[str, str]:
-    """Write the record of an accepted attempt and, once, its scene; return the record's SHA-256, the scene's digest."""
+    """Write the record and (once) the scene of an accepted attempt, and return their digests."""
     with on_disk(run.path):
         path = run.write_record(attempt.record)
         return file_digest(path), run.keep_scene(scene)

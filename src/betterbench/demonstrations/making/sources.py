@@ -1,4 +1,4 @@
-"""Source demonstrations: their skills, each relative to its object or target region."""
+"""Source demonstrations, with skills described relative to objects and target regions."""
 
 from __future__ import annotations
 
@@ -21,47 +21,48 @@ from betterbench.tasks.relations.placing import foot_offset
 from betterbench.tasks.user_files import options_for
 
 SAME_GRASP_M = 0.04
-"""Maximum distance between a grasp and the annotated grasp with which it is identified [m]."""
+"""Maximum distance at which a grasp is matched with an annotated grasp [m]."""
 SAME_GOAL_M = 0.03
-"""Maximum distance between a release and the expert goal with which it is identified [m]."""
+"""Maximum distance at which a release is matched with a goal of the expert [m]."""
 SPOT_M, MOST_SPOTS = 0.012, 16
-"""Minimum distance between different goals [m], and maximum number of goals."""
+"""Minimum distance between two goals [m], and maximum number of goals."""
 MOVING_M = 0.001
-"""Motion per control step below which the tool pauses [m]."""
+"""Motion per control step below which the tool counts as paused [m]."""
 ROTATION_M = 0.1
 """Weight of rotation relative to translation in pose comparisons [m/rad], equal to the length of the gripper."""
 
 SkillKey = tuple[str, str, str, str, str]
-"""Key of a skill: its kind and the object kind; for a placement also the relation, target kind and region.
+"""Key of a skill: kind of skill and kind of object, and for a placement relation, kind of target and region.
 
-For a slide that opens its drawer, the relation is "out".
+A slide that opens a drawer has the relation "out".
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceSkill:
-    """Skill of a source demonstration, with the values needed for its transfer.
+    """Skill of a source demonstration, with all values needed for its transfer.
 
     Attributes:
-        key: Kinds of skill, object and target, see :data:`SkillKey`.
+        key: Key for matching skills, see :data:`SkillKey`.
         source: Demonstration name, "TASK/CONDITION/SEED".
-        window: Its rows there.
+        window: Rows of the skill in the demonstration.
         object: Object that is picked, released or moved.
         asset: Asset of that object.
         frame: ``T_world_reference`` at the beginning of the window: pose of the object or, for a placement, of the
             target region.
         object_pose: ``T_world_object`` when the window begins.
-        target_pose: ``T_world_target`` at that time; the object's pose if there is no placement.
+        target_pose: ``T_world_target`` at that time; the object's pose if the skill is not a placement.
         targets: Commanded poses ``T_world_tcp``, one per control step of the window.
         gripper: Gripper command at each of these steps.
         change: Index of the first step of the gripper's motion.
-        T_tcp_foot: Pose of the object's foot in the gripper just before the change; for a placement.
-        anchor: Foot of the object [m], world frame, at the expert's goal nearest to its release; for a placement.
-        spread_m: Gripper opening minus the object width [m]; for a placement.
+        T_tcp_foot: For a placement: pose of the object's base in the gripper just before the change.
+        anchor: For a placement: position of the object's base in the world frame at the goal of the expert nearest to
+            the release [m].
+        spread_m: For a placement: gripper opening minus the width of the object [m].
         slid_m: Distance by which a drawer is moved along its own x axis [m].
-        width_m: Opening width at the beginning of the window [m].
+        width_m: Gripper width at the beginning of the window [m].
         lead_in: Commanded poses ``T_world_tcp`` between the previous skill and the window, one per control step; None
-            if they contain a missed grasp.
+            if a grasp was missed in between.
         tempo_mps: Tempo of the demonstration [m/s].
     """
 
@@ -87,14 +88,14 @@ class SourceSkill:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Source:
-    """One source demonstration.
+    """Source demonstration.
 
     Attributes:
         trial: Its trial.
         segments: Its subgoals.
-        skills: Its skills in order, without misses.
+        skills: Its skills in order, without missed grasps.
         speed: Fraction of the expert's speed.
-        tempo_mps: Mean speed of the tool in transits, without pauses [m/s]; 0 if unknown.
+        tempo_mps: Mean speed of the tool in transits, without pauses [m/s], or 0 if unknown.
     """
 
     trial: TrialId
@@ -110,7 +111,7 @@ class Source:
 
 
 class Library:
-    """The source demonstrations of one task."""
+    """Source demonstrations of a task."""
 
     def __init__(self, sources: Iterable[Source]) -> None:
         self.sources = tuple(sources)
@@ -120,16 +121,16 @@ class Library:
                 self._skills.setdefault(skill.key, []).append(skill)
 
     def of_condition(self, condition: str) -> tuple[Source, ...]:
-        """Return the sources for a training condition."""
+        """Return the sources from a training condition."""
         return tuple(s for s in self.sources if s.trial.condition == condition)
 
     def skills(self, key: SkillKey) -> tuple[SourceSkill, ...]:
-        """Return the skills with a key from all sources."""
+        """Return all skills with a key."""
         return tuple(self._skills.get(key, ()))
 
 
 def key_of(info: SceneInfo, window: SkillWindow, *, out: bool) -> SkillKey:
-    """Return the skill key of a window in a scene; ``out`` tells whether a slide opens its drawer."""
+    """Return the key of the skill in a window. ``out`` is True for a slide that opens a drawer."""
     kind = info.object(window.object).kind
     if window.kind == "place":
         return ("place", kind, window.relation, info.object(window.target).kind, window.region)
@@ -162,7 +163,7 @@ def load_library(run: RunFolder, task: str) -> Library:
 
 
 def _require_version(record: Record, where: str) -> None:
-    """Raise RecordError if a record has another suite or task version, and therefore other object positions."""
+    """Raise RecordError if a record has another suite or task version, because object positions may differ."""
     meta = record.metadata
     versions = (
         ("suite", meta.suite_version, SUITE_VERSION),
@@ -177,7 +178,7 @@ def _require_version(record: Record, where: str) -> None:
 
 
 def demonstrated_source(record: Record) -> Source:
-    """Return a source demonstration from a successful record, with segments derived from its states."""
+    """Create a source demonstration from a successful record. Segments are computed from its states."""
     meta = record.metadata
     trial = TrialId(meta.task, meta.condition, meta.seed)
     condition = resolve_condition(meta.task, meta.condition)
@@ -228,7 +229,7 @@ def _require_objects(record: Record, planned: Collection[str]) -> None:
 def _skill_of(
     record: Record, window: SkillWindow, asset: Asset, *, lead_in: tuple[Pose, ...] | None, tempo_mps: float
 ) -> SourceSkill:
-    """Return the skill in one window of a record, with its targets and frames."""
+    """Return the skill in a window of a record."""
     first = max(1, window.start)
     rows = range(first, max(window.stop, window.change + 1))
     state, let_go = record.state(window.start), record.state(window.change - 1)
@@ -260,7 +261,7 @@ def _skill_of(
 
 
 def region_frame(state: WorldState, window: SkillWindow) -> Pose:
-    """Return the pose of the center of a placement's target region, ``T_world_region``."""
+    """Return the pose of the target region's center of a placement, ``T_world_region``."""
     middle = relation(window.relation).middle(state.info.object(window.target), window.region)
     return state.pose(window.target) @ Pose(middle)
 
@@ -273,9 +274,9 @@ def _anchor(state: WorldState, let_go: WorldState, window: SkillWindow) -> tuple
 def nearest_goal(
     state: WorldState, window: SkillWindow, point: Sequence[float], *, within_m: float
 ) -> tuple[float, float, float] | None:
-    """Return the foot position of an object at the expert's goal nearest to a point [m], or None if all are far.
+    """Return the base position of an object at the expert's goal nearest to a point [m], or None if all are far away.
 
-    Unlike a rigid transform, goals account for object sizes and for objects that are already at the target.
+    Goals depend on object sizes and on objects that are already at the target, unlike a rigid transform.
     """
     offset = foot_offset(state.info.object(window.object))
     goals = relation(window.relation).place_goals(state, window.object, window.target, window.region)
@@ -287,7 +288,7 @@ def nearest_goal(
 
 
 def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, float, float], ...]:
-    """Return an object's base positions at the expert's goals [m], the best first, one per position."""
+    """Return the base positions of an object at the expert's goals, without duplicates, the best first [m]."""
     offset = foot_offset(state.info.object(window.object))
     found: list[tuple[float, float, float]] = []
     for goal in relation(window.relation).place_goals(state, window.object, window.target, window.region):
@@ -298,7 +299,7 @@ def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, fl
 
 
 def _slid_m(record: Record, window: SkillWindow) -> float:
-    """Return the distance by which the tool moves a drawer along its own x axis while the gripper is closed [m]."""
+    """Return the distance by which the closed gripper moves a drawer along its own x axis [m]."""
     opened = window.change
     while opened + 1 < len(record) and record.gripper_command[opened + 1] > 0.0:
         opened += 1
@@ -309,10 +310,10 @@ def _slid_m(record: Record, window: SkillWindow) -> float:
 
 
 def grasp_shift(source: Asset, T_object_tcp: Pose, other: Asset) -> Pose:
-    """Return the shift ``T_object_object`` from a grasp on one asset to the same grasp on another.
+    """Return the transform ``T_object_object`` from a grasp on one asset to the same grasp on another.
 
-    The grasp is matched with an annotated grasp of its asset, and replaced by that grasp of the other asset. The shift
-    is the identity for the same asset, and if no annotated grasp is near.
+    The grasp is matched with an annotated grasp of its asset, which is replaced by that of the other asset. For the
+    same asset, or if no annotated grasp is near, the result is the identity.
     """
     if source is other or source.identity == other.identity or len(source.grasps) != len(other.grasps):
         return Pose()
@@ -330,6 +331,6 @@ def grasp_shift(source: Asset, T_object_tcp: Pose, other: Asset) -> Pose:
 
 
 def moved_along_x(pose: Pose, drawer: Pose, shift_m: float) -> Pose:
-    """Return a pose moved along the x axis of a drawer by ``shift_m`` [m]."""
+    """Translate a pose along the x axis of a drawer by ``shift_m`` [m]."""
     dx, dy, dz = rotate(drawer.quaternion, (shift_m, 0.0, 0.0))
     return pose.translated(dx, dy, dz)

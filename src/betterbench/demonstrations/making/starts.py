@@ -1,9 +1,9 @@
-"""Initial states of demonstrations: seeds chosen to cover the training distribution evenly.
+"""Initial states of demonstrations, chosen to cover the training distribution evenly.
 
-An initial state is described by a few levels: the cell of the jitter region that contains each relevant object, the
-object's rotation, and the set of looks. Of each block of consecutive seeds, the seed whose levels are the rarest so far
-is used. Blocks do not overlap and do not depend on the number of initial states, so a larger set contains the smaller
-one. An abandoned seed is replaced by the most similar seed of another block.
+An initial state is described by discrete levels: for each relevant object, its cell in the jitter region and its
+rotation, and the appearance. From each block of consecutive seeds, the seed with the rarest levels so far is used.
+Blocks do not overlap and do not depend on the number of initial states, so a larger set contains the smaller one. An
+abandoned seed is replaced by the most similar seed of another block.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 FIRST_AMPLIFIED_SEED = 1_000_000_000
 """Default first seed of amplified demonstrations, far from the seeds of their sources."""
 GRID = 3
-"""Cells of a slot's jitter region along each axis."""
+"""Number of cells of a slot's jitter region along each axis."""
 BLOCK = 32
-"""Number of consecutive seeds from which one is chosen."""
+"""Number of consecutive seeds of a block, from which one is chosen."""
 SPARE_BLOCK = 256
 """Number of consecutive seeds from which a replacement is chosen."""
 SLOT_WEIGHT = 3
-"""Weight of a different cell when a replacement is chosen; a different rotation or look weighs 1."""
+"""Weight of a different cell in the choice of a replacement. A different rotation or appearance has weight 1."""
 SPARE_ROUNDS = 4
 """Maximum number of replacements of an initial state."""
 SPARES_FROM = 20_000_000
 """Distance of the first spare seed from the first seed."""
 MOST_STARTS = 10_000
-"""Maximum number of initial states per training condition: their blocks end before the spare seeds begin."""
+"""Maximum number of initial states per training condition, so that their blocks end before the spare seeds."""
 
 Levels = Mapping[str, int]
 """Level of each factor of an initial state, by factor name."""
@@ -41,12 +41,12 @@ Levels = Mapping[str, int]
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """One planned demonstration.
+    """Planned demonstration.
 
     Attributes:
         condition: Name of the training condition.
-        number: Number of the start within its condition, from 0.
-        round: Number of times that its seed was replaced.
+        number: Index of the demonstration in its condition, from 0.
+        round: Number of times that its seed has been replaced.
         seed: Its seed.
     """
 
@@ -76,7 +76,7 @@ class Factor:
 
 
 def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
-    """Return the random factors of a condition's initial states: slots of instructed objects, then of targets."""
+    """Return the random factors of a condition: the slots of the instruction's objects, then those of targets."""
     slots = _slots(task, condition)
     return (
         *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),
@@ -86,7 +86,7 @@ def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
 
 
 def levels_of(task: Task, condition: Condition, seed: int) -> Levels:
-    """Return the levels of all factors for a seed, without building or simulating a scene."""
+    """Return the levels of all factors for a seed. No scene is built."""
     return _levels(task, _slots(task, condition), seed)
 
 
@@ -113,14 +113,14 @@ def _levels(task: Task, slots: Iterable[Slot], seed: int) -> dict[str, int]:
 
 
 def _level(share: float) -> int:
-    """Return the level of a random draw in [-1, 1]."""
+    """Return the level of a random number in [-1, 1]."""
     return min(GRID - 1, max(0, int(0.5 * (share + 1.0) * GRID)))
 
 
 def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Return the starts of a task; the number is given per training condition, or once for all.
+    """Return the planned demonstrations of a task, with one number for all training conditions or one for each.
 
-    Raises InvalidInputError if a number or the seed is out of range: demonstrations never use seeds of tests.
+    Raises InvalidInputError if a number or the seed is out of range. Demonstrations must not use test seeds.
     """
     wanted = [numbers] * len(task.training) if isinstance(numbers, int) else list(numbers)
     require_between("--demos", min(wanted), 1, MOST_STARTS)
@@ -136,8 +136,8 @@ def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int)
 def shared_out(total: int, parts: int) -> tuple[int, ...]:
     """Divide ``total`` demonstrations among ``parts`` conditions.
 
-    Each condition gets at least one, and the first conditions get the remainder. A larger total never decreases a
-    share, so a larger set contains the smaller one.
+    Each condition gets at least one, and the first conditions get the remainder. Increasing the total does not decrease
+    any share, so a larger set contains the smaller one.
     """
     return tuple(max(1, total // parts + (part < total % parts)) for part in range(parts))
 
@@ -166,10 +166,9 @@ def _block_number(task: Task, condition: Condition, number: int) -> int:
 
 
 def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> Start | None:
-    """Return the replacement of a planned initial state that was abandoned ``round_`` times (1 or more).
+    """Return the replacement of a planned initial state after ``round_`` (1 or more) abandoned seeds.
 
-    Each replacement is similar to the planned initial state, not to the previous replacement. The number of rounds is
-    limited.
+    Each replacement is similar to the original initial state, not to the previous replacement.
     """
     if round_ > SPARE_ROUNDS:
         return None
@@ -189,7 +188,7 @@ def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> St
 
 
 def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Return starts with the same seeds in all conditions, chosen for the first condition. Raises the same errors."""
+    """Like :func:`planned_starts`, but with the seeds of the first condition for all conditions."""
     most = max(numbers)
     first = planned_starts(task, [most] + [1] * (len(task.training) - 1), first_seed=first_seed)
     seeds = [start.seed for start in first if start.condition == task.training[0].name]
@@ -198,12 +197,12 @@ def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class FactorCoverage:
-    """Coverage of the levels of one factor by some initial states.
+    """Coverage of the levels of a factor by initial states.
 
     Attributes:
-        counts: Starts per level.
-        filled: Share of the levels with an initial state, relative to the largest number that the starts can fill.
-        evenness: Starts at the rarest level, divided by the mean over all levels.
+        counts: Number of initial states per level.
+        filled: Number of covered levels, divided by the maximum number that this many initial states can cover.
+        evenness: Number of initial states at the rarest level, divided by the mean over all levels.
     """
 
     factor: str
@@ -213,7 +212,7 @@ class FactorCoverage:
 
 
 def coverage_of(task: Task, condition: Condition, seeds: Sequence[int]) -> tuple[FactorCoverage, ...]:
-    """Return the coverage of a training condition's factors by starts with some seeds."""
+    """Return the coverage of a training condition's factors by some seeds."""
     slots = _slots(task, condition)
     drawn = [_levels(task, slots, seed) for seed in seeds]
     found = []

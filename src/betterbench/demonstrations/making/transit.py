@@ -1,4 +1,4 @@
-"""Transfer of a transit (motion between two skills) to other end points, with its height, side, speed and pauses."""
+"""Transfer of a transit, the motion between two skills, to other end points."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from betterbench.demonstrations.making.sources import SourceSkill
 from betterbench.geometry import Pose, Vector, angle_between, distance, horizontal_distance, slerp, straight_way
 
 LEAST_WAY_M = 0.05
-"""Minimum horizontal length at which a transit has a direction [m]."""
+"""Minimum horizontal length for which a transit has a direction [m]."""
 STRETCHED = (0.5, 2.0)
 """Minimum and maximum factor by which a transit may be stretched between its end points."""
 MOST_STEP_M, MOST_STEP_RAD = 0.03, 0.12
-"""Largest motion and rotation per control step of a transferred transit: 0.6 m/s and 2.4 rad/s."""
+"""Maximum translation and rotation per control step of a transferred transit: 0.6 m/s and 2.4 rad/s."""
 CHECK_RAD = 0.25
 """Maximum rotation between neighboring poses checked for collisions [rad]."""
 
@@ -25,8 +25,8 @@ class TransitChange:
     """Variation of a transit relative to its source.
 
     Attributes:
-        aside_m: Displacement of its midpoint to the left, seen from above [m].
-        raise_m: Upward displacement of its midpoint [m].
+        aside_m: Displacement of the midpoint to the left, seen from above [m].
+        raise_m: Upward displacement of the midpoint [m].
         faster: Speed as a multiple of the source's.
     """
 
@@ -38,16 +38,16 @@ class TransitChange:
 def carry_transit(
     skill: SourceSkill, begin: int, start: Pose, goal: Pose, variation: TransitChange
 ) -> tuple[Pose, ...] | None:
-    """Return the source's transit adapted to other end points, up to the step ``begin`` of a skill, one pose per step.
+    """Return a source's transit to the step ``begin`` of a skill, adapted to other end points, one pose per step.
 
-    Seen from above it is rotated and stretched along the line between its end points. Its sideways offset from that
-    line and its height are kept, up to the differences of its end points and the variation.
+    Seen from above, it is rotated and stretched along the line between its end points. The sideways offset from this
+    line and the height are kept, apart from the difference of the end points and the variation.
 
     Args:
         skill: The skill of the source.
-        begin: Step in its window at which the transit ends.
-        start: Pose ``T_world_tcp`` at its start here.
-        goal: Pose at its end here.
+        begin: Step of the skill at which the transit ends.
+        start: Pose ``T_world_tcp`` at the start of the new transit.
+        goal: Pose ``T_world_tcp`` at the end of the new transit.
         variation: Difference from the transit of the source.
 
     Returns:
@@ -81,7 +81,7 @@ def carry_transit(
 
 
 def _turned(way: Sequence[Pose], start: Pose, goal: Pose) -> list[Vector] | None:
-    """Return the points of a transit, rotated and stretched to the line from start to goal; None beyond the limits."""
+    """Rotate and stretch the points of a transit to the line from start to goal. Returns None beyond the limits."""
     (ax, ay, az), b = way[0].position, way[-1].position
     there, here = horizontal_distance((ax, ay), b), horizontal_distance(start.position, goal.position)
     cos, sin, ux, uy, stretch = 1.0, 0.0, 1.0, 0.0, 1.0
@@ -104,9 +104,9 @@ def _turned(way: Sequence[Pose], start: Pose, goal: Pose) -> list[Vector] | None
 
 
 def retimed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
-    """Return a transit of one pose per control step at another speed, with the same first and last pose.
+    """Resample a transit, one pose per control step, to another speed. The first and last pose stay the same.
 
-    Motion and rotation per step are limited, so a transit may become slower than requested.
+    Translation and rotation per step are limited, so a transit may be slower than requested.
     """
     if len(way) < 2:
         return tuple(way)
@@ -132,7 +132,7 @@ def _at_speed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
 
 
 def checkpoints(way: Sequence[Pose], step_m: float) -> list[Pose]:
-    """Return poses along a transit, at most ``step_m`` meters apart, for a collision check."""
+    """Return poses along a transit for a collision check, at most ``step_m`` apart [m]."""
     found = [way[0]]
     for pose, after in itertools.pairwise(way[1:]):
         far = distance(after.position, found[-1].position) > step_m

@@ -1,9 +1,9 @@
-"""Variety: differences between corresponding motions of the demonstrations in a set.
+"""Variety of demonstrations: differences between corresponding motions.
 
-Pairs of demonstrations are compared in motions with the same subgoal, condition and skill. The slot jitter of the
-objects is removed first, so that copies of one path with different initial states have no variety: paths are compared
-by their offset from the straight line between their end points, and grasps and approaches in the object's frame. Every
-value is the mean over pairs, so it does not depend on the number of demonstrations.
+Motions with the same condition, subgoal and skill are compared between pairs of demonstrations. Slot jitter is removed
+first, so that copies of one path from different initial states have no variety: paths are compared by their offset from
+the straight line between their end points, grasps and approaches in the frame of the object. Every value is a mean over
+pairs and therefore does not depend on the number of demonstrations.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 SAMPLES = 40
-"""Number of path points that are compared, at equal fractions of the path length."""
+"""Number of compared points on a path, at equal fractions of its length."""
 APPROACH_M = 0.05
-"""Length of the final part of a path, whose direction is the approach direction [m]."""
+"""Length of the final part of a path, which defines the approach direction [m]."""
 MOST_COMPARED = 200
-"""Maximum number of demonstrations per condition that are compared, in seed order."""
+"""Maximum number of compared demonstrations per condition, in seed order."""
 
 _SAID = (
-    "Mean difference of two demonstrations of the same condition in the same motion. Slot jitter is removed: paths "
-    "are compared by their offset from the straight line between the objects at their ends, approaches "
-    "and grasps in the frame of the object."
+    "Mean difference between two demonstrations of a condition in the same motion. Slot jitter is removed: paths are "
+    "compared by their offset from the straight line between their end points, approaches and grasps in the frame of "
+    "the object."
 )
 
 MovedKind = Literal["pick", "place", "slide"]
@@ -46,13 +46,14 @@ class Spread:
 
     Attributes:
         path_cm: Distance between two tool paths at equal fractions of their length, without slot jitter [cm].
-        height_cm: Difference between the greatest tool heights [cm].
-        side_cm: Difference between the sideways offsets of the paths' middle halves from the straight line [cm].
-        approach_deg: Angle between the directions of the last 5 cm, in the object's frame or region [deg].
+        height_cm: Difference between the maximum tool heights [cm].
+        side_cm: Difference between the mean sideways offsets from the straight line, in the middle half of the paths
+            [cm].
+        approach_deg: Angle between the directions of the last 5 cm, in the frame of the object or region [deg].
         duration_s: Difference between the motion durations [s].
         grasp_cm: Distance between the tool centers when the gripper closes, in the object's frame [cm]; None without a
             grasp.
-        grasp_deg: Rotation between the tools at that time [deg]; None without a grasp.
+        grasp_deg: Rotation between the tools when the gripper closes [deg]; None without a grasp.
     """
 
     path_cm: float
@@ -73,17 +74,17 @@ SPREADS: Mapping[str, str] = {
     "grasp_cm": "grasp [cm]",
     "grasp_deg": "turn [°]",
 }
-"""Column heading of each measure of a spread, by field name."""
+"""Column headings of the fields of :class:`Spread`."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionVariety:
-    """Differences between demonstrations of a condition in one motion: up to a grasp, or from a grasp to the release.
+    """Variety of the demonstrations of a condition in one motion, to a grasp or from a grasp to the release.
 
     Attributes:
         condition: Condition name.
         subgoal: Subgoal name.
-        skill: Skill kind with which the motion ends.
+        skill: Kind of the skill at the end of the motion.
         demonstrations: Number of demonstrations compared, at least two.
     """
 
@@ -96,12 +97,12 @@ class MotionVariety:
 
 @dataclass(frozen=True, slots=True)
 class TaskVariety:
-    """Differences between a task's demonstrations.
+    """Variety of a task's demonstrations.
 
     Attributes:
         task: Task name.
-        spread: Mean over the motions.
-        motions: Each motion of each condition with at least two demonstrations.
+        spread: Mean over all motions.
+        motions: Variety of each motion, for conditions with at least two demonstrations.
     """
 
     task: str
@@ -111,15 +112,15 @@ class TaskVariety:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Motion:
-    """One motion of one demonstration.
+    """Motion in a demonstration.
 
     Attributes:
-        off: (SAMPLES, 3) offset of the path from the straight line between its anchors [m].
-        height_m: Greatest height of the tool [m].
-        side_m: Mean offset of the path's middle half to the left of that line, seen from above [m].
-        approach: Unit vector of the final approach, in the frame of its object or region.
+        off: (SAMPLES, 3) offset of the path from the straight line between its end points [m].
+        height_m: Maximum height of the tool [m].
+        side_m: Mean offset to the left of this line, seen from above, in the middle half of the path [m].
+        approach: Direction of the final approach as a unit vector, in the frame of the object or region.
         duration_s: Duration of the motion [s].
-        grasp: Tool pose in the object's frame when the gripper closes; None if it opens.
+        grasp: Tool pose in the frame of the object when the gripper closes; None if it opens.
     """
 
     off: npt.NDArray[np.float64]
@@ -131,14 +132,17 @@ class _Motion:
 
 
 class VarietyMeter:
-    """Accumulator for the differences between the demonstrations of a set, one record at a time."""
+    """Accumulator for the variety of a set, one record at a time."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[str, str], dict[tuple[str, MovedKind], list[_Motion]]] = {}
         self._compared: Counter[tuple[str, str]] = Counter()
 
     def add(self, record: Record) -> None:
-        """Add a demonstration; only the first :data:`MOST_COMPARED` successful ones of a condition are used."""
+        """Add a demonstration.
+
+        Only the first :data:`MOST_COMPARED` successful demonstrations of a condition are used.
+        """
         of = (record.metadata.task, record.metadata.condition)
         if not record.outcome.success or self._compared[of] >= MOST_COMPARED:
             return
@@ -148,9 +152,9 @@ class VarietyMeter:
             motions.setdefault(key, []).append(motion)
 
     def tasks(self) -> tuple[TaskVariety, ...]:
-        """Return the differences between demonstrations in the same conditions, by task.
+        """Return the variety of the demonstrations by task.
 
-        The result is empty for a single demonstration.
+        The result is empty if no condition has two demonstrations.
         """
         found: dict[str, list[MotionVariety]] = {}
         for (task, condition), motions in sorted(self._found.items()):
@@ -164,7 +168,7 @@ class VarietyMeter:
 def variety_of_run(
     run: RunFolder, tasks: Iterable[str] | None = None, *, on_progress: OnCount | None = None
 ) -> tuple[TaskVariety, ...]:
-    """Return the differences between a run's successful demonstrations, for some tasks or all.
+    """Return the variety of a run's successful demonstrations, for some tasks or all.
 
     ``on_progress`` gets the number of records read and the total. Raises RecordError if a record cannot be read.
     """
@@ -185,7 +189,7 @@ def variety_of_run(
 
 
 def mean_spread(spreads: Sequence[Spread]) -> Spread:
-    """Return the mean of at least one spread; grasps are averaged over the spreads that have one."""
+    """Return the mean of at least one spread. Grasps are averaged over the spreads with a grasp."""
     means: dict[str, float | None] = {}
     for name in SPREADS:
         values = [v for v in (getattr(spread, name) for spread in spreads) if v is not None]
@@ -194,7 +198,7 @@ def mean_spread(spreads: Sequence[Spread]) -> Spread:
 
 
 def variety_lines(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]) -> list[str]:
-    """Return the text lines about variety: a table in which each task follows its sources."""
+    """Return a text table of the variety, in which each task follows its sources."""
     if not variety:
         return ["## Variety", "", "No condition has two demonstrations that could be compared."]
     cells = [tuple(map(markdown_text, row)) for row in variety_rows(variety, sources)]
@@ -202,7 +206,7 @@ def variety_lines(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]
 
 
 def variety_rows(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]) -> list[tuple[str, ...]]:
-    """Return a row per task and set: task, "sources" or "set", and the measures of its spread."""
+    """Return one row per task and set: task, "sources" or "set", and the values of its spread."""
     of_sources = {t.task: t for t in sources}
     rows: list[tuple[str, ...]] = []
     for t in variety:
@@ -218,7 +222,7 @@ def _cells(spread: Spread) -> tuple[str, ...]:
 
 
 def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
-    """Return the motions of a demonstration by subgoal and skill; only the last of repeated motions is kept."""
+    """Return the motions of a demonstration by subgoal and skill. Of repeated motions, only the last is kept."""
     meta = record.metadata
     condition = resolve_condition(meta.task, meta.condition).condition
     segments = subgoal_segments(record, condition)
@@ -237,7 +241,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
 
 
 def _goal_of(record: Record, window: SkillWindow) -> Pose:
-    """Return the reference frame at the end of a motion: that of the object or the target region."""
+    """Return the reference frame at the end of a motion, which is that of the object or of the target region."""
     state = record.state(window.change - 1)
     if window.kind == "place" and window.target:
         return region_frame(state, window)

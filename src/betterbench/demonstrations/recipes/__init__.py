@@ -1,4 +1,4 @@
-"""Fine-tuning recipes as complete configurations and commands for openpi, GR00T, Being-H and LeRobot."""
+"""Fine-tuning recipes: configurations and commands for openpi, GR00T, Being-H and LeRobot."""
 
 from betterbench.demonstrations.recipes.recipe import Framework, Recipe, Setting, recipe_of
 from betterbench.demonstrations.recipes.trainer import TrainerSetup

@@ -1,4 +1,4 @@
-"""Recipe for Being-H0.5 and its own trainer: data configuration, and sequence packing that gives the batch size.
+"""Recipe for Being-H0.5 and its own trainer: data configuration, and sequence packing for the batch size.
 
 Fields: BeingBeyond/Being-H@594219ea, ``BeingH/train/train.py`` (arguments), ``scripts/train/train_libero_example.sh``
 (values), ``configs/data_config.py`` and ``configs/dataset_info.py`` (registries).
@@ -43,13 +43,14 @@ _TOKENS = "appendix A.4: the batch by sequence packing; tokens of a sample are a
 
 
 def being_h_setup(training: Training) -> TrainerSetup:
-    """Return the setup of Being-H; raise InvalidInputError if it cannot follow the recipe."""
+    """Return the setup of Being-H. Raises InvalidInputError if Being-H cannot follow the recipe."""
     recipe = training.recipe
     if recipe.form.proprioception is False:
         raise InvalidInputError(
             "proprioception",
-            "Being-H cannot leave the state out: a dropout of 1.0 would train without an input that is served",
-            "Write a constant state into the data and serve the same constant, or leave the field out",
+            "Being-H cannot be trained without a state: with a dropout of 1.0, the state would be missing in "
+            "training but present in evaluation",
+            "Write a constant state into the data and use the same constant in evaluation, or leave the field out",
         )
     settings = _settings(training)
     values = {s.name: s.value for s in settings}
@@ -72,15 +73,16 @@ def being_h_setup(training: Training) -> TrainerSetup:
         exposure(training),
         (
             f"A GPU fills its sequence up to {values['--expected_num_tokens']} tokens: {per_gpu} samples of "
-            f"{training.sample_tokens}, which is an estimate. The log says num_gen (samples of a step, all GPUs) every "
-            f"100 steps; if it is not about {recipe.batch}, give --sample-tokens {values['--expected_num_tokens']} * "
+            f"{training.sample_tokens}, which is an estimate. Every 100 steps, the log contains num_gen (samples per "
+            f"step on all GPUs); if it is not about {recipe.batch}, give --sample-tokens "
+            f"{values['--expected_num_tokens']} * "
             f"{training.gpus} / num_gen and start again."
         ),
         _kept(values["--save_steps"], values["--save_steps_start"], recipe.steps),
         *(() if ours else (_COLUMNS,)),
-        "The weight of the data is written out: left out it would be 0, and the run would stop.",
+        "The weight of the data is given explicitly, because the default of 0 would stop the run.",
         "freeze_llm would freeze the action expert too; use freeze_mllm to freeze the backbone.",
-        "A training that is resumed begins the data anew.",
+        "A resumed training starts again at the beginning of the data.",
         "BEING_H_PROMPT is the prompt template of Being-H's own evaluation script, which betterbench does not copy.",
     ]
     if training.gpus * per_gpu != recipe.batch:
@@ -160,7 +162,7 @@ def _freezing(training: Training) -> tuple[Setting, ...]:
     if frozen == {"language"}:
         raise InvalidInputError(
             "frozen: being-h",
-            "the language model alone cannot be frozen: freeze_llm freezes the action expert with it",
+            "the language model cannot be frozen separately: freeze_llm also freezes the action expert",
             "Freeze vision and language, vision, or nothing",
         )
     whole = frozen == {"vision", "language"}
@@ -168,7 +170,9 @@ def _freezing(training: Training) -> tuple[Setting, ...]:
         Setting("--freeze_mllm", whole, origin, where),
         Setting("--freeze_llm", False, "ours", "it would freeze the action expert too"),
         Setting("--freeze_vit", frozen == {"vision"}, origin, where),
-        Setting("--freeze_vit_mlp", whole, origin, f"{where}; what connects vision with language".removeprefix("; ")),
+        Setting(
+            "--freeze_vit_mlp", whole, origin, f"{where}; connector between vision and language".removeprefix("; ")
+        ),
     )
 
 

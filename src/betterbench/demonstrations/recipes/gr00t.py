@@ -1,7 +1,7 @@
-"""Recipe for GR00T N1.6: modality configuration, a checkpoint copy with a truly frozen backbone, and the launcher.
+"""Recipe for GR00T N1.6: modality configuration, checkpoint copy with a completely frozen backbone, and launcher.
 
 Fields: NVIDIA/Isaac-GR00T@15ce93d2 (N1.6), ``gr00t/configs/finetune_config.py`` and
-``gr00t/experiment/launch_finetune.py``. The project's license there is for research and evaluation only.
+``gr00t/experiment/launch_finetune.py``. Its license permits only research and evaluation.
 """
 
 from __future__ import annotations
@@ -36,14 +36,15 @@ _JITTER = {"brightness": 0.3, "contrast": 0.4, "saturation": 0.5, "hue": 0.08}
 
 
 def gr00t_setup(training: Training) -> TrainerSetup:
-    """Return the setup of GR00T; raise InvalidInputError if it cannot follow the recipe."""
+    """Return the setup of GR00T. Raises InvalidInputError if GR00T cannot follow the recipe."""
     recipe, data = training.recipe, training.only_data
     _ = training.batch_of_gpu
     if recipe.form.proprioception is False:
         raise InvalidInputError(
             "proprioception",
-            "GR00T cannot leave the state out: a dropout of 1.0 would train without an input that is served",
-            "Write a constant state into the data and serve the same constant, or leave the field out",
+            "GR00T cannot be trained without a state: with a dropout of 1.0, the state would be missing in training "
+            "but present in evaluation",
+            "Write a constant state into the data and use the same constant in evaluation, or leave the field out",
         )
     parts, origin, where = recipe.frozen_parts("gr00t")
     frozen = parts or ()

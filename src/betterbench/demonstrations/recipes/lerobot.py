@@ -1,7 +1,8 @@
 """Recipe for LeRobot: a ``train_config.json`` for its ``TrainPipelineConfig``, for several policy types.
 
 Fields: huggingface/lerobot 0.4.4 and 0.6.1, ``configs/train.py``, ``configs/default.py`` and
-``policies/*/configuration_*.py``. Only fields that both releases have are written, except for policies that came later.
+``policies/*/configuration_*.py``. Only fields that exist in both releases are written, except for policies that were
+added later.
 """
 
 from __future__ import annotations
@@ -80,13 +81,15 @@ def lerobot_setup(training: Training) -> TrainerSetup:
     if is_real:
         checks += real_checks(data)
     if policy in _WITHOUT_LANGUAGE and is_real:
-        checks.append(f"{policy} does not use the instruction: it can tell the two tasks by the tablecloth alone.")
+        checks.append(
+            f"{policy} does not use the instruction: it can only distinguish the two tasks by the tablecloth."
+        )
     elif policy in _WITHOUT_LANGUAGE:
         checks.append(f"{policy} does not use the instruction: export and train it per task (better export --tasks).")
     else:
         checks.append(f"{policy} loads a tokenizer or a backbone from the Hugging Face hub.")
     if policy == "multi_task_dit":
-        checks.append("multi_task_dit came with LeRobot 0.5.1.")
+        checks.append("multi_task_dit requires LeRobot 0.5.1 or newer.")
     if policy in ("pi0", "pi05"):
         checks += [f"{number} is nearly constant: normalization amplifies it." for number in data.still]
     return TrainerSetup(
@@ -158,10 +161,10 @@ def _freezing(training: Training) -> tuple[Setting, ...]:
     frozen = set(parts)
     if frozen and policy not in ("smolvla", "pi05"):
         raise InvalidInputError(
-            "frozen: lerobot", f"{policy} has no switch for frozen parts", "Leave out frozen, or use pi05 or smolvla"
+            "frozen: lerobot", f"{policy} has no option to freeze parts", "Leave out frozen, or use pi05 or smolvla"
         )
     if frozen == {"language"}:
-        problem = f"the language model of {policy} alone cannot be frozen"
+        problem = f"the language model of {policy} cannot be frozen separately"
         raise InvalidInputError("frozen: lerobot", problem, "Freeze vision and language, vision, or nothing")
     if policy not in ("smolvla", "pi05"):
         return ()

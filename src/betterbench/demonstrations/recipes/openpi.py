@@ -1,7 +1,7 @@
 """Recipe for openpi (pi0.5): one Python file that registers a ``TrainConfig`` and starts openpi's own scripts.
 
 Fields: Physical-Intelligence/openpi@15a9616a, ``src/openpi/training/config.py`` (``TrainConfig``, ``pi05_libero``) and
-``src/openpi/models/pi0_config.py`` (``get_freeze_filter``). For the data of a real arm: ``SimpleDataConfig``,
+``src/openpi/models/pi0_config.py`` (``get_freeze_filter``). Fields for a real arm: ``SimpleDataConfig``,
 ``pi05_aloha_pen_uncap``, and ``DeltaActions`` of ``src/openpi/transforms.py``.
 """
 
@@ -32,11 +32,12 @@ LIBERO_DATA = "physical-intelligence/libero"
 _OWN = "pi05_libero"
 
 _STATELESS = (
-    "The policy gets no state of the robot: pi0.5 reads it only from the prompt, and discrete_state_input is False as "
-    "in pi05_libero (openpi issue 687). proprioception: true in the recipe writes it into the prompt."
+    "The policy does not get the robot's state: pi0.5 only reads it from the prompt, and discrete_state_input is "
+    "False as in pi05_libero (openpi issue 687). With proprioception: true in the recipe, the state is added to the "
+    "prompt."
 )
 _COLUMNS = "The data need the columns image, wrist_image, state (8) and actions (7: deltas and the gripper)."
-_STATE = "The state of the robot is in the prompt, as 256 bins; pi05_libero itself has none."
+_STATE = "The prompt contains the robot's state in 256 bins; in pi05_libero it does not."
 
 _FREEZE = {
     (): "nnx.Nothing()",
@@ -47,7 +48,7 @@ _FREEZE["vision", "language"] = f"nnx.Any({_FREEZE['vision',]}, {_FREEZE['langua
 
 
 def openpi_setup(training: Training) -> TrainerSetup:
-    """Return the setup of openpi; raise InvalidInputError if it cannot follow the recipe."""
+    """Return the setup of openpi. Raises InvalidInputError if openpi cannot follow the recipe."""
     recipe, data = training.recipe, training.only_data
     _ = training.batch_of_gpu
     if recipe.benchmark == "real":
@@ -74,7 +75,7 @@ def openpi_setup(training: Training) -> TrainerSetup:
     checks = [
         exposure(training),
         f"Steps count from 0: the last checkpoint is the folder {last}.",
-        "A training that is resumed begins the data anew.",
+        "A resumed training starts again at the beginning of the data.",
         _STATELESS if not values["model.discrete_state_input"] else _STATE,
     ]
     checks += [_COLUMNS] * (not data.preset and not _on_hub(data))
@@ -91,7 +92,7 @@ def openpi_setup(training: Training) -> TrainerSetup:
 
 
 def _real_setup(training: Training) -> TrainerSetup:
-    """Return the setup for data that LeRobot recorded with an SO-101, with absolute joint positions and two cameras."""
+    """Return the setup for data recorded by LeRobot with an SO-101: absolute joint positions and two cameras."""
     recipe, data = training.recipe, training.only_data
     name = f"{recipe.name}_pi05"
     file, repo_id = f"{name}.py", f"local/{data.name}_v21"
@@ -124,8 +125,8 @@ def _real_setup(training: Training) -> TrainerSetup:
         (
             exposure(training),
             f"Steps count from 0: the last checkpoint is the folder {last}.",
-            "openpi reads LeRobot v2.1 only: its lock names lerobot 0cf86487. LeRobot records v3.0.",
-            "All weights are trained: openpi's README asks for more than 70 GB of GPU memory.",
+            "openpi only reads LeRobot v2.1, because it pins lerobot 0cf86487. LeRobot records v3.0.",
+            "All weights are trained, which needs more than 70 GB of GPU memory according to openpi's README.",
             *real_checks(data),
         ),
     )
@@ -169,7 +170,7 @@ def _real_settings(training: Training, repo_id: str) -> tuple[Setting, ...]:
 
 
 def _real_files(name: str, settings: tuple[Setting, ...]) -> dict[str, str]:
-    """Return the launcher, and the module that its data loader's processes import."""
+    """Return the launcher, and the module that the processes of its data loader import."""
     values = {setting.name: setting.value for setting in settings}
     texts = {field.replace(".", "_"): repr(value) for field, value in values.items()}
     imports = "    import openpi.shared.nnx_utils as nnx_utils\n" if "nnx_utils" in values["freeze_filter"] else ""

@@ -1,4 +1,4 @@
-"""Fine-tuning recipe: the values prescribed by the paper for all frameworks, each with its source."""
+"""Fine-tuning recipes: the values prescribed by the paper, with their sources."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Backbone = Literal["vision", "language"]
 Benchmark = Literal["better", "libero", "calvin", "real"]
 RecipeName = Literal["better", "libero", "calvin", "real_arm"]
 Origin = Literal["paper", "upstream", "recipe", "ours"]
-"""Origin of a value: the paper, the framework's own recipe, the user's recipe file, or betterbench."""
+"""Origin of a value: the paper, the recipe of the framework, the recipe file of the user, or betterbench."""
 
 _CURE = "Correct the recipe; see docs/recipes.md for an example"
 
@@ -28,7 +28,7 @@ Positive = Annotated[int, Field(ge=1, le=100_000_000)]
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One field of a framework's configuration, with its value and its source."""
+    """Field of a framework's configuration, with its value and source."""
 
     name: str
     value: Any
@@ -39,7 +39,7 @@ class Setting:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RecipeForm:
-    """Format of a recipe file; missing fields take their values from the recipe that the file extends."""
+    """Format of a recipe file. Missing fields are taken from the recipe that the file extends."""
 
     extends: RecipeName = "better"
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")] | None = None
@@ -58,14 +58,14 @@ _FORM = TypeAdapter(RecipeForm)
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """Resolved recipe, in which every value is set or left to the framework (None).
+    """Resolved recipe, in which each value is either set or left to the framework (None).
 
     Attributes:
         name: Name of the recipe, used in the names of configurations and folders.
         form: Content of the user's file.
-        fixed: Steps and batch (``steps``, ``batch``), each with its origin and its location there.
-        frozen: Frozen parts of the backbone by framework, with their location in the paper.
-        policies: Steps and batches by policy type where LeRobot's own recipes differ.
+        fixed: Values of ``steps`` and ``batch``, each with its origin and its location in the origin.
+        frozen: Frozen parts of the backbone by framework, with the location in the paper.
+        policies: Steps and batch by policy type, for types whose recipe in LeRobot differs.
     """
 
     name: str
@@ -87,20 +87,23 @@ class Recipe:
 
     @property
     def save_every(self) -> int:
-        """Steps between two checkpoints."""
+        """Number of steps between two checkpoints."""
         return self.form.save_every or self.saved_every(5000)
 
     def saved_every(self, usual: int) -> int:
-        """Return the usual number of steps between checkpoints, or all steps if this would not save the last step."""
+        """Return the number of steps between checkpoints, chosen so that the last step is saved."""
         return usual if self.steps % usual == 0 else self.steps
 
     def setting(self, name: str, what: Literal["steps", "batch"]) -> Setting:
-        """Return steps or batch as the field of a framework."""
+        """Return steps or batch as a field of a framework."""
         given = getattr(self.form, what)
         return given_or(name, given, *self.fixed[what])
 
     def of_policy(self, policy: str) -> Recipe:
-        """Return the recipe for a policy type of LeRobot; raise InvalidInputError if save_every does not fit it."""
+        """Return the recipe for a policy type of LeRobot.
+
+        Raises InvalidInputError if save_every does not divide its steps.
+        """
         fixed = dict(self.fixed)
         if self.policies and policy != "pi05":  # the paper trained pi0.5 only
             fixed = {name: (value, "ours", f"as pi0.5; no recipe for {policy}") for name, (value, *_) in fixed.items()}
@@ -109,7 +112,7 @@ class Recipe:
         return found
 
     def frozen_parts(self, framework: Framework) -> tuple[tuple[Backbone, ...] | None, Origin, str]:
-        """Return the frozen parts of a framework's backbone (None for its own default), and the source."""
+        """Return the frozen parts of a framework's backbone (None for its default), and the source."""
         given = (self.form.frozen or {}).get(framework)
         if given is not None:
             return given, "recipe", "frozen"
@@ -120,15 +123,15 @@ class Recipe:
 
 
 def given_or(name: str, given: object, value: object, origin: Origin, where: str) -> Setting:
-    """Return a field with the value in the recipe file, or else a default value with its origin."""
+    """Return a field with its value in the recipe file, or the default value with its origin."""
     return Setting(name, value, origin, where) if given is None else Setting(name, given, "recipe", "recipe file")
 
 
 def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
-    """Return a recipe of the paper by name, or a recipe from the fields of a file.
+    """Return a recipe of the paper by name, or create a recipe from the fields of a file.
 
     Args:
-        form: ``better``, ``libero``, ``calvin`` or ``real_arm``, or a map of fields.
+        form: ``better``, ``libero``, ``calvin`` or ``real_arm``, or a mapping of fields.
         where: File name, for errors.
 
     Raises:
@@ -165,9 +168,11 @@ def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
 
 
 def _check_saving(recipe: Recipe, where: str) -> None:
-    """Raise InvalidInputError if the last step would not be saved."""
+    """Raise InvalidInputError if the last step is not saved."""
     if recipe.steps % recipe.save_every:
-        problem = f"{recipe.steps} steps are not a multiple of {recipe.save_every}, so the last would not be kept"
+        problem = (
+            f"{recipe.steps} steps are not a multiple of {recipe.save_every}, so the last checkpoint would not be saved"
+        )
         raise InvalidInputError(f"{where}: save_every", problem, "Give a divisor of the steps, or omit save_every")
 
 

@@ -1,4 +1,4 @@
-"""Setup of a framework for a recipe: files, configuration fields with their sources, and remaining manual checks."""
+"""Setup of a framework for a recipe: files, configuration fields with sources, and manual checks."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from betterbench.quoting import ShellText, shell_line, shell_word
 from betterbench.tasks import get_task
 
 SOURCE_FILE = Path("meta/betterbench.json")
-_CURE = "Name a folder written by better export, or one that does not exist yet"
-_RECORD_AGAIN = "Name a data set that lerobot-record wrote with so101_follower and the cameras front and wrist"
+_CURE = "Give a folder written by better export, or a folder that does not exist yet"
+_RECORD_AGAIN = "Give a data set that lerobot-record wrote with so101_follower and the cameras front and wrist"
 _MAX_META_BYTES = 1 << 28
 REAL_CAMERAS = ("front", "wrist")
 SO101_COLUMNS = SO101_DEGREES.components
-"""Components of state and action, as LeRobot's so101_follower names them."""
+"""Components of state and action, named as in LeRobot's so101_follower."""
 REAL_PRESET = "lerobot_so101_degrees"
-"""Layout of requests to a policy that was trained on such data."""
+"""Adapter preset of a policy that was trained on such data."""
 REAL_RATE_HZ = CONTROL_RATE_HZ
-"""Rate at which demonstrations and trials of the protocol are recorded [Hz]: that of the twin."""
+"""Rate of demonstrations and trials in the protocol, which is the control rate of the simulated twin [Hz]."""
 DEMONSTRATIONS = 25
-"""Demonstrations of each training condition in the paper."""
+"""Number of demonstrations per training condition in the paper."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingData:
-    """A training data set.
+    """Training data set.
 
     Attributes:
         place: Folder, or the name of a data set on the Hugging Face hub.
@@ -59,18 +59,18 @@ class TrainingData:
 
     @property
     def name(self) -> str:
-        """The last part of the data set's path."""
+        """Last part of the data set's path."""
         return Path(self.place).name
 
 
 @dataclass(frozen=True, slots=True)
 class Training:
-    """Requested training.
+    """Training requested by the user.
 
     Attributes:
-        data: Its data sets: one, or several if the framework can mix them.
+        data: Data sets: one, or several if the framework can mix them.
         gpus: Number of GPUs.
-        weights: Initial weights; the framework's published ones if None.
+        weights: Initial weights, or None for the framework's published weights.
         policy: Type of policy, for LeRobot.
         sample_tokens: Tokens of one sample, for Being-H's packing.
     """
@@ -87,26 +87,30 @@ class Training:
         require_between("--gpus", self.gpus, 1, 4096)
         require_between("--sample-tokens", self.sample_tokens, 1, 100_000)
         if self.weights is not None and not _is_place(self.weights):
-            raise InvalidInputError("--weights", f"{self.weights!r} is not a place", "Name a file or a folder")
+            raise InvalidInputError(
+                "--weights", f"{self.weights!r} is not a path", "Give a file or a folder"
+            )
 
     @property
     def only_data(self) -> TrainingData:
-        """The only data set; raises InvalidInputError if there are several."""
+        """The only data set. Raises InvalidInputError if there are several."""
         if len(self.data) != 1:
             raise InvalidInputError(
                 "--data",
-                f"{len(self.data)} are given, but this trainer reads one",
+                f"{len(self.data)} data sets are given, but this trainer reads only one",
                 "Merge them into one data set first",
             )
         return self.data[0]
 
     @property
     def batch_of_gpu(self) -> int:
-        """Batch size per GPU; raises InvalidInputError if the batch is not divisible by the number of GPUs."""
+        """Batch size per GPU. Raises InvalidInputError if the batch is not divisible by the number of GPUs."""
         batch = self.recipe.batch
         if batch % self.gpus:
             divisors = ", ".join(str(n) for n in range(1, batch + 1) if batch % n == 0)
-            raise InvalidInputError("--gpus", f"a batch of {batch} is not divisible by {self.gpus}", f"Give {divisors}")
+            raise InvalidInputError(
+                "--gpus", f"a batch of {batch} is not divisible by {self.gpus} GPUs", f"Give {divisors}"
+            )
         return batch // self.gpus
 
 
@@ -120,11 +124,11 @@ class TrainerSetup:
 
     Attributes:
         upstream: Repository and commit (or release) from which the fields were read.
-        files: Content by name.
+        files: Content of each file, by name.
         settings: The fields of the framework's configuration.
-        commands: Titles and command lines, in order.
-        evaluation: The command that evaluates the trained policy.
-        checks: Manual checks, for errors that the framework does not report.
+        commands: Title and command lines of each step, in order.
+        evaluation: Command that evaluates the trained policy.
+        checks: Manual checks for errors that the framework does not report.
     """
 
     framework: str
@@ -137,11 +141,11 @@ class TrainerSetup:
 
 
 def data_of(place: str, *, preset: str, version: str, benchmark: str) -> TrainingData:
-    """Return the description of a data set, as far as its files are present.
+    """Return the description of a data set, as far as its files are on this machine.
 
     Args:
-        place: Its folder; for other benchmarks also a name on the hub.
-        preset: Layout that the trainer needs, for data of betterbench.
+        place: Folder of the data set, or for other benchmarks also its name on the hub.
+        preset: Export layout that the trainer needs, for data of betterbench.
         version: Version of LeRobot's format that the trainer reads ("v2.1", "v3.0").
         benchmark: Benchmark of the recipe.
 
@@ -150,10 +154,10 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
     """
     folder = Path(place)
     if not _is_place(place):
-        raise InvalidInputError("--data", f"{place!r} is not a place of a data set", "Name its folder")
+        raise InvalidInputError("--data", f"{place!r} is not the path of a data set", "Give its folder")
     if not _NAME.fullmatch(folder.name):
-        problem = f"{folder.name!r}, the last part of {place!r}, cannot name a data set"
-        raise InvalidInputError("--data", problem, "Rename the folder: letters, digits, '_', '.' and '-'")
+        problem = f"{folder.name!r}, the last part of {place!r}, is not a valid name of a data set"
+        raise InvalidInputError("--data", problem, "Rename the folder, with only letters, digits, '_', '.' and '-'")
     if benchmark == "real" and folder.exists():
         return recorded_data(folder)
     if benchmark != "better" or not folder.exists():
@@ -171,7 +175,7 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
     info = _read(folder / "meta/info.json", _INFO)
     if info.codebase_version != version:
         found = one_line(info.codebase_version, most=80)
-        raise InvalidInputError(place, f"it is LeRobot {found}, not {version}", cure)
+        raise InvalidInputError(place, f"its format is LeRobot {found}, expected {version}", cure)
     stats = _read(folder / "meta/stats.json", _STATS)
     try:
         still = tuple(
@@ -190,13 +194,15 @@ def recorded_data(folder: Path) -> TrainingData:
     """Return the description of a data set that LeRobot recorded with an SO-101.
 
     Raises:
-        InvalidInputError: If it is of another version, arm or camera than the protocol has.
+        InvalidInputError: If version, arm or cameras differ from those of the protocol.
     """
     info = _read(folder / "meta/info.json", _RECORDED, cure=_RECORD_AGAIN)
     place = str(folder)
     if info.codebase_version != "v3.0":
         found = one_line(info.codebase_version, most=80)
-        raise InvalidInputError(place, f"it is LeRobot {found}, not v3.0", "Convert it with the script of LeRobot")
+        raise InvalidInputError(
+            place, f"its format is LeRobot {found}, expected v3.0", "Convert it with the script of LeRobot"
+        )
     for column in ("observation.state", "action"):
         names = info.features[column].names if column in info.features else None
         if names is None or tuple(names) != SO101_COLUMNS:
@@ -205,8 +211,8 @@ def recorded_data(folder: Path) -> TrainingData:
     missing = [name for name in REAL_CAMERAS if f"observation.images.{name}" not in info.features]
     if missing:
         cameras = ", ".join(sorted(c.removeprefix("observation.images.") for c in info.features if ".images." in c))
-        problem = f"it has no camera {missing[0]!r}, but {cameras or 'none'}"
-        raise InvalidInputError(place, problem, "Name the cameras front and wrist when you record")
+        problem = f"expected a camera {missing[0]!r}, found {cameras or 'none'}"
+        raise InvalidInputError(place, problem, "Name the cameras front and wrist when recording")
     return TrainingData(place, "", info.total_frames, rate_hz=info.fps, episodes=info.total_episodes)
 
 
@@ -248,7 +254,7 @@ class _Info:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Feature:
-    """Fields of a feature that are read; the names of images are those of their axes."""
+    """Fields of a feature that are read. The names of an image are those of its axes."""
 
     names: tuple[str, ...] | dict[str, Any] | None = None
 
@@ -280,14 +286,14 @@ def _is_place(text: str) -> bool:
 
 
 def export_line(data: TrainingData, to: str, *, images: str = "video", place: str | None = None) -> str:
-    """Return the ``better export`` command line that produces this training set."""
+    """Return the ``better export`` command that writes this data set."""
     words = ["better", "export", "runs/demos", "--to", to, "--preset", data.preset]
     words += ["--images", images] * (images != "video") + ["--out", place or data.place]
     return shell_line(words)
 
 
 def record_lines(place: str) -> str:
-    """Return the commands that record the paper's demonstrations: a session per instruction and layout of the task."""
+    """Return the commands that record the paper's demonstrations, with one session per instruction and layout."""
     task = get_task("fruit_basket")
     lines = []
     for number, condition in enumerate(task.training):
@@ -323,7 +329,7 @@ def real_evaluation(name: str, address: str, data: TrainingData) -> str:
             shell_line(plan),
             shell_line(run),
             shell_line(["better", "real", "judge", "bench", "--person", "NAME"]),
-            "# the same policy on the twin, and both side by side:",
+            "# the same policy on the simulated twin, and a report that compares both:",
             shell_line([*twin, "--trials", "3", "--out", f"runs/{name}_twin"]),
             shell_line(["better", "real", "report", "bench", "--sim", f"runs/{name}_twin"]),
         )
@@ -331,16 +337,17 @@ def real_evaluation(name: str, address: str, data: TrainingData) -> str:
 
 
 def real_checks(data: TrainingData) -> tuple[str, ...]:
-    """Return the manual checks before training on data of a real arm."""
+    """Return the manual checks for training on data of a real arm."""
     wanted = DEMONSTRATIONS * len(get_task("fruit_basket").training)
     found = [
-        f"The paper has {DEMONSTRATIONS} demonstrations of each of four training conditions, {wanted} in all"
-        + ("." if data.episodes is None else f"; the data have {data.episodes}."),
-        "Arm and cameras stand as docs/real-setup.md says, in demonstrations and trials alike.",
+        f"The paper uses {DEMONSTRATIONS} demonstrations of each of four training conditions, {wanted} in total"
+        + ("." if data.episodes is None else f"; this data set has {data.episodes}."),
+        "Arm and cameras are mounted as described in docs/real-setup.md, in demonstrations and in trials.",
     ]
     if data.rate_hz is not None and data.rate_hz != REAL_RATE_HZ:
         found.append(
-            f"The data have {data.rate_hz:g} Hz and the twin {REAL_RATE_HZ:g} Hz: on the twin, the policy acts slower."
+            f"The data have {data.rate_hz:g} Hz and the twin {REAL_RATE_HZ:g} Hz: the policy moves more slowly on "
+            f"the simulated twin."
         )
     return tuple(found)
 
@@ -348,14 +355,14 @@ def real_checks(data: TrainingData) -> tuple[str, ...]:
 def evaluation_lines(
     recipe: Recipe, data: TrainingData, *, address: str, on_libero: str, libero_address: str | None = None
 ) -> str:
-    """Return the commands that evaluate the trained policy: on our suite, or with its own benchmark.
+    """Return the commands that evaluate the trained policy, on our suite or with the benchmark's own code.
 
     Args:
         recipe: Recipe of the training.
         data: Data set of the training.
         address: Policy address for a recipe of our suite.
-        on_libero: The framework's own evaluation for a recipe of LIBERO.
-        libero_address: Policy address on our suite for a recipe of LIBERO, if that is possible.
+        on_libero: Commands of the framework's own evaluation, for a recipe of LIBERO.
+        libero_address: Policy address for our suite, for a recipe of LIBERO; None if it cannot be evaluated there.
     """
     if recipe.benchmark == "better":
         return _evaluation_line(address, recipe, data)
@@ -374,23 +381,23 @@ def _evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
 
 
 def own_file(file: str) -> ShellText:
-    """Return a file in the recipe folder as a shell word."""
+    """Return the path of a file in the recipe folder as a shell word."""
     return ShellText(f'"$HERE/{file}"')
 
 
 def flag_lines(command: str, flags: Sequence[tuple[str, str]]) -> str:
-    """Return a command with one flag per line."""
+    """Format a command with one flag per line."""
     return " \\\n  ".join([command, *(f"{name} {value}".rstrip() for name, value in flags)])
 
 
 def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
-    """Return a template of this package with its placeholders filled, as a file for a framework."""
+    """Fill in the placeholders of a template in this package."""
     file = importlib.resources.files("betterbench.demonstrations.recipes") / "data" / name
     return Template(file.read_text(encoding="utf-8")).substitute(texts or {})
 
 
 def exposure(training: Training) -> str:
-    """Return how often each frame is used in training, if the number of frames is known."""
+    """Describe the number of training samples, and the number of passes over the data if known."""
     frames = [data.frames for data in training.data]
     known = [n for n in frames if n is not None]
     samples = training.recipe.steps * training.recipe.batch

@@ -1,4 +1,4 @@
-"""Recipe folder: files for the framework, commands in order, and a page with the source of each field."""
+"""Recipe folder: files for the framework, commands, and a page with the source of each field."""
 
 from __future__ import annotations
 
@@ -68,13 +68,15 @@ def trainer_setup(
     trainer = _TRAINERS[framework]
     is_real = recipe.benchmark == "real"
     if is_real and framework not in ("openpi", "lerobot"):
-        problem = f"{framework} has no recipe for the data of a real SO-101 here"
+        problem = f"{framework} has no recipe for data of a real SO-101"
         raise InvalidInputError("--recipe", problem, "Use openpi or lerobot, or another recipe")
     recipe = recipe.of_policy(policy if framework == "lerobot" else "pi05")
     published = getattr(trainer.module, "LIBERO_DATA", None) if recipe.benchmark == "libero" else None
     places = tuple(data) or ((published,) if published else ())
     if not places:
-        raise InvalidInputError("--data", "is missing", "Name the folder of the data set, here or on the trainer")
+        raise InvalidInputError(
+            "--data", "is missing", "Give the folder of the data set, on this machine or on the training machine"
+        )
     preset, version = trainer.module.PRESET, trainer.module.VERSION
     found = tuple(data_of(place, preset=preset, version=version, benchmark=recipe.benchmark) for place in places)
     training = Training(
@@ -95,7 +97,7 @@ def trainer_setup(
 
 
 def setup_files(setup: TrainerSetup, recipe: Recipe) -> dict[str, str]:
-    """Return every file of a recipe's folder by name."""
+    """Return the content of all files in a recipe folder, by name."""
     fields = [asdict(setting) for setting in setup.settings]
     told = {"framework": setup.framework, "upstream": setup.upstream, "recipe": recipe.name, "fields": fields}
     return {
@@ -107,10 +109,10 @@ def setup_files(setup: TrainerSetup, recipe: Recipe) -> dict[str, str]:
 
 
 def write_setup(files: Mapping[str, str], out: Path, *, overwrite: bool = False) -> None:
-    """Write a recipe's files into a folder; files with the same content are kept.
+    """Write the files of a recipe into a folder. Files with the same content are kept.
 
     Raises:
-        RunConflictError: If the folder contains another recipe, or files of others, and may not be overwritten.
+        RunConflictError: If the folder contains another recipe or other files, unless overwriting is allowed.
         OSError: If the folder cannot be written.
     """
     wanted = {name: text.encode() for name, text in files.items()}
@@ -125,7 +127,7 @@ def write_setup(files: Mapping[str, str], out: Path, *, overwrite: bool = False)
 
 
 def _is_recipe(out: Path) -> bool:
-    """Return whether a folder contains a recipe's fields."""
+    """Return whether a folder contains a recipe."""
     try:
         form = read_object(out / "fields.json", max_bytes=_MOST_BYTES, cure="")
     except InvalidInputError:
@@ -154,7 +156,7 @@ def _page(setup: TrainerSetup, recipe: Recipe) -> str:
         "",
         f"Written by betterbench for {setup.upstream}. `commands.sh` has the steps in order.",
         "",
-        "## Look at",
+        "## Check",
         "",
         *(f"- {markdown_text(text)}" for text in setup.checks),
         "",

@@ -34,28 +34,28 @@ from betterbench.records.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.tasks import TrialId, get_task
 
 SOURCES, DEMONSTRATIONS = "sources", "demonstrations"
-"""Folders in a dataset: the expert demonstrations for amplification, and the set itself."""
+"""Folders in a set: the expert demonstrations to amplify, and the demonstrations of the set."""
 
 OnStage = Callable[[str, int, int, str], None]
-"""Callback that gets the name of a stage, its progress, its total, and a note."""
+"""Callback with the name of a stage, the number of finished items, the total, and a note."""
 
 
 @dataclass(frozen=True, slots=True)
 class MadeDataset:
-    """Complete training set.
+    """Finished training set.
 
     Attributes:
         path: Its folder.
         sha256: Hash of its demonstrations.
-        command: The command that reproduces the set.
+        command: Command that reproduces the set.
         demonstrations: Number of demonstrations.
-        steps: Their control steps.
-        missing: Number of initial states without an accepted attempt and without a replacement.
-        audit: Its shortcut audit; None if no task has enough demonstrations.
-        prediction: The prediction from the audit; None without an audit.
-        pairs: Its twins.
-        variety: Differences between its demonstrations, by task.
-        sources: Differences between their sources; None without sources.
+        steps: Number of control steps.
+        missing: Number of initial states that have neither a demonstration nor a replacement.
+        audit: Shortcut audit; None if no task has enough demonstrations.
+        prediction: Prediction from the audit; None without an audit.
+        pairs: Pairs of twins.
+        variety: Variety of the demonstrations, by task.
+        sources: Variety of the source demonstrations; None without sources.
     """
 
     path: Path
@@ -80,14 +80,14 @@ def make_dataset(
     overwrite: bool = False,
     on_progress: OnStage | None = None,
 ) -> MadeDataset:
-    """Build the training set of a recipe in a folder. The same call resumes it, and the result has the same bytes.
+    """Make the training set of a recipe. The same call resumes it, and the bytes of the result are the same.
 
     Args:
         recipe: Recipe of the set.
         out: Output folder of the set.
         workers: Worker processes.
-        pictures: Draw a sheet of initial states per task.
-        overwrite: Replace files of the set that were changed by hand.
+        pictures: Whether to draw a sheet of initial states per task.
+        overwrite: Whether to replace files of the set that were edited by hand.
         on_progress: Called with the progress of each stage.
 
     Raises:
@@ -171,7 +171,7 @@ def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -
 def _proven(
     run: RunFolder, recipe: SetRecipe, trials: list[TrialId], held_out: frozenset[int], tell: OnStage
 ) -> tuple[SetNumbers, tuple[EpisodeFacts, ...], tuple[TaskVariety, ...]]:
-    """Return the counts, facts and variety of all records, after checking that each is in the training distribution."""
+    """Check that each record is in the training distribution, and return counts, facts and variety."""
     numbers, facts, meter = SetNumbers(held_out), [], VarietyMeter()
     bounds = {name: RegimeBounds.of(get_task(name), recipe.regime) for name in recipe.tasks}
     for count, trial in enumerate(trials, start=1):
@@ -198,7 +198,7 @@ def _missing(recipe: SetRecipe, there: int) -> int:
 
 
 def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> Mapping[str, str]:
-    """Draw a sheet of initial states per task, and return its file, or why it is missing."""
+    """Draw a sheet of initial states per task, and return its file or the reason why it is missing."""
     found: dict[str, str] = {}
     tasks = list(dict.fromkeys(trial.task for trial in trials))
     for count, task in enumerate(tasks, start=1):

@@ -18,36 +18,38 @@ from betterbench.tasks.interventions.listed_regimes import crossed_in
 
 MOST_FORECASTS = 15
 PROVEN = (
-    "Each was checked, from its states, to start in a condition of this regime, to follow the instruction in its "
-    "order, "
-    "to handle objects only where certified demonstrations do, and to show no test of another regime."
+    "Each demonstration was checked by its states: it starts in a condition of this regime, follows the instruction "
+    "in order, handles objects only where certified demonstrations do, and shows no test condition of another regime."
 )
-RANGES = "Ranges over the training frames; `statistics.json` has mean, deviation and quantiles of actions and states."
+RANGES = (
+    "Ranges over the training frames. `statistics.json` contains mean, standard deviation and quantiles of actions "
+    "and states."
+)
 ABOUT_REGIME = {
     "training": "The training conditions of each task with their confounds: associated words, slots and orders.",
     "balanced": (
-        "The control arm: as many demonstrations of the same skills (and at least one of each condition), with words, "
-        "slots, orders and objects crossed in conditions other than the tests."
+        "The control arm: the same number of demonstrations of the same skills (at least one of each condition), in "
+        "conditions that vary words, slots, orders and objects independently and include no test condition."
     ),
     "diverse-confounded": (
-        "The control arm for diversity: as many conditions as the balanced regime, with as many layouts and objects "
-        "beside the requested ones, in which each word stays tied to its slot."
+        "The control arm for diversity: the same number of conditions, layouts and additional objects as the "
+        "balanced regime, but each word always refers to the same slot."
     ),
     "covered": (
-        "The test conditions themselves. They show which tests can be learned at all; success on them is not "
-        "generalization. A policy trained on this set is not tested by the same variations."
+        "The test conditions themselves, to measure which tests can be learned at all. Success on them is not "
+        "generalization. Do not test a policy trained on this set with the same variations."
     ),
 }
 
 
 @dataclass(frozen=True, slots=True)
 class CardFacts:
-    """Content of a dataset card, in addition to the recipe.
+    """Content of a dataset card apart from the recipe.
 
     Attributes:
         sheets: Picture file for each task, relative to the card, or the reason why it is missing.
-        variety: Differences between the demonstrations, by task.
-        sources: Differences between the source demonstrations.
+        variety: Variety of the demonstrations, by task.
+        sources: Variety of the source demonstrations.
     """
 
     sha256: str
@@ -119,7 +121,7 @@ def _ranges(numbers: SetNumbers) -> Iterator[tuple[str, ...]]:
 
 
 def _task_lines(recipe: SetRecipe, facts: CardFacts) -> Iterator[str]:
-    """Yield one section per task: its picture, its crossed factors, and its pairs."""
+    """Yield one section per task, with its picture, the factors that were varied, and its twins."""
     pairs = pairs_by_task(facts.pairs)
     for task in recipe.tasks:
         yield from ("", f"## {markdown_text(task)}", "")
@@ -147,7 +149,7 @@ def _shortcut_lines(facts: CardFacts) -> Iterator[str]:
     yield from (
         "## Prediction",
         "",
-        "Variations that a learner of this set is predicted to fail, before training:",
+        "Variations that a learner trained on this set is predicted to fail:",
         "",
     )
     if unsure := doubt(facts.audit, facts.prediction):

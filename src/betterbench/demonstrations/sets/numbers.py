@@ -27,7 +27,7 @@ STATE = (
 
 @dataclass(frozen=True, slots=True)
 class ConditionCounts:
-    """The demonstrations of one condition."""
+    """Demonstration counts of a condition."""
 
     task: str
     condition: str
@@ -52,7 +52,7 @@ class SetNumbers:
         self._demonstrators: Counter[str] = Counter()
 
     def add(self, trial: TrialId, record: Record) -> None:
-        """Add a record; statistics use training records only."""
+        """Add a record. Only training records are used for statistics."""
         meta = record.metadata
         held_out = trial.seed in self._held_out
         self._lengths.setdefault((trial.task, trial.condition, meta.instruction), []).append((record.n_steps, held_out))
@@ -72,12 +72,12 @@ class SetNumbers:
 
     @property
     def steps(self) -> int:
-        """Control steps of all records."""
+        """Number of control steps of all records."""
         return sum(n for lengths in self._lengths.values() for n, _ in lengths)
 
     @property
     def demonstrators(self) -> Mapping[str, int]:
-        """Demonstrations by kind of demonstrator."""
+        """Number of demonstrations by demonstrator."""
         return dict(sorted(self._demonstrators.items()))
 
     def counts(self) -> tuple[ConditionCounts, ...]:
@@ -93,7 +93,7 @@ class SetNumbers:
     def statistics(self) -> dict[str, Any]:
         """Return the normalization statistics of actions and states, over all training frames and per task.
 
-        A frame is a state with the action taken in it. Raises ValueError without frames.
+        A frame is a state with the action taken in this state. Raises ValueError without frames.
         """
         return {
             "action": {"names": list(self._components), **_rounded(vector_stats(np.concatenate(self._actions)))},

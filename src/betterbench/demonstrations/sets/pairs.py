@@ -1,4 +1,4 @@
-"""Twins among the demonstrations of a run: identical initial states with different instructions."""
+"""Twins in a run of demonstrations: identical initial states with different instructions."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 
 
 def twin_pairs(run: RunFolder, regime: Regime) -> Iterator[TwinPair]:
-    """Yield pairs from a run whose conditions share their seeds, ordered by task, seed and condition.
+    """Yield the pairs of twins in a run whose conditions share their seeds, ordered by task, seed and condition.
 
-    A pair has one initial state and two instructions. Demonstrations of one initial state that were accepted at
-    different attempts have different motion styles and do not form a pair.
+    A pair has one initial state and two instructions. Demonstrations that were accepted in attempts with different
+    numbers have different motion styles and do not form a pair.
     """
     done = {entry.key for entry in run.entries() if entry.status == "done"}
     for task in sorted({trial.task for trial in done}):
@@ -60,7 +60,7 @@ def shared_rows(first: Record, second: Record) -> int:
 
 
 def pairs_by_task(pairs: Iterable[TwinPair]) -> Mapping[str, list[TwinPair]]:
-    """Return the pairs of each task."""
+    """Return the pairs of twins by task."""
     found: dict[str, list[TwinPair]] = {}
     for pair in pairs:
         found.setdefault(pair.task, []).append(pair)

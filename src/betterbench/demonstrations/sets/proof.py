@@ -1,4 +1,4 @@
-"""Check, from a record alone, that it demonstrates a training distribution and nothing outside it."""
+"""Check that a record demonstrates a training distribution and nothing outside of it."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ CURE = "Delete the file and run the command again to repeat the demonstration"
 
 @dataclass(frozen=True, slots=True)
 class RegimeBounds:
-    """Conditions that a set may contain, and conditions that it must not contain."""
+    """Conditions that a set may contain, and test conditions that it must not contain."""
 
     shown: tuple[Condition, ...]
     forbidden: tuple[Condition, ...]
 
     @classmethod
     def of(cls, task: Task, regime: Regime) -> RegimeBounds:
-        """Return the conditions that a set of a training distribution may show, and the tests that it must not show."""
+        """Return the bounds of a set with a training distribution."""
         shown = conditions_of(task, regime)
         known = {pairing(condition) for condition in shown}
         tests = conditions_of(task, "covered")
@@ -34,13 +34,13 @@ class RegimeBounds:
 
 
 def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFacts:
-    """Return a record's facts after checking that it demonstrates its training distribution and nothing outside it.
+    """Check that a record demonstrates its training distribution and nothing outside of it, and return its facts.
 
-    The start, the instruction, the order of the subgoals and every grasp and release are derived from the states.
+    Initial state, order of the subgoals, grasps and releases are computed from the recorded states.
 
     Raises:
-        RecordError: If the record has a test seed, failed, has another initial state or order than its condition,
-            demonstrates a test condition, or picks or places an object outside the certified support.
+        RecordError: If the record has a test seed, is not successful, does not match the initial state or order of its
+            condition, demonstrates a test condition, or contains a pick or placement outside the certified support.
     """
     meta = record.metadata
     if meta.seed < FIRST_DEMONSTRATION_SEED:
@@ -60,7 +60,7 @@ def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFac
     asked = [goal.name for goal, there in goals if not there] if condition.expected is Expected.SUCCEED else []
     in_order = done == asked if condition.instruction.ordered else sorted(done) == sorted(asked)
     if asked and not in_order:
-        raise _refusal(where, f"it does {', '.join(done) or 'nothing'} instead of {', '.join(asked)}")
+        raise _refusal(where, f"its subgoals are {', '.join(done) or 'none'} instead of {', '.join(asked)}")
     outside = outside_support(record.states(), get_task(meta.task), condition)
     if outside is not None:
         raise _refusal(where, outside)

@@ -1,4 +1,4 @@
-"""Recipes for training sets: all values that determine the bytes of a set, and the command that reproduces it."""
+"""Recipe of a training set: all values that determine its bytes, and the command that reproduces it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.tasks.user_files import options_by_name
 from betterbench.version import __version__
 
 RECIPE_VERSION = 1
-"""Version of the procedure that makes a dataset from a recipe."""
+"""Version of the procedure that makes a set from a recipe."""
 _MAX_BYTES = 1 << 20
 _CURE = "Give the --out folder of better dataset"
 
@@ -38,11 +38,12 @@ class SetRecipe:
         regime: Training distribution whose conditions are demonstrated.
         demos: Demonstrations per training condition; the other distributions divide the same total among their
             conditions.
-        sources: Number of expert demonstrations from which the others are amplified; 0 if the expert makes all of them.
-        seed: First seed of the expert's demonstrations; the first seed of the amplified demonstrations follows from it.
+        sources: Number of expert demonstrations to amplify, or 0 if the expert makes all demonstrations.
+        seed: First seed of the expert's demonstrations, from which the first seed of amplified demonstrations is
+            computed.
         noise: Standard deviation of the noise on executed actions in amplified demonstrations, in action units.
-        validation: Share of the seeds whose demonstrations are for validation.
-        pairs: Whether conditions with the same scene share their seeds, so that they form twins.
+        validation: Fraction of the seeds whose demonstrations are for validation.
+        pairs: Whether conditions with the same scene share their seeds and thus form twins.
     """
 
     tasks: tuple[str, ...]
@@ -59,7 +60,7 @@ class SetRecipe:
 
     @property
     def amplified(self) -> bool:
-        """Whether most demonstrations are amplified from the expert's demonstrations."""
+        """Whether the demonstrations are amplified from expert demonstrations."""
         return self.sources > 0 and not self.pairs
 
     @property
@@ -91,7 +92,7 @@ _FORM = TypeAdapter(SetRecipe)
 
 
 def holds_recipe(out: Path) -> bool:
-    """Return whether a folder contains a dataset's recipe."""
+    """Return whether a folder contains the recipe of a set."""
     try:
         read_recipe(out)
     except RecordError:
@@ -100,17 +101,17 @@ def holds_recipe(out: Path) -> bool:
 
 
 def keep_recipe(recipe: SetRecipe, out: Path) -> None:
-    """Write a recipe into its dataset folder, after the checks of :func:`require_recipe`, whose errors it raises."""
+    """Write the recipe into the folder of its set. Raises the errors of :func:`require_recipe`."""
     require_recipe(recipe, out)
     text = json.dumps(asdict(recipe), indent=1) + "\n"
     write_durably(out / "recipe.json", text.encode())
 
 
 def require_recipe(recipe: SetRecipe, out: Path) -> None:
-    """Reject a folder with other files, or with the dataset of another recipe (which may have fewer ``demos``).
+    """Reject a folder with other files or the set of another recipe, except one that differs only by fewer ``demos``.
 
     Raises:
-        RunConflictError: If the folder contains the dataset of another recipe.
+        RunConflictError: If the folder contains other files, or the set of another recipe.
         RecordError: If the recipe in the folder cannot be read.
     """
     require_free(out, "dataset", file="recipe.json", besides=(LIST_NAME,))
@@ -121,7 +122,7 @@ def require_recipe(recipe: SetRecipe, out: Path) -> None:
 
 
 def read_recipe(out: Path) -> SetRecipe:
-    """Return the recipe in a dataset's folder; raise RecordError if there is none."""
+    """Return the recipe in the folder of a set. Raises RecordError if there is none."""
     path = out / "recipe.json"
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     return read_form(_FORM, data, where=str(path), cure=_CURE, raises=RecordError)

@@ -1,4 +1,4 @@
-"""Contact sheet of a training set: the initial state of one demonstration per condition, with its instruction."""
+"""Contact sheet of a training set: one initial state per condition, with its instruction."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LINE = 40
 
 
 def draw_sheet(run: RunFolder, trials: Sequence[TrialId], path: Path) -> None:
-    """Draw the first state of some records from the front, with condition and instruction below, and write a JPEG.
+    """Write a JPEG with front views of the initial states of some records, with conditions and instructions.
 
     Raises:
         RecordError: If a record or its scene cannot be read.

@@ -1,4 +1,4 @@
-"""Tested and untested questions of an audit, with the reason for each untested one."""
+"""Tested and untested questions of an audit."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class AskedQuestion:
-    """One question of an audit, whether tested or not.
+    """Tested or untested question of an audit.
 
     Attributes:
         question: Question name.
-        title: Text of the question.
-        n: Number of demonstrations, or observations in them, that the question compares.
-        compared: Features that the test compares with the outcome, such as "8 words"; "" for a single test.
-        untested: Reason why it could not be tested, "" if it was tested.
+        title: Question in words.
+        n: Number of compared demonstrations, or of observations in them.
+        compared: Features that are compared with the outcome, such as "8 words"; "" for a single test.
+        untested: Reason why it could not be tested; "" if it was tested.
     """
 
     question: str
@@ -26,13 +26,13 @@ class AskedQuestion:
 
 
 def tested_text(questions: Iterable[AskedQuestion]) -> str:
-    """Return the tested questions as a string, "nothing" if there are none."""
+    """List the tested questions as text, "nothing" if there are none."""
     done = [q for q in questions if not q.untested]
     return "; ".join(f"{q.title} ({q.compared})" if q.compared else q.title for q in done) or "nothing"
 
 
 def untested_text(questions: Iterable[AskedQuestion]) -> str:
-    """Return the untested questions, grouped by reason, as a string, or "" if there are none."""
+    """List the untested questions by reason as text, "" if there are none."""
     reasons: dict[str, list[str]] = {}
     for q in questions:
         if q.untested:

@@ -1,4 +1,4 @@
-"""Mutual information between two lists of names, with a permutation test."""
+"""Mutual information between two categorical variables, with a permutation test."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 PERMUTATIONS = 9999
-"""Number of permutations per test. The smallest p-value is 1 / 10,000, which leaves room to correct for a hundred
-tests."""
+"""Number of permutations per test. The smallest p-value is 1 / 10,000, which is small enough to correct for a hundred
+tests.
+"""
 _CHUNK = 2_000_000
 """Maximum number of values that are permuted at once."""
 
 _LOW_BITS = 11
-"""Bits of a raw draw that are no part of a random number in [0, 1)."""
+"""Number of bits of a raw draw that are not used for a random number in [0, 1)."""
 
 _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
@@ -28,10 +29,10 @@ class Association:
 
     Attributes:
         bits: Mutual information [bit].
-        expected_bits: Mean mutual information over the permutations, that is the value at chance.
+        expected_bits: Mean mutual information over the permutations, which is the value at chance [bit].
         strength: 1 if one variable determines the other, 0 if the association is not above chance: (mutual information
             - expected mutual information) / (smaller of the two entropies - expected mutual information).
-        p_value: Share of the permutations, counting the data itself, with at least as much mutual information.
+        p_value: Fraction of the permutations, including the data itself, with at least as much mutual information.
         n: Number of observations.
     """
 
@@ -43,7 +44,7 @@ class Association:
 
 
 def codes_of(values: Sequence[Hashable]) -> tuple[_Ints, int]:
-    """Return the index of each value among the sorted values, and the number of different values."""
+    """Return the index of each value in the sorted distinct values, and the number of distinct values."""
     order = {value: i for i, value in enumerate(sorted(set(values), key=str))}
     return np.array([order[value] for value in values], dtype=np.int64), len(order)
 
@@ -59,13 +60,13 @@ class PermutationTest:
     """Permutation test of one question: the observed counts, and the distribution under permutations.
 
     Attributes:
-        x: (n,) index of each observation's first value.
-        y: (n,) index of the second one.
-        sizes: Numbers of different first and second values.
+        x: (n,) index of the first value in each observation.
+        y: (n,) index of the second value in each observation.
+        sizes: Numbers of distinct first and second values.
         block: (n,) index of each observation's demonstration.
         within: Whether first values are permuted within each demonstration.
         null: (PERMUTATIONS,) mutual information of the permutations [bit].
-        found: The association.
+        found: Association found in the data.
     """
 
     x: _Ints
@@ -91,10 +92,10 @@ def association(
         first: Value of the first variable in each observation.
         second: Value of the second variable in each observation.
         draw: Random generator of the permutations.
-        blocks: Index of each observation's demonstration. Without ``within``, the first values are permuted between
-            complete demonstrations, so that repetition within one demonstration is not evidence; all first values of a
-            demonstration must be equal.
-        within: Permute the first values within each block instead, for a demonstration's steps.
+        blocks: Index of the demonstration of each observation. Without ``within``, the first values are permuted
+            between complete demonstrations, so that repetitions in one demonstration are not evidence. The first values
+            of a demonstration must then be equal.
+        within: Whether to permute the first values within each block instead, for the steps of a demonstration.
     """
     return permutation_test(first, second, draw, blocks=blocks, within=within).found
 
@@ -107,7 +108,7 @@ def permutation_test(
     blocks: Sequence[Hashable] | None = None,
     within: bool = False,
 ) -> PermutationTest:
-    """Return the association between two lists, as :func:`association` does, with the data of its permutation test."""
+    """Like :func:`association`, but return all data of the permutation test."""
     x, nx = codes_of(first)
     y, ny = codes_of(second)
     n = len(x)
@@ -137,9 +138,8 @@ def permutation_test(
 def random_orders(draw: np.random.Generator, rows: int, n: int) -> _Ints:
     """Return rows of random orders of n values, shape (rows, n): ``np.argsort(draw.random((rows, n)), axis=1)``.
 
-    A random number is the upper 53 bits of a raw draw of PCG64. Up to 2,048 values, the lower bits can hold the place
-    of the value, and sorting these integers takes a third to three quarters of the CPU time of sorting places by
-    numbers.
+    A random number is the upper 53 bits of a raw draw of PCG64. For up to 2,048 values, the position is stored in the
+    lower bits. Sorting these integers takes a third to three quarters of the CPU time of ``argsort``.
     """
     if n > 1 << _LOW_BITS or not isinstance(draw.bit_generator, np.random.PCG64):
         return np.argsort(draw.random((rows, n)), axis=1)
@@ -153,7 +153,7 @@ def random_orders(draw: np.random.Generator, rows: int, n: int) -> _Ints:
 
 
 def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator) -> _Ints:
-    """Return rows of values that are shuffled inside each block, shape (rows, n)."""
+    """Return rows of values shuffled within each block, shape (rows, n)."""
     keys = draw.random((rows, len(x)))
     keys += block  # sorting by these keys shuffles within each block
     sorted_by_block = x[np.argsort(keys, axis=1)]
@@ -174,7 +174,7 @@ def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
 
 
 def counts_log_counts(n: int) -> _Floats:
-    """Return c log2 c for the counts c from 0 to n: entropies of counts are sums of these terms."""
+    """Return c log2 c for the counts c from 0 to n. Entropies of counts are sums of these terms."""
     logs = np.zeros(n + 1)
     logs[1:] = np.arange(1, n + 1) * np.log2(np.arange(1, n + 1))
     return logs
@@ -220,17 +220,17 @@ def _permuted_bits(
 def strongest_of(
     presence: npt.NDArray[np.bool_], outcome: Sequence[Hashable], draw: np.random.Generator
 ) -> list[Association]:
-    """Return the association between each of several features and an outcome, as :func:`features_test` computes it."""
+    """Like :func:`features_test`, but return only the associations."""
     return features_test(presence, outcome, draw)[0]
 
 
 def features_test(
     presence: npt.NDArray[np.bool_], outcome: Sequence[Hashable], draw: np.random.Generator
 ) -> tuple[list[Association], _Floats]:
-    """Return the association between each of several features and an outcome; p-values account for all features.
+    """Test each of several features for an association with an outcome. The p-values are corrected for all features.
 
-    The p-value is the fraction of permutations of the outcome in which the mutual information of some feature is at
-    least as large (Westfall and Young's single-step maximum).
+    The p-value is the fraction of permutations of the outcome in which any feature has at least as much mutual
+    information (single-step maxT of Westfall and Young).
 
     Args:
         presence: (episodes, features) whether an episode has a feature.
@@ -238,7 +238,7 @@ def features_test(
         draw: Random generator of the permutations.
 
     Returns:
-        The associations, and the largest mutual information of any feature [bit] per permutation, (PERMUTATIONS,).
+        The associations, and the maximum mutual information of all features in each permutation [bit], (PERMUTATIONS,).
     """
     y, ny = codes_of(outcome)
     n = len(y)
@@ -251,7 +251,7 @@ def features_test(
     hx = math.log2(n) - margin_x / n
 
     def bits_of(labels: _Ints) -> _Floats:
-        """Return the mutual information of every feature for each row of labels, shape (rows, features)."""
+        """Return the mutual information of every feature with each row of outcomes, shape (rows, features)."""
         both = np.zeros((labels.shape[0], presence.shape[1]))
         for label in range(ny):
             joint = np.rint((labels == label).astype(np.float32) @ has).astype(np.int64)

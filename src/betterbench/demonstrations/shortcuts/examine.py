@@ -1,4 +1,4 @@
-"""Shortcut audit: associations in a dataset that exceed chance, and the variations that break them."""
+"""Shortcut audit: associations in a data set beyond chance, and the variations that break them."""
 
 from __future__ import annotations
 
@@ -65,62 +65,62 @@ from betterbench.tasks import get_task, task_names
 from betterbench.tasks.interventions import resolve_condition
 
 ALPHA = 0.05
-"""Significance level over all questions of an audit together (Bonferroni).
+"""Significance level for all questions of an audit together (Bonferroni).
 
-For betterbench's own data, whose states are known, questions about word pairs and complete instructions are corrected
-separately from the other questions."""
+In data of betterbench, whose states are known, questions about word pairs and complete instructions are corrected
+separately."""
 STRONG = 0.5
-"""Minimum strength of a reported finding: one variable resolves half of the uncertainty of the other.
+"""Minimum strength of a reported finding, at which one variable resolves half of the uncertainty of the other.
 
-A weaker finding is reported if one value alone, such as a single word, always occurs with the same other value, or if
-two words or a whole instruction determine half of the uncertainty that their single words leave.
+A weaker finding is reported if a single value, such as a word, always occurs with the same other value. It is also
+reported if two words or a complete instruction resolve half of the uncertainty that remains given their single words.
 """
 RARE = 0.05
-"""Share below which a value counts as absent from the data."""
+"""Fraction below which a value counts as absent from the data."""
 FEWEST = 8
 """Minimum number of demonstrations in an audited group."""
 NEARLY_ALWAYS = 0.9
-"""Share of an outcome's uncertainty above which a word counts as determining the outcome."""
+"""Fraction of an outcome's uncertainty that a word must resolve to count as determining the outcome."""
 MOST_LINES = 8
 MOST_WORDS = 1000
-"""Maximum number of tested words per group; the words that distinguish the most episodes are chosen."""
+"""Maximum number of tested words per group. The words that distinguish the most episodes are chosen."""
 MOST_PAIRS = 20
 _NAMED = "the words name the objects; complete instructions are compared if they name them in the same order"
 _MOST_SHOWN = 80
 """Maximum characters of an instruction in a finding."""
 
 Verdict = Literal["shortcut", "regularity", "none"]
-"""Verdict on a question.
+"""Verdict on a question of the audit.
 
-"shortcut" is a rule that some variation breaks, or that a test of an external dataset could break. "regularity" is a
-rule that every variation of the task keeps, such as the meaning of a word. "none" means that nothing was found beyond
-chance and :data:`STRONG`.
+A "shortcut" is a rule that some variation breaks or, for an external data set, that a test could break. A "regularity"
+is a rule that every variation of the task keeps, such as the meaning of a word. "none" means that no association was
+both significant and strong enough (:data:`STRONG`).
 """
 
 Rules = Mapping[str, Counter[str]]
-"""Counts of second values, by first value."""
+"""Counts of the second value by first value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Result of one question: test statistics, verdict and the rules found.
+    """Result of a question: test statistics, verdict and rules.
 
     Attributes:
         question: Question name.
         title: The question in words.
-        subject: The word of the question, "" for questions about all objects.
+        subject: Word or object that the question is about, "" for questions about all objects.
         bits: Mutual information [bit].
         strength: 0 to 1, see :class:`~betterbench.demonstrations.shortcuts.association.Association`; for whole
         instructions, see
             :class:`~betterbench.demonstrations.shortcuts.instructions.WholeTest`.
         p_value: p-value of the permutation test; None if there is nothing to permute.
-        p_adjusted: The p-value times the number of questions that are corrected together.
+        p_adjusted: p-value times the number of questions that are corrected together.
         n: Number of observations.
-        verdict: Conclusion, see :data:`Verdict`.
+        verdict: Verdict, see :data:`Verdict`.
         rules: Rules that a learner could follow, in words.
-        seen: The rules as counts: frequency of each second value, by first value.
-        separating: Variations in which the right behavior breaks the rule, with the observation that breaks it.
-        meaning: Reason why the words imply this outcome, so that the rule is a regularity; "" if none is known.
+        seen: Counts behind the rules: second values by first value.
+        separating: Variations in which the correct behavior breaks the rule, with the observation that breaks it.
+        meaning: Reason why the words imply this outcome, which makes the rule a regularity; "" if none is known.
     """
 
     question: str
@@ -140,14 +140,14 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class GroupAudit:
-    """Findings on one task, or on one external dataset.
+    """Findings about one task or one external data set.
 
     Attributes:
         group: Name of the task or of the dataset.
-        episodes: Number of demonstrations, or of demonstration segments.
-        findings: One per question.
-        notes: Questions that could not be tested, with the reason.
-        smallest: The smallest rule per question that would have been found with this number of demonstrations.
+        episodes: Number of demonstrations, or of segments with one instruction.
+        findings: One finding per question.
+        notes: Notes on questions that could not be tested, with reasons.
+        smallest: Smallest rule of each question that would have been found with this number of demonstrations.
         asked: Tested and untested questions.
     """
 
@@ -159,12 +159,12 @@ class GroupAudit:
     asked: tuple[AskedQuestion, ...] = ()
 
     def of(self, question: str) -> tuple[Finding, ...]:
-        """Return the findings to a question."""
+        """Return the findings for a question."""
         return tuple(f for f in self.findings if f.question == question)
 
     @property
     def not_shown(self) -> tuple[SmallestRule, ...]:
-        """The questions with too few demonstrations to find every strong rule."""
+        """Questions with too few demonstrations to find every strong rule."""
         return tuple(rule for rule in self.smallest if rule.too_few)
 
     @property
@@ -175,13 +175,13 @@ class GroupAudit:
 
 @dataclass(frozen=True, slots=True)
 class ShortcutAudit:
-    """The audit of a dataset.
+    """Shortcut audit of a data set.
 
     Attributes:
-        source: The audited data.
+        source: Name of the audited data.
         facts_sha256: Hash of the underlying facts.
-        groups: One per task.
-        reading: Which episodes and columns were read.
+        groups: One audit per task.
+        reading: Description of the episodes and columns that were read.
     """
 
     source: str
@@ -190,7 +190,7 @@ class ShortcutAudit:
     reading: DataReading | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; the description of how the data were read comes first."""
+        """Return a JSON-serializable dict, beginning with the description of the data."""
         form = asdict(self)
         del form["reading"]
         read = {} if self.reading is None else {"read": self.reading.paragraph, "reading": asdict(self.reading)}
@@ -198,18 +198,18 @@ class ShortcutAudit:
 
 
 def facts_hash(episodes: Sequence[EpisodeFacts]) -> str:
-    """Return the SHA-256 over all facts, independent of their order."""
+    """Return the SHA-256 of all facts, independent of their order."""
     lines = sorted(repr(facts) for facts in episodes)
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataReading | None = None) -> ShortcutAudit:
-    """Return the audit of a dataset, which depends only on the facts.
+    """Audit a data set. The result depends only on the facts.
 
     Args:
         source: Name of the audited data.
         episodes: Facts of its demonstrations.
-        reading: Description of how the data were read; included in the audit.
+        reading: Description of the data, which is included in the audit.
 
         Raises InvalidInputError if no group has enough demonstrations.
     """
@@ -232,13 +232,13 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataRe
 
 @dataclass(frozen=True, slots=True)
 class _Raw:
-    """Finding before the correction for multiple tests.
+    """Finding without correction for multiple tests.
 
     Attributes:
         finding: The finding, with the uncorrected p-value.
-        rules: Counts of the finding.
-        certain: Whether one of the rules holds always or nearly always.
-        parts: For a question about words, its word or its two words.
+        rules: Counts behind the rules.
+        certain: Whether one of the rules holds (nearly) always.
+        parts: Word or pair of words of the question.
         columns: Indices of these words.
     """
 
@@ -255,7 +255,7 @@ class _Group:
 
     Attributes:
         pairs: Questions about pairs of words.
-        planted: Data with a planted rule, for each question with a permutation test.
+        planted: Planted data for each question with a permutation test.
         asked: Tested and untested questions.
     """
 
@@ -270,7 +270,7 @@ class _Group:
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """A tested question, as input for the smallest rule that would have been found."""
+    """Tested question, for which the smallest detectable rule is computed."""
 
     question: str
     title: str
@@ -305,7 +305,7 @@ def _draw(group: str, question: str) -> np.random.Generator:
 
 
 def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
-    """Return the answer to a question about named objects, or None if one of the two variables is constant."""
+    """Return the finding for a question about named objects, or None if one of the variables is constant."""
     seen = [pair for facts in group.episodes for pair in q.pairs(facts, handled)]
     if len({x for _, x, _ in seen}) < 2 or len({y for _, _, y in seen}) < 2:
         named = any(facts.privileged for facts in group.episodes)
@@ -332,10 +332,10 @@ def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
 
 @dataclass(frozen=True, slots=True)
 class _Said:
-    """Words of the instructions; words that always occur together form one entry.
+    """Words of the instructions. Words that always occur together form one entry.
 
     Attributes:
-        words: The single words of each entry.
+        words: Words of each entry.
         shown: Text of each entry.
         presence: (episodes, words) whether an episode contains the entry.
     """
@@ -346,7 +346,7 @@ class _Said:
 
 
 def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
-    """Return the words that occur in some demonstrations but not in all. A note is added if words are left out."""
+    """Return the words that occur in some but not all demonstrations. If words are left out, a note is added."""
     texts = {text: i for i, text in enumerate(sorted({facts.instruction for facts in known}))}
     of_text = np.array([texts[facts.instruction] for facts in known], dtype=np.int64)
     sizes = np.bincount(of_text, minlength=len(texts))
@@ -380,7 +380,7 @@ def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
 
 
 def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
-    """Return the findings on how words, word pairs and complete instructions relate to one outcome."""
+    """Return the findings on associations of words, word pairs and complete instructions with an outcome."""
     known = [facts for facts in group.episodes if outcome.of(facts)]
     outcomes = [outcome.of(facts) for facts in known]
     if len(set(outcomes)) < 2:
@@ -392,7 +392,7 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
     if outcome.is_place or not _picking_words(known):
         raw += _answers_about_single_words(group, outcome, said, outcomes)
         raw += _answers_about_pairs(group, outcome, said, outcomes)
-    else:  # words for these objects determine the outcome by their meaning, so only other words can be shortcuts
+    else:  # words for these objects determine the outcome by their meaning, so they cannot be shortcuts
         for level in (WORDS, PAIRS):
             question = AskedQuestion(outcome.question(level), outcome.title(level), len(known), untested=_NAMED)
             group.asked.append(question)
@@ -402,10 +402,13 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
 def _answers_about_single_words(
     group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]
 ) -> list[_Raw]:
-    """Return the finding for each word and an outcome. Words that always occur together are treated as one word."""
+    """Return the findings on associations of single words with an outcome.
+
+    Words that always occur together count as one.
+    """
     question, title = outcome.question(WORDS), outcome.title(WORDS)
     if not said.words:
-        reason = "no word occurs in some demonstrations and not in others"
+        reason = "no word occurs in some but not all demonstrations"
         group.asked.append(AskedQuestion(question, title, len(outcomes), untested=reason))
         return []
     raw, every = [], Counter(outcomes)
@@ -423,12 +426,12 @@ def _answers_about_single_words(
 
 
 def _answers_about_pairs(group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]) -> list[_Raw]:
-    """Return the pairs of words that determine an outcome only together."""
+    """Return the findings on pairs of words that determine an outcome only together."""
     question, title = outcome.question(PAIRS), outcome.title(PAIRS)
     codes, kinds = codes_of(outcomes)
     pairs = telling_pairs(said.presence, codes, fewest=FEWEST) if len(said.words) > 1 else []
     if not pairs:
-        reason = f"no two words occur together in {FEWEST} demonstrations or more, and also apart"
+        reason = f"no two words occur together in at least {FEWEST} demonstrations, and also separately"
         group.asked.append(AskedQuestion(question, title, len(outcomes), untested=reason))
     else:
         compared = plural(len(pairs), "pair of words", "pairs of words")
@@ -462,12 +465,12 @@ def _answers_about_instructions(
     data: tuple[Sequence[EpisodeFacts], _Said, Sequence[str]],
     found: Sequence[_Raw],
 ) -> list[_Raw]:
-    """Return the findings on how complete instructions relate to an outcome beyond their words and pairs.
+    """Return the findings on associations of complete instructions with an outcome, beyond single words and pairs.
 
     Args:
         group: The group.
         outcome: The outcome.
-        data: The demonstrations with the outcome, their words, and the outcome of each.
+        data: Demonstrations with the outcome, their words, and their outcomes.
         found: Findings on words and pairs.
     """
     question, title = outcome.question(WHOLE), outcome.title(WHOLE)
@@ -505,7 +508,8 @@ def _answers_about_instructions(
 def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str]:
     """Return, for each instruction, the words whose meaning determines an outcome, as one string.
 
-    For outcomes that are places, these are the place words; for the order of the objects, the sequence of object words.
+    If the outcome is a place, these are the place words. If it is the order of the objects, it is the sequence of
+    object words.
     """
     texts = {facts.instruction for facts in known}
     if outcome.is_place or not any(step.word for facts in known for step in facts.steps):
@@ -521,7 +525,7 @@ def _picking_words(episodes: Sequence[EpisodeFacts]) -> frozenset[str]:
 
 
 def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: int, pair: WordPair) -> Association:
-    """Return the association between the presence of both words and an outcome, with the pair's p-value."""
+    """Return the association between the presence of both words and an outcome, with the p-value of the pair."""
     joint = np.array([np.bincount(codes[both == there], minlength=kinds) for there in (False, True)], dtype=np.float64)
     hx, hy = entropy_bits(joint.sum(axis=1)), entropy_bits(joint.sum(axis=0))
     bits = max(0.0, hx + hy - entropy_bits(joint.ravel()))
@@ -529,7 +533,7 @@ def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: 
 
 
 def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
-    """Return whether the counts resolve at least :data:`NEARLY_ALWAYS` of an outcome's uncertainty."""
+    """Return whether at least :data:`NEARLY_ALWAYS` of the outcome's uncertainty is resolved."""
     (value, count), n = seen.most_common(1)[0], sum(seen.values())
     usual = every[value] / sum(every.values())
     return n >= FEWEST and (count / n - usual) >= NEARLY_ALWAYS * (1.0 - usual)
@@ -539,7 +543,7 @@ def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
     """Return the tables in which a word determines the outcome, as defined by :func:`_nearly_always`.
 
     Args:
-        joint: (tables, 2, outcomes) the outcomes without and with the word.
+        joint: (tables, 2, outcomes) counts of outcomes without and with the word.
     """
     seen, every = joint[:, 1], joint.sum(axis=1)
     n, value = seen.sum(axis=1), seen.argmax(axis=1)
@@ -550,7 +554,7 @@ def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
 
 
 def _certain_rule(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Return the tables in which some first value always occurs with the same second value, as in :func:`_certain`.
+    """Return the tables in which a first value always occurs with the same second value, as in :func:`_certain`.
 
     Args:
         joint: (tables, nx, ny) joint counts of the values.
@@ -561,12 +565,13 @@ def _certain_rule(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
 
 
 _STRONG_SHARE = 0.8
-"""Share of demonstrations decided by a rule of strength :data:`STRONG` between two equally frequent words and two
-equally frequent places, in steps of :data:`~betterbench.demonstrations.shortcuts.smallest.STEPS`."""
+"""Fraction of demonstrations that a rule of strength :data:`STRONG` decides, for two equally frequent words and two
+equally frequent places, in steps of :data:`~betterbench.demonstrations.shortcuts.smallest.STEPS`.
+"""
 
 
 def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule, ...]:
-    """Return the smallest rule per question that would have been found, corrected for its family of tests."""
+    """Return the smallest detectable rule of each question, corrected for its family of tests."""
     rules = []
     for asked in group.planted:
         units = int(asked.planted.block.max()) + 1
@@ -584,20 +589,19 @@ def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule
 
 
 def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
-    """Return the smallest share of demonstrations that two equally frequent words must decide together to be found."""
+    """Return the smallest detectable fraction of demonstrations that two equally frequent words decide together."""
     if asked.n // 4 < FEWEST:
         return None
-    # With two equally frequent words, the test compares episodes with and without the second word among the half with
-    # the
-    # first word.
+    # With two equally frequent words, the test compares episodes with and without the second word in the half of the
+    # episodes that contain the first word.
     corrected = tests * max(1, asked.pairs) * asked.outcomes
     followed = least_share(asked.n // 2, corrected, ALPHA)
-    # If a rule decides a share s of the episodes and chance the others, (1 + s) / 2 agree with the rule.
+    # If a rule decides a fraction s of the episodes and the others are random, (1 + s) / 2 of them agree with the rule.
     return None if followed is None else max(_STRONG_SHARE, math.ceil(STEPS * (2.0 * followed - 1.0)) / STEPS)
 
 
 def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
-    """Return findings about constants: the slot of a landmark, the number of objects, or the first slot overall."""
+    """Return findings about constants: the slot of a landmark, the number of objects, or the first slot."""
     raw = []
     slots: dict[str, Counter[str]] = {}
     for facts in episodes:
@@ -605,7 +609,7 @@ def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
             slots.setdefault(kind, Counter())[slot] += 1
     for kind, found in sorted(slots.items()):
         if len(found) == 1:
-            line = f"{kind} always stands at {next(iter(found))}"
+            line = f"{kind} is always at {next(iter(found))}"
             raw.append(_constant(LANDMARK, "place of the target", kind, line, {kind: found}))
     counts = Counter(str(len(f.standing)) for f in episodes if f.privileged)
     if len(counts) == 1:
@@ -632,7 +636,7 @@ def _finding(question: str, title: str, subject: str, found: Association, lines:
 
 
 def _shares(seen: Counter[str]) -> str:
-    """Return the values with their shares, the most frequent first."""
+    """Format values with their frequencies, the most frequent first."""
     total = sum(seen.values())
     ranked = sorted(seen.items(), key=lambda item: (-item[1], item[0]))
     if len(ranked) == 1:
@@ -642,7 +646,7 @@ def _shares(seen: Counter[str]) -> str:
 
 
 def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
-    """Correct the p-values of all groups together, and set the verdicts."""
+    """Correct the p-values of all groups together, and determine the verdicts."""
     counts = Counter(_family(g, q.question) for g in groups for q in g.asked if not q.untested)
     judged = []
     for group in groups:
@@ -664,16 +668,16 @@ def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
 def _family(group: _Group, question: str) -> str:
     """Return the family of questions whose p-values are corrected together.
 
-    In data of betterbench, questions about several words form a separate family.
+    In data of betterbench, questions about several words are a separate family.
     """
     own = any(facts.privileged for facts in group.episodes)
     return "several words" if own and question.endswith((PAIRS, WHOLE)) else ""
 
 
 def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Finding, ...]:
-    """Return the findings without those about a character run that overlaps the run of a clearer finding.
+    """Remove findings about character runs that overlap the run of a clearer finding.
 
-    In a script without spaces, parts of a word, and runs that contain it, carry part of the word's information.
+    In a script without spaces, parts of a word and runs that contain the word have similar associations.
     """
     verdicts = [finding.verdict for finding in findings]
     ranked = sorted(
@@ -694,7 +698,7 @@ def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Findi
 
 
 def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> bool:
-    """Return whether each word of ``those`` overlaps with another word of ``these``, and at least one by characters."""
+    """Return whether each word of ``those`` equals or overlaps a word of ``these``, and at least one only overlaps."""
     if len(those) > len(these):
         return False
     return any(
@@ -705,7 +709,7 @@ def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> 
 
 
 def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
-    """Return the facts of correct behavior in each variation of a task, or None if the task is unknown."""
+    """Return the facts of the correct behavior in each variation of a task, or None for an unknown task."""
     if group not in task_names():
         return None
     names = [variation.name for variation in get_task(group).variations]
@@ -754,14 +758,14 @@ def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> s
 
 
 def _certain(rules: Rules) -> bool:
-    """Return whether, among several first values, one always occurs with the same second value."""
+    """Return whether one of several first values always occurs with the same second value."""
     if len({y for ys in rules.values() for y in ys}) < 2:
         return False
     return any(len(ys) == 1 and sum(ys.values()) >= FEWEST for ys in rules.values())
 
 
 def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
-    """Describe the observation in a test that breaks a rule, or return "" if the test keeps the rule."""
+    """Describe the observation in a variation that breaks a rule, or return "" if the variation keeps it."""
     rules = raw.rules
     if finding.question == COUNT:
         there = str(len(test.standing))
@@ -769,7 +773,7 @@ def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
         return "" if there in rules[""] else f"{there} loose {things} at the start"
     if finding.question == LANDMARK:
         moved = [slot for kind, slot in test.landmarks if kind in rules and slot not in rules[kind]]
-        return f"{finding.subject} stands at {moved[0]}" if moved else ""
+        return f"{finding.subject} is at {moved[0]}" if moved else ""
     if base_of(finding.question) in WORD_OUTCOMES:
         return _breaks_words(finding.question, raw, test)
     question = next(q for q in QUESTIONS if q.name == finding.question)

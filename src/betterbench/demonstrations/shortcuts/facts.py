@@ -1,7 +1,7 @@
-"""Facts about a demonstration for the audit: instruction, moved objects with origin and target, and initial layout.
+"""Facts about demonstrations for the audit: instruction, moved objects with origin and target, and initial layout.
 
-They are derived from the states of a record, from the specification of a condition, or from the actions, instruction
-and proprioception of an external dataset. In external datasets, objects have no names, and places are named by their
+They are computed from the states of a record, from the specification of a condition, or from instruction, actions and
+proprioception of an external data set. Objects in external data sets have no names, and places are named by their
 positions.
 """
 
@@ -24,24 +24,24 @@ from betterbench.tasks import Condition
 from betterbench.tasks.relations import RELATIONS
 
 HANDLED_ROLES = ("item", "distractor")
-"""Roles of loose objects on the table; all other objects are landmarks."""
+"""Roles of loose objects on the table. All other objects are landmarks."""
 
 SET_OUT_M = 0.05
 """Path length of the tool after which its first direction is determined [m]."""
 HEADINGS = ("away", "away and left", "left", "back and left", "back", "back and right", "right", "away and right")
-"""Directions seen from the robot, counterclockwise from above: x points away from it, y to its left."""
+"""Directions relative to the robot, counterclockwise seen from above: x points away from the robot, y to its left."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ShownStep:
-    """One manipulation with its object, origin and target; a drawer has no origin.
+    """Manipulation step, with object, origin and target. A drawer has no origin.
 
     Attributes:
-        thing: Kind of the object, "" if unknown.
-        word: The instruction word that identifies the object, "" if unknown.
+        thing: Kind of the object; "" if unknown.
+        word: Instruction word for the object; "" if unknown.
         origin: Slot from which the object was taken.
-        target: Target to which the object was brought.
+        target: Target to which the object was moved.
     """
 
     thing: str
@@ -57,12 +57,12 @@ class EpisodeFacts:
 
     Attributes:
         episode: Episode name.
-        group: Group of demonstrations for comparison: its task.
+        group: Group in which demonstrations are compared, usually the task.
         instruction: Its instruction.
-        steps: Manipulations, in order of time.
+        steps: Manipulation steps, in order of time.
         standing: Kind and slot of every loose object on the table at the start.
         landmarks: Kind and slot of every object that cannot be picked.
-        heading: First direction of the gripper, "" if unknown.
+        heading: First direction of the gripper; "" if unknown.
     """
 
     episode: str
@@ -75,7 +75,7 @@ class EpisodeFacts:
 
     @property
     def words(self) -> frozenset[str]:
-        """The instruction's words, see :func:`~betterbench.demonstrations.shortcuts.words.instruction_words`."""
+        """Words of the instruction, see :func:`~betterbench.demonstrations.shortcuts.words.instruction_words`."""
         return instruction_words(self.instruction)
 
     @property
@@ -97,7 +97,7 @@ def read_facts(form: object, where: str) -> EpisodeFacts:
 
 
 def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
-    """Return a record's facts, from its states and its condition's slots.
+    """Return the facts of a record, from its states and the slots of its condition.
 
     Args:
         record: The record.
@@ -122,7 +122,7 @@ def facts_of_condition(condition: Condition) -> EpisodeFacts:
     taken: set[str] = set()
     for goal in condition.instruction.subgoals:
         names = [n for n in condition.resolve(goal.reference) if n not in taken]
-        # A subgoal that is met at the start is not a step.
+        # A subgoal that is already met at the start is not a step.
         done = [n for n in condition.resolve(goal.reference) if n in condition.preplaced]
         if not names or (done and goal.count <= len(done)):
             continue
@@ -134,7 +134,7 @@ def facts_of_condition(condition: Condition) -> EpisodeFacts:
 
 
 def heading_of(positions: npt.NDArray[np.float64]) -> str:
-    """Return the first direction of a tool, one of eight seen from above, or "" if the tool does not move.
+    """Return the first direction of a tool seen from above, one of eight, or "" if the tool does not move.
 
     Args:
         positions: (T, 3) positions of the tool [m].
@@ -155,7 +155,7 @@ def _step(condition: Condition, name: str, target: str, region: str, word: str) 
 
 def _facts(condition: Condition, name: str, said: str, steps: Iterable[ShownStep], heading: str) -> EpisodeFacts:
     loose = {o.name for o in condition.objects if o.role in HANDLED_ROLES}
-    # A plate that is the target of other plates is never picked, so it is a landmark, like a rack.
+    # A plate on which other plates are stacked is never picked, so it is a landmark, like a rack.
     goals = condition.instruction.subgoals
     anchors = {g.target for g in goals} - {n for g in goals for n in condition.resolve(g.reference)}
     stands = [(n, slot) for n, slot in condition.layout.items()]

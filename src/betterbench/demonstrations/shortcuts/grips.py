@@ -1,4 +1,4 @@
-"""Detection of when a gripper closes and opens, and of which end of its range is closed."""
+"""Detection of gripper closings and openings, and of the closed end of the gripper's range."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from betterbench.demonstrations.shortcuts.numbers import tokens
 from betterbench.errors import InvalidInputError
 
 SHORTEST_S = 0.3
-"""Minimum duration of a closed or open phase [s]; shorter commands of teleoperators are not grasps."""
+"""Minimum duration of a closed or open phase [s]. Shorter commands of teleoperators are not grasps."""
 AGREEING = 0.9
-"""Fraction of episodes that must begin at one end of the range for that end to mean open."""
+"""Minimum fraction of episodes that begin at one end of the range, for this end to count as open."""
 WIDTH_M = (0.005, 0.15)
-"""Range of gripper openings that count as a width in meters [m]."""
+"""Range of gripper values that are interpreted as widths in meters [m]."""
 IDLE_SHARE = 0.1
-"""Relative range of a gripper, compared with the largest range in the same column, below which it is noise from an idle
-arm.
+"""Range of a gripper relative to the largest range in the same column, below which its motion counts as noise of an
+idle arm.
 """
 _BETWEEN = 0.1
-"""Fraction of frames in the middle third of a range below which a gripper switches between two positions."""
+"""Maximum fraction of frames in the middle third of the range for a gripper that switches between two positions."""
 _LEAST_RANGE = 1e-6
 
 _Floats = npt.NDArray[np.float64]
@@ -33,12 +33,12 @@ _Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Jaws:
-    """Range, threshold and polarity of a gripper's values.
+    """Range, threshold and polarity of a gripper.
 
     Attributes:
         low: Smallest value, without the lowest 1 %.
         high: Largest value, without the highest 1 %.
-        between: Value between open and closed.
+        between: Threshold between open and closed.
         closed: ``low`` or ``high``.
         because: Reason for this polarity.
         warning: Evidence against this polarity, or "".
@@ -54,7 +54,7 @@ class Jaws:
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """Range of a gripper that never moves, and the reason ("" if it is constant)."""
+    """Range of a gripper that never moves, and the evidence for this ("" if its values are constant)."""
 
     low: float
     high: float
@@ -62,16 +62,16 @@ class Still:
 
     @property
     def told(self) -> str:
-        """The reason, as text."""
+        """Description with the range and the evidence."""
         return f"which never moves (range {self.low:.3g} to {self.high:.3g}{self.reason})"
 
 
 def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -> list[Still | None]:
-    """Return the grippers that never move, with the reason: constant values, or the noise of an idle arm.
+    """Return the grippers that never move: their values are constant, or only the noise of an idle arm.
 
-    Noise has less than :data:`IDLE_SHARE` of the range of another gripper of the same column (or of one whose name
-    differs only in the side), or has a smaller range and alternates faster than a gripper can close and open. A
-    gripper with two positions moves even if its range is small, because its unit may be different.
+    Values count as noise if their range is less than :data:`IDLE_SHARE` of that of another gripper in the same column
+    (or one whose name differs only in the side), or if their range is smaller and they alternate faster than a gripper
+    can move. A gripper that switches between two positions always counts as moving, because its unit may be different.
 
     Args:
         grips: Each gripper with its values (T,) by episode.
@@ -111,7 +111,7 @@ def _sideless(column: str) -> tuple[str, ...]:
 
 
 def _ends(values: _Floats) -> tuple[float, float]:
-    """Return the range of values without the lowest and the highest 1 %; the full range if nearly all are equal."""
+    """Return the range without the lowest and highest 1 %, or the full range if nearly all values are equal."""
     low, high = (float(value) for value in np.quantile(values, [0.01, 0.99]))
     if high - low < _LEAST_RANGE:
         low, high = float(values.min()), float(values.max())
@@ -121,9 +121,9 @@ def _ends(values: _Floats) -> tuple[float, float]:
 def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: str) -> Jaws:
     """Return the range, threshold and polarity of a moving gripper.
 
-    The closed end follows from the name ("width", "closed"), from values that are a width in meters, from LeRobot's
-    rule for ``gripper.pos`` (0 closed, 100 open), or from the first values of the episodes. The last two must agree if
-    both apply.
+    The closed end is inferred from the name ("width", "closed"), from values that are widths in meters, from LeRobot's
+    convention for ``gripper.pos`` (0 closed, 100 open), or from the first values of the episodes. If the last two both
+    apply, they must agree.
 
     Args:
         grip: The gripper.
@@ -132,7 +132,7 @@ def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: st
         where: File name for messages.
 
     Raises:
-        InvalidInputError: If the closed end cannot be determined, or two sources differ.
+        InvalidInputError: If the closed end cannot be determined, or two sources disagree.
     """
     values = np.concatenate(episodes)
     low, high = _ends(values)
@@ -160,7 +160,7 @@ def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: st
     if len({closed for closed, _ in weak}) != 1:
         told = f"{low:.3g} to {high:.3g}, and {100.0 * share:.0f} % of the episodes begin at the high end"
         if len(weak) > 1:
-            told = f"{weak[1][0]} by LeRobot's rule, and {weak[0][0]} if episodes begin open ({weak[0][1]})"
+            told = f"{weak[1][0]} by LeRobot's convention, but {weak[0][0]} if episodes begin open ({weak[0][1]})"
         problem = f"the closed end of {grip.number.shown} cannot be determined ({told})"
         raise InvalidInputError(where, problem, _cure("low"))
     return Jaws(low, high, between, weak[0][0], "; ".join(why for _, why in weak))
@@ -171,10 +171,10 @@ def _cure(side: str) -> str:
 
 
 def _width(low: float, high: float) -> tuple[str, str] | None:
-    """Return "low" as the closed end if the values are openings in meters, or None."""
+    """Return "low" as the closed end if the values are widths in meters, or None."""
     least, most = WIDTH_M
     ok = high <= most and low >= -0.01 and high - low >= least
-    return ("low", "the numbers are a width in meters") if ok else None
+    return ("low", "the values are widths in meters") if ok else None
 
 
 def _is_percent(grip: Grip, low: float, high: float) -> bool:
@@ -183,7 +183,7 @@ def _is_percent(grip: Grip, low: float, high: float) -> bool:
 
 
 def _between(values: _Floats, low: float, high: float) -> float:
-    """Return the threshold that divides values into the two sets with the least variance within (Otsu)."""
+    """Return the threshold that minimizes the variance within the two resulting sets of values (Otsu)."""
     counts, edges = np.histogram(np.clip(values, low, high), bins=64, range=(low, high))
     middles = (edges[:-1] + edges[1:]) / 2.0
     below = np.cumsum(counts)[:-1].astype(np.float64)
@@ -193,12 +193,12 @@ def _between(values: _Floats, low: float, high: float) -> float:
         spread = below * above * (sums[:-1] / below - (sums[-1] - sums[:-1]) / above) ** 2
     spread = np.nan_to_num(spread, nan=0.0)
     best = np.flatnonzero(spread >= spread.max() * (1.0 - 1e-9))
-    cut = float(edges[1:-1][best].mean())  # several best thresholds span an empty gap: use its center
+    cut = float(edges[1:-1][best].mean())  # if several thresholds are equally good because of a gap, use its center
     return min(max(cut, low + 0.25 * (high - low)), low + 0.75 * (high - low))
 
 
 def held(values: _Floats) -> _Floats:
-    """Return commands (T,) in which 0 repeats the previous command, if the only values are -1, 0 and 1."""
+    """Replace each 0 in commands (T,) by the previous command, if the only values are -1, 0 and 1."""
     if not np.isin(values, (-1.0, 0.0, 1.0)).all() or not (values == 0.0).any() or not (values < 0.0).any():
         return np.array(values)
     last = np.maximum.accumulate(np.where(values != 0.0, np.arange(len(values)), -1))
@@ -207,7 +207,7 @@ def held(values: _Floats) -> _Floats:
 
 
 def closed_in(values: _Floats, jaws: Jaws, shortest: int) -> _Bools:
-    """Return the rows (T,) with a closed gripper.
+    """Return a mask (T,) of the rows with a closed gripper.
 
     Phases shorter than ``shortest`` rows are ignored, except at the beginning and the end of an episode.
     """
@@ -219,7 +219,7 @@ def closed_in(values: _Floats, jaws: Jaws, shortest: int) -> _Bools:
 
 
 def edges_of(closed: _Bools) -> tuple[list[int], list[int]]:
-    """Return the rows in which a gripper closes, and the rows in which it opens; the last row if it stays closed."""
+    """Return the rows in which a gripper closes, and those in which it opens (the last row if it stays closed)."""
     edges = (np.flatnonzero(closed[1:] != closed[:-1]) + 1).tolist()
     closings = [edge for edge in edges if closed[edge]]
     openings = [edge for edge in edges if not closed[edge]]

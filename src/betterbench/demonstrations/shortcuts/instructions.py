@@ -1,8 +1,8 @@
-"""Test of complete instructions: their information about an outcome beyond single words and word pairs.
+"""Test of complete instructions for information about an outcome beyond single words and word pairs.
 
-Three or more words may determine an outcome together, or two words in too few demonstrations to test the pair. A test
-of the complete instruction covers both. If words or pairs already determine an outcome, demonstrations are compared
-only if they agree in these words, so that no rule is found twice.
+An outcome may depend on three or more words together, or on two words with too few demonstrations to test the pair.
+Both are covered by testing complete instructions. To avoid finding a rule twice, demonstrations are only compared if
+they agree in the words that already have a finding.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from betterbench.demonstrations.shortcuts.association import Association, PermutationTest, codes_of, permutation_test
 
 FEWEST_SAID = 2
-"""Minimum number of demonstrations per instruction; an instruction that occurs once carries no information."""
+"""Minimum number of demonstrations per instruction. An instruction that occurs only once is not informative."""
 
 _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
@@ -25,14 +25,14 @@ _Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class WholeTest:
-    """The test of complete instructions against an outcome.
+    """Result of the test of complete instructions.
 
     Attributes:
-        test: The unconditional association, with which planted rules are compared.
-        beyond: The association among demonstrations that agree in the words already found.
-        share_told: Fraction of the errors made by the best guess from these words that the complete instruction avoids.
+        test: Unconditional association, for comparison with planted rules.
+        beyond: Association among demonstrations that agree in the words with a finding.
+        share_told: Fraction of the errors of the best guess from these words that the complete instruction avoids.
         rows: Indices of the demonstrations that were compared.
-        instructions: Number of different instructions among them.
+        instructions: Number of distinct instructions among them.
     """
 
     test: PermutationTest
@@ -45,12 +45,12 @@ class WholeTest:
 def whole_test(
     instructions: Sequence[str], outcomes: Sequence[str], known: Sequence[str], draw: np.random.Generator
 ) -> WholeTest | None:
-    """Return the test of complete instructions against an outcome, or None if there is nothing to compare.
+    """Test the association of complete instructions with an outcome. Returns None if there is nothing to compare.
 
     Args:
         instructions: Each demonstration's instruction.
         outcomes: Each demonstration's outcome.
-        known: For each demonstration, the words with a finding that it contains, as a string.
+        known: For each demonstration, a string of the words with a finding that it contains.
         draw: Random generator of the permutations.
     """
     times = Counter(instructions)
@@ -67,15 +67,15 @@ def whole_test(
 
 
 def share_told(joint: _Ints) -> _Floats:
-    """Return the fraction of errors made by guessing the most frequent outcome that guessing by category avoids.
+    """Return the fraction of errors of guessing the most frequent outcome that guessing by category avoids.
 
-    Each demonstration is guessed from the others of its category (leave-one-out); ties count as half right.
+    Each demonstration is guessed from the others of its category (leave-one-out). Ties count as half right.
 
     Args:
-        joint: (..., categories, outcomes) how often each category goes with each outcome, in one table or in many.
+        joint: (..., categories, outcomes) joint counts of one or more tables.
 
     Returns:
-        The share of each table, shape (...).
+        Fraction for each table, shape (...).
     """
     return _avoided(joint, joint.sum(axis=-2).max(axis=-1))
 
@@ -85,7 +85,7 @@ def _joint(x: _Ints, nx: int, y: _Ints, ny: int) -> _Ints:
 
 
 def _avoided(joint: _Ints, usual: _Ints) -> _Floats:
-    """Return the share of errors avoided by guesses from the category; other guesses are right ``usual`` times."""
+    """Return the fraction of errors that guesses from the category avoid, compared with ``usual`` right guesses."""
     ranked = np.sort(joint, axis=-1)
     most, second = ranked[..., -1:], ranked[..., -2:-1]
     rest = np.where((joint == most) & (second < most), second, most)  # most frequent other outcome of the category

@@ -1,7 +1,7 @@
-"""Facts of an external LeRobot dataset, versions 2.0 to 3.0, from instructions, actions and proprioception.
+"""Facts of an external LeRobot data set (versions 2.0 to 3.0), from instructions, actions and proprioception.
 
-These datasets have no simulator state: objects have no names, and a place is a point at which a gripper closes or
-opens. Instruction, gripper and position columns are recognized by name; if the names are ambiguous, the dataset is
+These data sets have no simulator state: objects have no names, and places are the points at which a gripper closes or
+opens. The columns of instruction, gripper and position are recognized by name. A data set with ambiguous names is
 rejected. :class:`DataReading` lists the chosen columns.
 """
 
@@ -43,14 +43,14 @@ from betterbench.errors import InvalidInputError, RecordError, one_line
 from betterbench.json_form import parse_json, read_bounded
 
 MOST_NUMBER = 1e6
-"""Largest accepted absolute value in a state or action.
+"""Maximum absolute value in a state or action.
 
 Meters, radians and degrees are far smaller, as are millimeters and encoder ticks (4,096 to 65,536 per turn).
 """
 NOT_FINITE = "a number that is not finite"
 BEYOND = f"a number with an absolute value above {MOST_NUMBER:,.0f}"
 MOST_EPISODES = 5000
-"""Maximum number of episodes that are read; the test needs no more."""
+"""Maximum number of episodes to read, which is enough for the tests."""
 USUAL_FPS = 10.0
 _MOST_FPS = 1e4
 _MOST_COUNT = 10**9
@@ -69,12 +69,12 @@ _Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """Columns and conventions of a data set that the user specified; the others are recognized by name.
+    """Columns and conventions of a data set that the user specified. All others are recognized by name.
 
     Attributes:
         instruction: Column with the instruction, in the frames or in the tasks file.
         grippers: Gripper components, one per arm.
-        places: Position components, the same number for each gripper.
+        places: Position components, with the same number for each gripper.
         closed: End of the range that means closed.
         seed: Seed of the sample from more than :data:`MOST_EPISODES` episodes.
     """
@@ -88,7 +88,7 @@ class Choices:
 
 @dataclass(frozen=True, slots=True)
 class LeRobotFacts:
-    """Facts about the episodes of a data set, with a description of how they were read."""
+    """Facts about the episodes of a data set, with a description of the data."""
 
     facts: tuple[EpisodeFacts, ...]
     reading: DataReading
@@ -100,21 +100,22 @@ def is_lerobot_dataset(path: Path) -> bool:
 
 
 def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
-    """Return the facts of each episode of a LeRobot dataset, as :func:`read_lerobot` without choices."""
+    """Return the facts of each episode of a LeRobot data set, with columns recognized by name."""
     return read_lerobot(path).facts
 
 
 def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
-    """Return the facts of each episode of a LeRobot dataset, or of each segment if the instruction changes.
+    """Return the facts of each episode of a LeRobot data set, or of each segment if the instruction changes.
 
-    With two arms, there is one group of facts per arm, and one about the arm that closes its gripper first.
+    With two arms, there is one group of facts per arm, and one group about the arm that closes its gripper first.
 
     Args:
         path: Folder of the data set.
         choices: Columns and conventions given by the user.
 
     Raises:
-        InvalidInputError: If the folder is not such a dataset, or instruction, gripper or places are ambiguous.
+        InvalidInputError: If the folder is not such a data set, or the columns of instruction, gripper or position are
+            ambiguous.
         UnknownNameError: If a column named by the user does not exist.
         RecordError: If a file cannot be read.
     """
@@ -183,7 +184,7 @@ class _Said:
 
     Attributes:
         column: Column of the frames.
-        tasks: The texts by index, None if the column contains the texts themselves.
+        tasks: Texts by index, or None if the column contains the texts themselves.
         others: Further columns that may contain instructions.
     """
 
@@ -193,7 +194,7 @@ class _Said:
 
     @classmethod
     def of(cls, path: Path, info: Mapping[str, Any], named: str | None) -> _Said:
-        """Return the location of the instructions: the tasks file, or the column named by the user."""
+        """Find the instructions: in the tasks file, or in the column named by the user."""
         features = info["features"]
         texts = [
             name
@@ -221,7 +222,7 @@ class _Said:
         return f"{self.tasks.source}, by {self.column} of the frames"
 
     def codes(self, file: Path, column: FrameColumn, known: dict[str | None, int]) -> _Ints:
-        """Return the index of each row's instruction in ``known``, to which new instructions are added.
+        """Return the index of each row's instruction in ``known``. New instructions are appended.
 
         The index is -1 if the column has a non-finite value. Raises RecordError if a task index has no text.
         """
@@ -252,7 +253,7 @@ class _Said:
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """Episode with its rows by file in frame order, and its segments (row range and instruction)."""
+    """Episode, with its rows by file in frame order, and its segments (row range and instruction)."""
 
     index: int
     parts: tuple[EpisodePart, ...]
@@ -260,17 +261,17 @@ class _Stretch:
 
     @property
     def length(self) -> int:
-        """Number of its frames."""
+        """Number of frames."""
         return sum(map(len, self.parts))
 
 
 @dataclass(slots=True)
 class _Scanned:
-    """Readable episodes in all files, with the counts of unusable episodes.
+    """Usable episodes of all files, and counts of unusable episodes.
 
     Attributes:
-        episodes: The readable ones.
-        orders: The files whose rows had to be sorted, with their order.
+        episodes: Usable episodes.
+        orders: Files whose rows had to be sorted, with their order.
         short: Number of episodes with fewer than two frames.
         silent: Number of episodes without an instruction.
         pointers: Number of files that are Git LFS pointers.
@@ -291,7 +292,7 @@ class _Scanned:
 
 
 def _scan(path: Path, said: _Said) -> _Scanned:
-    """Return the episodes of all files with their instructions; raise RecordError if an episode occurs twice."""
+    """Return the episodes of all files with their instructions. Raises RecordError if an episode occurs twice."""
     frames = Frames.of(path)
     frames.require_some(path)
     found, known = _Scanned(pointers=len(frames.pointers)), dict[str | None, int]()
@@ -370,7 +371,7 @@ def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Values of an episode by arm: gripper (T,) and place (T, d)."""
+    """Values of an episode by arm: gripper (T,) and position (T, d)."""
 
     stretch: _Stretch
     grips: Mapping[str, _Floats]
@@ -414,7 +415,7 @@ def _read(
 
 
 def _odd(column: str, values: _Floats) -> str:
-    """Return the reason why values are unusable, or ""."""
+    """Return the reason why values are unusable, or "" if they are usable."""
     if not np.isfinite(values).all():
         return f"{NOT_FINITE} (in {column})"
     return f"{BEYOND} (in {column})" if (np.abs(values) > MOST_NUMBER).any() else ""
@@ -427,7 +428,7 @@ def _episode(
     cut: Mapping[str, _Floats],
     used: Mapping[str, Sequence[int]],
 ) -> _Episode:
-    """Return an episode's values: ``cut`` has the values (T, n) of each column in ``used``."""
+    """Return the values of an episode. ``cut`` contains the values (T, n) of each column in ``used``."""
 
     def of(number: NamedNumber) -> _Floats:
         return cut[number.column][:, used[number.column].index(number.index)]
@@ -449,13 +450,13 @@ class _Arm:
     """Gripper events and positions of one arm, by episode.
 
     Attributes:
-        grip: Its gripper.
-        place: The components of its position.
+        grip: Gripper of the arm.
+        place: Components of the arm's position.
         jaws: Range and polarity of the arm's gripper.
         closings: Rows in which the gripper closes, by episode.
         openings: Rows in which it opens, by episode.
         share_closed: Fraction of rows in which the gripper is closed.
-        points: Its positions by episode; principal components if its values are not positions.
+        points: Positions by episode, or principal components if the values are not positions.
         span: Range of these points.
     """
 
@@ -474,7 +475,7 @@ class _Arm:
         """Return the gripper events and positions of an arm.
 
         Args:
-            chosen: Its gripper and its place.
+            chosen: Gripper and position of the arm.
             jaws: Range and polarity of the arm's gripper.
             episodes: The numbers of all episodes.
             shortest: Minimum number of rows for which a gripper is closed or open.
@@ -505,7 +506,7 @@ class _Arm:
 
     @property
     def never(self) -> int:
-        """Episodes in which the gripper does not close."""
+        """Number of episodes in which the gripper does not close."""
         return sum(not rows for rows in self.closings)
 
 
@@ -535,7 +536,7 @@ def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[Epis
             origins = [name for row, name in names[0][i] if begin <= row < end]
             targets = [name for row, name in names[1][i] if begin <= row < end or (last and row == end)]
             count = max(len(origins), len(targets))
-            # The first closing point is the origin of the first step, and the last opening point the target of the last
+            # The first closing point is the origin of the first step. The last opening point is the target of the last
             # step.
             origins += [""] * (count - len(origins))
             targets = [""] * (count - len(targets)) + targets
@@ -550,7 +551,7 @@ def _name(episode: _Episode, begin: int) -> str:
 
 
 def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield, for each segment of each episode, the arm that closes its gripper first."""
+    """Yield one fact per segment: the arm that closes its gripper first."""
     for i, episode in enumerate(episodes):
         for begin, end, text in episode.stretch.segments:
             closings = [(row, arm.grip.arm) for arm in arms for row in arm.closings[i] if begin <= row < end]
@@ -560,12 +561,12 @@ def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """Content of a data set and the choices made when reading it, for the description of the data.
+    """Data that were read and choices that were made, for the description of the data.
 
     Attributes:
-        still: The grippers that never move, with the reason.
+        still: Grippers that never move, with the evidence.
         odd: Episodes that were left out because of their values, by reason.
-        not_drawn: Number of episodes outside the sample.
+        not_drawn: Number of episodes that are not in the sample.
     """
 
     info: Mapping[str, Any]
@@ -580,14 +581,14 @@ class _Read:
 
     @property
     def listed(self) -> int | None:
-        """Number of episodes declared by the data set, None if missing or invalid."""
+        """Number of episodes that the data set declares, or None if this number is missing or invalid."""
         total = self.info.get("total_episodes")
         known = isinstance(total, int) and not isinstance(total, bool) and 0 < total <= _MOST_COUNT
         return total if known else None
 
 
 def _reading(read: _Read) -> DataReading:
-    """Return the description of which data were read."""
+    """Return the description of the data that were read."""
     segments, episodes = sum(len(e.stretch.segments) for e in read.episodes), len(read.episodes)
     observations = ""
     if segments > episodes:
@@ -612,9 +613,13 @@ def _reading(read: _Read) -> DataReading:
 
 
 def _about(scanned: _Scanned) -> Iterator[str]:
-    """Yield sentences about how the frames were sorted, if the files were unsorted."""
+    """Yield sentences about the sorting of frames, if the files were unsorted."""
     for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
-        by = f"by episode_index and {key}" if key else "by episode_index alone: no column has the order of the frames"
+        by = (
+            f"by episode_index and {key}"
+            if key
+            else "by episode_index only: no column contains the order of the frames"
+        )
         yield f"Order of the frames: the rows of {how_many(group, 'file')} had to be sorted, {by}"
     split = sum(len(stretch.parts) > 1 for stretch in scanned.episodes)
     if split:
@@ -622,7 +627,7 @@ def _about(scanned: _Scanned) -> Iterator[str]:
 
 
 def _left_out(read: _Read) -> Iterator[str]:
-    """Yield descriptions of the data that were not read, with the reason."""
+    """Yield descriptions of the data that were left out, with the reason."""
     scanned = read.scanned
     if (read.listed or 0) > scanned.there:
         yield f"{how_many((read.listed or 0) - scanned.there, 'episode')} whose frames are not in the folder"
@@ -645,7 +650,7 @@ def _left_out(read: _Read) -> Iterator[str]:
 
 
 def _warnings(read: _Read) -> Iterator[str]:
-    """Yield warnings about the data that may cause wrong findings."""
+    """Yield warnings about properties of the data that may cause wrong findings."""
     total = read.info.get("total_episodes")
     if read.listed is None and total is not None:
         yield "total_episodes in meta/info.json is not a count"

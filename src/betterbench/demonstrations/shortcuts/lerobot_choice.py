@@ -1,6 +1,6 @@
-"""Choice of the gripper and position components of a LeRobot dataset, by their names.
+"""Choice of the gripper and position components of a LeRobot data set by name.
 
-A dataset with ambiguous names is rejected.
+A data set with ambiguous names is rejected.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.errors import InvalidInputError, one_line
 
 MOST_SHOWN = 8
 STEPS = "+"
-"""Prefix for a ``--place`` component that is a step: its sum over time is the position."""
+"""Prefix of a ``--place`` component that is a displacement, whose sum over time is the position."""
 
 _ACTIONS = ("action", "actions")
 _STATES = ("observation.state", "state")
@@ -37,7 +37,7 @@ class Columns:
         numbers: Components by column.
         parts: Their roles by column.
         where: File with their names.
-        steps: Whether the actions are known to be tool steps, so that their sums are places.
+        steps: Whether the actions are known to be displacements of the tool, whose sums are positions.
     """
 
     numbers: Mapping[str, tuple[NamedNumber, ...]]
@@ -70,7 +70,7 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """Component that measures the closing of an arm's gripper, with the reason for the choice."""
+    """Component that measures the closing of a gripper, with the reason for the choice."""
 
     arm: str
     number: NamedNumber
@@ -79,7 +79,7 @@ class Grip:
 
 @dataclass(frozen=True, slots=True)
 class ArmPlace:
-    """Components of an arm's position, their kind (as in ``PlaceReading``), and the reason for the choice."""
+    """Components of an arm's position, their kind (see ``PlaceReading``), and the reason for the choice."""
 
     arm: str
     numbers: tuple[NamedNumber, ...]
@@ -88,10 +88,10 @@ class ArmPlace:
 
 
 def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
-    """Return one gripper component per arm, as given by the user or recognized by name.
+    """Return one gripper component per arm, given by the user or recognized by name.
 
     Raises:
-        InvalidInputError: If no component is recognized as a gripper, or two for one arm.
+        InvalidInputError: If no component is recognized as a gripper, or an arm has two.
         UnknownNameError: If a component named by the user does not exist.
     """
     if named:
@@ -131,7 +131,7 @@ def _arm(number: NamedNumber) -> str:
 
 
 def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
-    """Return the grippers in a column, one per arm; raise InvalidInputError if an arm has two."""
+    """Return the grippers in a column, one per arm. Raises InvalidInputError if an arm has two."""
     by_arm: dict[str, list[tuple[NamedNumber, NumberRole]]] = {}
     hands = {part.arm for part in columns.parts[column] if part.kind == "hand"}
     for number, part in columns.pairs(column):
@@ -141,14 +141,14 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
     for arm, group in by_arm.items():
         bases = {re.sub(r"[\W_]*\d+\]?$", "", number.labels[0].lower()) for number, _ in group}
         if kind == "finger" and len(group) > 2:
-            continue  # more than two fingers: a hand, not a gripper
+            continue  # components with more than two fingers belong to a hand and not to a gripper
         # The two fingers of a gripper are adjacent and have the same name with two indices.
         apart = (
             len({number.labels[0] for number, _ in group}) < len(group) or group[-1][0].index > group[0][0].index + 1
         )
         if len(group) > 2 or (len(group) == 2 and (len(bases) > 1 or apart)):
             shown = ", ".join(f"{number.name} ({number.index})".strip() for number, _ in group[:MOST_SHOWN])
-            problem = f"{len(group)} components of {column} are named like a gripper: {shown}"
+            problem = f"{len(group)} components of {column} have the name of a gripper: {shown}"
             cure = f"Choose one with --gripper '{column}[N]', where N is its index in brackets"
             raise InvalidInputError(columns.where, problem, cure)
         number, part = group[0]
@@ -158,7 +158,7 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
 
 
 def _require_agreement(columns: Columns, number: NamedNumber, part: NumberRole) -> None:
-    """Raise InvalidInputError if two names of a component contradict each other."""
+    """Raise InvalidInputError if two names of a component disagree."""
     for label, by, kind in zip(number.labels, number.by, part.kinds, strict=True):
         if kind in ("body", "hand", "x", "y", "z") or (kind == "joint" and part.kinds[0] == "gripper"):
             problem = (
@@ -176,10 +176,10 @@ def _why_no_gripper(columns: Columns) -> str:
     hands = [n.shown for n, part in columns.pairs(pool[0]) if part.kind in ("hand", "finger")]
     if hands:
         shown = ", ".join(hands[:3]) + (" and more" if len(hands) > 3 else "")
-        return f"no component is named like a gripper; {shown} belong to hands with several joints"
+        return f"no component has the name of a gripper; {shown} belong to hands with several joints"
     unnamed = not any(n.name for n in numbers)
-    tail = "its components have no names" if unnamed else f"none of its {len(numbers)} names means a gripper"
-    return f"no component is named like a gripper; {pool[0]} was searched first, and {tail}"
+    tail = "its components have no names" if unnamed else f"none of its {len(numbers)} names is that of a gripper"
+    return f"no component has the name of a gripper; {pool[0]} was searched first, and {tail}"
 
 
 def _cure_gripper(columns: Columns) -> str:
@@ -195,7 +195,7 @@ def _span(count: int) -> str:
 
 
 def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
-    """Return the position components of each gripper's arm: those given by the user, end-effector positions, or joints.
+    """Return the position components of each arm: those given by the user, end-effector positions, or joints.
 
     Raises:
         InvalidInputError: If an arm has no such components, or two sets of them.
@@ -210,7 +210,9 @@ def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str])
     sums = {text.startswith(STEPS) for text in named}
     if len(sums) > 1:
         raise InvalidInputError(
-            "--place", "only some components have the prefix + (steps)", "Give + before all of them or before none"
+            "--place",
+            "only some components have the prefix + (displacements)",
+            "Give + before all of them or before none",
         )
     numbers = [n for text in named for n in named_numbers("--place", text.removeprefix(STEPS), columns.numbers)]
     each, rest = divmod(len(numbers), len(grips))
@@ -246,7 +248,7 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm to which a gripper's column belongs, or no arm if it is ambiguous."""
+    """Return the arm to which a gripper's column belongs, or no arm if this is ambiguous."""
     there = {part.arm for part in columns.parts[column] if part.kind in kinds}
     if arm in there and not (arm == "" and len(there) > 1):
         return (arm,)
@@ -256,7 +258,7 @@ def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alon
 
 
 def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, ...], str] | None:
-    """Return x, y and, if present, z of an arm; raise InvalidInputError if an axis occurs twice."""
+    """Return x, y and, if present, z of an arm. Raises InvalidInputError if an axis occurs twice."""
     found = {
         axis: [(n, part) for n, part in columns.pairs(column) if part.kind == axis and part.arm == arm]
         for axis in "xyz"
@@ -267,13 +269,13 @@ def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, .
         if len(numbers) > 1:
             shown = ", ".join(f"{column}[{n.index}]" for n, _ in numbers[:MOST_SHOWN])
             of = f" of the {arm} arm" if arm else ""
-            problem = f"{len(numbers)} numbers{of} are called {axis}: {shown}"
+            problem = f"{len(numbers)} components{of} have the name {axis}: {shown}"
             raise InvalidInputError(columns.where, problem, "Choose the numbers with --place, x first, then y")
     return tuple(n for axis in "xyz" for n, _ in found[axis]), found["x"][0][1].by
 
 
 def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
-    """Return all components of an unnamed state if there is one gripper. Raises InvalidInputError otherwise."""
+    """Return all components of a state without names, if there is one gripper. Raises InvalidInputError otherwise."""
     syntax = "with its own column and numbers, x first, counted from 0"
     cure = f"Give the gripper's position with --place 'COLUMN[0,1,2]', {syntax}"
     if not columns.states:
@@ -290,7 +292,7 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
     telling = [(n, part) for n, part in pairs if part.kind in ("x", "y", "z", "joint", "body", "hand")]
     if not alone or telling:
         of = f"the {grip.arm} arm" if grip.arm else "the gripper"
-        problem = f"no component is named like the position of {of} ({grip.number.shown} is its gripper)"
+        problem = f"no component has a name for the position of {of} ({grip.number.shown} is its gripper)"
         own = [n for n, part in telling if part.arm in (grip.arm, "") or not grip.arm]
         if own:
             problem += f"; {column} has {', '.join(n.shown for n in own[:MOST_SHOWN])}"
@@ -299,7 +301,7 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def polarity_of(number: NamedNumber) -> tuple[str, str] | None:
-    """Return a gripper's closed end by name, ``low`` or ``high``, and the word that implies it."""
+    """Return the closed end of a gripper, ``low`` or ``high``, and the word in its name that implies it."""
     for label in number.labels:
         words = set(tokens(label))
         opened = words & {"open", "opened", "opening", "openness", "width", "aperture", "gap", "distance"}

@@ -1,6 +1,6 @@
-"""Reader of LeRobot dataset files, versions 2.0 to 3.0: description, instructions and frames.
+"""Reader of LeRobot data sets (versions 2.0 to 3.0): description, instructions and frames.
 
-The file layout is the one of huggingface/lerobot 0.4. The files are untrusted: sizes are checked before reading, named
+The file layout is that of huggingface/lerobot 0.4. The files are untrusted: sizes are checked before reading, named
 pipes are rejected, and Git LFS pointers are reported.
 """
 
@@ -42,22 +42,23 @@ MOST_TEXT = 2_000
 """Maximum number of characters read from an instruction."""
 _MAX_JSON_BYTES = 256 * 1024 * 1024
 _HAS_DIGITS = "set_int_max_str_digits"
-"""Part of Python's error message about an integer with too many digits, which is replaced because its advice does not
-apply here."""
+"""Part of Python's error message for integers with too many digits. It is replaced because its advice does not apply
+here.
+"""
 _TOO_LONG = "it contains an integer of more than 4,300 digits"
 _INDEX = re.compile(r"__index_level_\d+__")
 _TEXTS = ("task", "tasks", "instruction", "language_instruction", "task_description", "prompt")
-"""Columns of ``tasks.parquet`` that may contain the instruction; the first existing one is used."""
+"""Columns of ``tasks.parquet`` that may contain the instruction. The first existing column is used."""
 
 FrameColumn = pa.ChunkedArray
-"""A column in a frame file."""
+"""Column of a frame file."""
 
 _Floats = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int64]
 
 
 def is_pointer(path: Path) -> bool:
-    """Return whether a file is a Git LFS pointer; return False if it cannot be read or is not a regular file."""
+    """Return whether a file is a Git LFS pointer. False if it cannot be read or is not a regular file."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(POINTER)) == POINTER
@@ -66,7 +67,7 @@ def is_pointer(path: Path) -> bool:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Return the JSON object in a file of ``meta``; raise InvalidInputError if it contains none."""
+    """Return the JSON object in a file of ``meta``. Raises InvalidInputError if there is none."""
     if is_pointer(path):
         raise InvalidInputError(str(path), "the file cannot be read", FETCH)
     try:
@@ -78,7 +79,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def read_info(path: Path) -> Mapping[str, Any]:
-    """Return ``meta/info.json``; raise InvalidInputError if its version is not supported."""
+    """Return ``meta/info.json``. Raises InvalidInputError if its version is not supported."""
     file = path / "meta" / "info.json"
     info = read_json(file)
     if not isinstance(info.get("features"), dict):
@@ -92,7 +93,7 @@ def read_info(path: Path) -> Mapping[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class Tasks:
-    """The instructions of a data set by index.
+    """Instructions of a data set.
 
     Attributes:
         texts: Instructions by index; None for an index without a text.
@@ -106,14 +107,14 @@ class Tasks:
 
 
 def read_tasks(path: Path, column: str | None = None) -> Tasks:
-    """Return the instructions: for version 3 from ``tasks.parquet``, for version 2 from ``tasks.jsonl``.
+    """Read the instructions from ``tasks.parquet`` (version 3) or ``tasks.jsonl`` (version 2).
 
     Args:
         path: Folder of the data set.
         column: Column to read instead of ``task``.
 
     Raises:
-        RecordError: If the file cannot be read, or none of its columns is known to contain the instructions.
+        RecordError: If the file cannot be read, or no column is recognized as the instructions.
         UnknownNameError: If the column does not exist.
     """
     where, rows = _task_rows(path)
@@ -122,13 +123,13 @@ def read_tasks(path: Path, column: str | None = None) -> Tasks:
 
 
 def task_columns(path: Path) -> tuple[str, ...]:
-    """Return the text columns of the instruction file; raise RecordError if the file cannot be read."""
+    """Return the text columns of the instruction file. Raises RecordError if it cannot be read."""
     _, rows = _task_rows(path)
     return tuple(name for name, values in rows.items() if name != "task_index" and _hold_texts(values))
 
 
 def _task_rows(path: Path) -> tuple[Path, dict[str, list[Any]]]:
-    """Return the file of instructions and its columns; raise RecordError if it cannot be read."""
+    """Return the instruction file and its columns. Raises RecordError if it cannot be read."""
     lines, table = path / "meta" / "tasks.jsonl", path / "meta" / "tasks.parquet"
     where = table if table.exists() or (not lines.exists() and table.is_symlink()) else lines
     if is_pointer(where):
@@ -139,7 +140,7 @@ def _task_rows(path: Path) -> tuple[Path, dict[str, list[Any]]]:
 
 @contextmanager
 def _one_line(where: Path) -> Iterator[None]:
-    """Turn errors from reading the instructions into one line."""
+    """Convert errors while reading the instructions into a one-line RecordError."""
     try:
         yield
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
@@ -162,7 +163,7 @@ def _parquet_rows(file: Path) -> dict[str, list[Any]]:
 
 
 def _listed(column: pa.ChunkedArray) -> list[Any]:
-    """Return a column's values; equal texts share one object."""
+    """Return the values of a column. Equal texts share one object."""
     flat = column.combine_chunks()
     if not pa.types.is_dictionary(flat.type):
         return list(flat.to_pylist())
@@ -171,7 +172,7 @@ def _listed(column: pa.ChunkedArray) -> list[Any]:
 
 
 def _json_rows(file: Path) -> dict[str, list[Any]]:
-    """Return the fields of ``tasks.jsonl`` by name; its objects may span several lines."""
+    """Return the fields of ``tasks.jsonl`` by name. Its objects may span several lines."""
     data = read_bounded(file, max_bytes=_MAX_JSON_BYTES, cure=CURE)
     text = data.decode(json.detect_encoding(data)).lstrip("\ufeff")
     forms = list(_objects(text))
@@ -183,7 +184,7 @@ def _json_rows(file: Path) -> dict[str, list[Any]]:
 
 
 def _objects(text: str) -> Iterator[dict[str, Any]]:
-    """Yield the JSON objects in a text one after the other, including objects in a list."""
+    """Yield the JSON objects in a text, including those in a list."""
     decoder, at = json.JSONDecoder(), 0
     if text.lstrip()[:1] == "[":
         found = parse_json(text)
@@ -252,7 +253,7 @@ def _require_file(file: Path) -> None:
 
 @dataclass(slots=True)
 class Frames:
-    """The files with the frames of a data set.
+    """Frame files of a data set.
 
     Attributes:
         files: Readable files, in name order.
@@ -264,7 +265,7 @@ class Frames:
 
     @classmethod
     def of(cls, path: Path) -> Frames:
-        """Return the files of a data set."""
+        """Find the frame files of a data set."""
         found = cls()
         for file in sorted((path / "data").rglob("*.parquet")):
             (found.pointers if is_pointer(file) else found.files).append(file)
@@ -280,7 +281,7 @@ class Frames:
 
 @contextmanager
 def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
-    """Open an external table; a text shared by many rows is stored once."""
+    """Open an external table. A text shared by many rows is stored once."""
     _require_file(file)
     with open_ordinary(file) as opened:
         with pq.ParquetFile(opened) as table:
@@ -295,7 +296,7 @@ def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
 
 
 def column_names(file: Path) -> frozenset[str]:
-    """Return the column names of a frame file; raise RecordError if it cannot be read."""
+    """Return the column names of a frame file. Raises RecordError if it cannot be read."""
     try:
         _require_file(file)
         with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
@@ -305,7 +306,7 @@ def column_names(file: Path) -> frozenset[str]:
 
 
 def read_columns(file: Path, widths: Mapping[str, int]) -> dict[str, pa.ChunkedArray]:
-    """Return columns of a frame file; ``widths`` has the maximum number of values per frame for each column.
+    """Return columns of a frame file. ``widths`` contains the maximum number of values per frame of each column.
 
     Raises RecordError if a column is missing, the file is invalid, or it exceeds the limits.
     """
@@ -338,7 +339,7 @@ def _require_bounded(meta: pq.FileMetaData, widths: Mapping[str, int]) -> None:
         msg = f"its columns have {values} numbers; at most {MOST_VALUES} are supported"
         raise ValueError(msg)
     if size > MOST_BYTES:
-        msg = f"its columns unpack to {size} bytes; at most {MOST_BYTES} are supported"
+        msg = f"its columns have {size} bytes uncompressed; at most {MOST_BYTES} are supported"
         raise ValueError(msg)
 
 
@@ -384,7 +385,7 @@ def require_finite_column(file: Path, name: str, values: _Floats) -> None:
 def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, list[str | None]] | None:
     """Return a string column as indices and distinct strings, or None if it does not contain strings.
 
-    A row may also be a list with one string. Raises RecordError if a row lists several strings.
+    A row may also be a list of one string. Raises RecordError if a list contains several strings.
     """
     flat = column.combine_chunks()
     if pa.types.is_list(flat.type) or pa.types.is_large_list(flat.type):

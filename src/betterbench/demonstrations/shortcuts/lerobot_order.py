@@ -1,4 +1,4 @@
-"""Frame order of a LeRobot dataset, in which files may be unsorted and episodes may span several files."""
+"""Frame order of a LeRobot data set, in which files may be unsorted and episodes may span several files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.demonstrations.shortcuts.lerobot_files import (
 from betterbench.errors import RecordError
 
 _KEYS = ("frame_index", "timestamp")
-"""Columns that may give the frame order of an episode; the first one that exists is used."""
+"""Columns that may contain the frame order of an episode. The first existing column is used."""
 _MOST_INDEX = 2**53
 
 ScalarT = TypeVar("ScalarT", bound=np.generic)
@@ -31,13 +31,13 @@ _Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class FileOrder:
-    """The rows of a file, sorted by episode and by frame.
+    """Order of the rows of a file by episode and frame.
 
     Attributes:
         episodes: (rows,) episode index of each sorted row.
-        frames: (rows,) ``key`` value of each sorted row, zeros without a key.
-        key: Column with the order within an episode; "" if there is none and the order of the file is used.
-        rows: (rows,) file row of each sorted row, None if the file is sorted.
+        frames: (rows,) ``key`` value of each sorted row; zeros without a key.
+        key: Column with the order in an episode; "" to keep the order of the file.
+        rows: (rows,) file row of each sorted row; None if the file is sorted.
     """
 
     episodes: _Ints
@@ -47,7 +47,7 @@ class FileOrder:
 
     @classmethod
     def of(cls, file: Path) -> FileOrder:
-        """Return the row order of a file; raise RecordError if its columns cannot be read."""
+        """Return the row order of a file. Raises RecordError if its columns cannot be read."""
         names = column_names(file)
         keys = [key for key in _KEYS if key in names]
         columns = read_columns(file, dict.fromkeys(("episode_index", *keys), 1))
@@ -67,19 +67,19 @@ class FileOrder:
         return cls(episodes[rows], frames[rows], key, rows)
 
     def sort(self, values: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
-        """Return values (rows, ...) of the file in this order."""
+        """Sort values (rows, ...) of the file."""
         return values if self.rows is None else np.asarray(values[self.rows])
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodePart:
-    """The sorted rows [start, stop) of a file that belong to one episode.
+    """Sorted rows [start, stop) of a file that belong to one episode.
 
     Attributes:
         file: The data file.
         start: First row.
         stop: Row after the last row.
-        key: Column that orders the frames, "" if there is none.
+        key: Column with the order of the frames; "" if there is none.
         first: Value of the ``key`` column in the first row.
         last: Value of the ``key`` column in the last row.
         finite: Whether all values are finite.
@@ -95,7 +95,7 @@ class EpisodePart:
 
     @classmethod
     def of(cls, file: Path, order: FileOrder, start: int, stop: int) -> EpisodePart:
-        """Return a part of an episode; raise RecordError if a frame occurs twice."""
+        """Create a part of an episode. Raises RecordError if a frame occurs twice."""
         frames = order.frames[start:stop]
         same = np.flatnonzero(np.diff(frames) == 0.0) if order.key == "frame_index" else np.zeros(0, dtype=np.int64)
         if same.size:
@@ -112,7 +112,7 @@ _CURE = "Fetch the files again, or remove the duplicate rows"
 
 
 def joined(episode: int, parts: Sequence[EpisodePart]) -> list[int]:
-    """Return the order of an episode's parts; raise RecordError if two parts overlap in time."""
+    """Return the order of an episode's parts. Raises RecordError if two parts overlap in time."""
     order = sorted(range(len(parts)), key=lambda i: (parts[i].first, i))
     for a, b in itertools.pairwise(order):
         before, after = parts[a], parts[b]

@@ -1,7 +1,7 @@
-"""Recognition by name of the components in an external data set: gripper, end-effector position, or joint.
+"""Recognition of components of external data sets by name: gripper, end-effector position, or joint.
 
-A component is identified by its name in ``meta/modality.json``, by its name in ``meta/info.json``, or by its column's
-name, in this order. Its index in the vector is not used, because the last component may belong to a waist or a thumb.
+The name of a component is taken from ``meta/modality.json``, ``meta/info.json``, or its column, in this order. The
+index in the vector is not used, because the last component may belong to a waist or a thumb.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ _NUMBERED = re.compile(r"(?:arm|robot|gripper|agent|follower)[_.\s]?(\d+)")
 
 @dataclass(frozen=True, slots=True)
 class NamedNumber:
-    """One component of a column.
+    """Component of a column.
 
     Attributes:
         column: Column name.
         index: Index of the component in the column.
-        name: Its name in ``meta/info.json``, "" if it has none.
-        labels: Its names, the most specific one first.
+        name: Name in ``meta/info.json``; "" if it has none.
+        labels: Names of the component, the most specific first.
         by: Source of each of these names.
     """
 
@@ -78,7 +78,7 @@ class NumberRole:
         kind: ``gripper``, ``finger``, ``hand``, ``x``, ``y``, ``z``, ``joint``, ``body``, ``other``; "" if unknown.
         arm: ``left``, ``right``, a number as text, or "" if unknown.
         by: Source of the name.
-        kinds: Kind by each of its labels.
+        kinds: Kind according to each of its labels.
     """
 
     kind: str
@@ -88,7 +88,7 @@ class NumberRole:
 
 
 def tokens(name: str) -> list[str]:
-    """Return the words and numbers of a name in lower case ("leftArm_joint2": left, arm, joint, 2)."""
+    """Split a name into words and numbers in lower case ("leftArm_joint2": left, arm, joint, 2)."""
     split = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name)
     return re.findall(r"[a-z]+|\d+", split.lower())
 
@@ -142,7 +142,7 @@ def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict
         size = size_of(feature)
         names = names_of(feature)
         if (len(names) == 1 and size > 1) or len(names) > size:
-            names = []  # not one name per component: openpi's data sets have one for all
+            names = []  # openpi's data sets have one name for all components
         numbers = []
         for index in range(size):
             name = names[index] if index < len(names) else ""
@@ -182,7 +182,7 @@ def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
     for i, number in enumerate(numbers):
         found = [sets[level][i] for level in range(len(number.labels))]
         said = [(kind, by) for kind, by in zip(found, number.by, strict=True) if kind]
-        # The gripper at the end of a slice "left_arm" is identified by its own name.
+        # A gripper at the end of a slice such as "left_arm" is recognized by its own name.
         named = next((one for one in said if one[0] == "gripper" and said[0][0] == "joint"), None)
         kind, by = named or (said[0] if said else ("", ""))
         arm = next((arm for label in (*number.labels, number.column) if (arm := arm_in(label))), "")
@@ -191,10 +191,10 @@ def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
 
 
 def _parts(numbers: Sequence[NamedNumber], level: int) -> list[str]:
-    """Return the kind of each component, from its label at one naming level."""
+    """Return the kind of each component according to its labels from one source."""
     labels = [number.labels[level] if level < len(number.labels) else "" for number in numbers]
     kinds = [_kind(label) for label in labels]
-    # Positions with an index but without an axis name: the first three with the same name are x, y and z.
+    # For positions with an index but without an axis name, the first three with the same name are x, y and z.
     start = 0
     for base, group in itertools.groupby(labels, key=lambda label: re.sub(r"[\W_]*\d+\]?$", "", label)):
         size = len(list(group))
@@ -265,7 +265,7 @@ def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNu
     if not colon or not found:
         raise UnknownNameError(f"number of {column}", name, {n.name or str(n.index) for n in numbers})
     if len(found) > 1:
-        problem = f"{len(found)} numbers of {column} are called {one_line(name, most=80)!r}"
+        problem = f"{len(found)} components of {column} have the name {one_line(name, most=80)!r}"
         which = ", ".join(str(n.index) for n in found[:8])
         raise InvalidInputError(option, problem, f"Give {column}[N], where N is one of {which}")
     return (found[0],)

@@ -13,8 +13,8 @@ from betterbench.quoting import markdown_table, markdown_text
 from betterbench.statistics.wording import plural
 
 ABOUT = (
-    "A **shortcut** is a rule that a learner of the data could use and that some variation breaks; a regularity is a "
-    "rule that all variations keep, such as the meaning of a word. Strength is mutual information above chance, "
+    "A **shortcut** is a rule that a learner could use and that some variation breaks. A regularity is a rule that "
+    "all variations keep, such as the meaning of a word. Strength is mutual information above chance, "
     f"relative to the largest possible value. A rule counts from a strength of {STRONG:g}, or if one value always "
     "occurs with the same other value, or if two words determine half of the uncertainty that each alone leaves; and "
     f"if its test, corrected for all questions, gives p ≤ {ALPHA:g}. For whole instructions, strength is the share of "
@@ -31,7 +31,7 @@ SMALLEST = (
 
 
 def audit_lines(audit: ShortcutAudit) -> list[str]:
-    """Return the findings of an audit as Markdown lines, one section per group."""
+    """Format an audit as Markdown lines, with one section per group."""
     lines = [] if audit.reading is None else [*_reading_lines(audit.reading), ""]
     lines += [ABOUT, ""]
     for group in audit.groups:
@@ -40,7 +40,7 @@ def audit_lines(audit: ShortcutAudit) -> list[str]:
 
 
 def _reading_lines(reading: DataReading) -> list[str]:
-    """Return the first paragraph of an audit; names from external data are escaped."""
+    """Return the first paragraph of an audit. Names from external data are escaped."""
     return [markdown_text(reading.paragraph)]
 
 
@@ -82,7 +82,7 @@ def _cells(f: Finding) -> tuple[str, ...]:
 
 
 def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
-    """Return the warning that variations without a found rule may not be safe, or an empty string."""
+    """Return a warning that variations without a rule may be at risk too, or an empty string."""
     safe = sum(forecast.risk == 0.0 for forecast in prediction.variations)
     unseen = {group.group: len(group.not_shown) for group in audit.groups if group.not_shown}
     if not safe or not unseen:
@@ -95,7 +95,7 @@ def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
 
 
 def prediction_lines(prediction: Prediction, *, most: int | None = None) -> list[str]:
-    """Return the ranking of the variations, most likely failures first, limited to ``most``."""
+    """Format the ranking of at most ``most`` variations, most likely failures first."""
     rows = []
     for f in prediction.variations[:most]:
         because = "; ".join(f.because) or "it breaks none of the rules found"

@@ -1,4 +1,4 @@
-"""Word pairs that determine an outcome only together, not by either word alone."""
+"""Word pairs that only together determine an outcome."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 MOST_WORDS = 200
-"""Maximum number of words tested in pairs; the words that distinguish the most episodes are chosen."""
+"""Maximum number of words tested in pairs. The words that distinguish the most episodes are chosen."""
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
@@ -20,16 +20,16 @@ _Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class WordPair:
-    """Two features that together are associated with an outcome.
+    """Two features that are associated with an outcome if they occur together.
 
     Attributes:
-        first: Index of one feature.
-        second: Index of the other one.
-        outcome: Index of the most frequent outcome in episodes with both features.
-        p_value: The larger p-value of two exact tests: whether, in episodes with one feature, the outcome is more
-            frequent with the other feature than without it, and vice versa. Corrected for the number of outcomes, and
-            by Holm (1979) for the number of pairs.
-        gain: Share of the outcome's uncertainty given one feature that both features together resolve.
+        first: Index of the first feature.
+        second: Index of the second feature.
+        outcome: Index of the most frequent outcome among episodes with both features.
+        p_value: Larger p-value of two exact tests. Each compares, among the episodes with one feature, the frequency of
+            the outcome with and without the other feature. It is corrected for the number of outcomes, and by Holm
+            (1979) for the number of pairs.
+        gain: Fraction of the outcome's uncertainty given one feature that the other feature resolves.
     """
 
     first: int
@@ -40,9 +40,10 @@ class WordPair:
 
 
 def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[WordPair]:
-    """Return the testable pairs of features with their outcome, clearest first.
+    """Return the pairs of features that can be tested, with their outcome, the clearest first.
 
-    A feature that occurs exactly in the episodes with two other features is omitted, because it equals their pair.
+    A feature that occurs in exactly the episodes with two other features is left out, because it is equivalent to their
+    pair.
 
     Args:
         presence: (episodes, features) whether an episode has a feature.
@@ -76,7 +77,7 @@ def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[Word
 
 
 def _corrected(pairs: Sequence[WordPair]) -> list[WordPair]:
-    """Return pairs, the clearest first, with p-values corrected for their number by Holm's procedure."""
+    """Sort pairs, the clearest first, and correct their p-values by Holm's method."""
     corrected, least = [], 0.0
     for rank, pair in enumerate(pairs):
         least = max(least, min(1.0, pair.p_value * (len(pairs) - rank)))
@@ -85,7 +86,7 @@ def _corrected(pairs: Sequence[WordPair]) -> list[WordPair]:
 
 
 def _elements(presence: _Bools) -> _Ints:
-    """Return the features that are not the conjunction of two others."""
+    """Return the features that are not equivalent to a pair of other features."""
     columns = [np.packbits(column).tobytes() for column in presence.T]
     counts = presence.sum(axis=0)
     order = np.argsort(-counts, kind="stable")[: 2 * MOST_WORDS]
@@ -125,8 +126,9 @@ def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _
 def least_share(n: int, tests: int, level: float) -> float | None:
     """Return the smallest fraction of episodes that must follow a rule for a significant test.
 
-    The rule relates a word in half of the episodes to two equally frequent outcomes. The test is Fisher's, one-sided,
-    corrected for the number of tests (pairs and outcomes). Returns None if no fraction is enough.
+    The rule relates a word that occurs in half of the episodes to two equally frequent outcomes. The test is Fisher's
+    one-sided exact test, corrected for the number of tests (pairs times outcomes). Returns None if no fraction is
+    sufficient.
     """
     logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, n + 1)))])
     half = n // 2

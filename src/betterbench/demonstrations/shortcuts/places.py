@@ -1,4 +1,4 @@
-"""Names for places in external data: cells of an arm's workspace, split at gaps between the observed points."""
+"""Names of places in external data: cells of an arm's workspace, split at gaps between the points."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 GAP_SHARE = 0.08
-"""Gap between neighboring values at which an axis is split into cells, relative to the range of the longest axis."""
+"""Minimum gap between neighboring values at which an axis is split into cells, relative to the range of the longest
+axis.
+"""
 NARROW_SHARE = 0.2
 """Minimum range of an axis that is split into cells, relative to the longest axis."""
 LEAST_SHARE = 0.05
 """Minimum share of all values in a cell."""
 CELLS = 3
-"""Number of cells on an axis without gaps; each cell has the same number of values."""
+"""Number of cells on an axis without gaps, which contain equal numbers of values."""
 SET_OUT_SHARE = 0.1
-"""Length of the tool's path, relative to the range of its positions, after which its direction is determined."""
+"""Path length of the tool after which its direction is determined, relative to the range of positions."""
 DIRECTIONS = 8
 _MOST_POINTS = 200_000
 
@@ -26,7 +28,7 @@ _Ints = npt.NDArray[np.int64]
 
 
 def principal_plane(points: _Floats) -> tuple[_Floats, _Floats]:
-    """Return the mean of some points (n, d), and their two directions (2, d) of largest variance."""
+    """Return the mean of points (n, d), and the two directions (2, d) of largest variance."""
     used = points[:: max(1, len(points) // _MOST_POINTS)]
     middle = used.mean(axis=0)
     _, _, ways = np.linalg.svd(used - middle, full_matrices=False)
@@ -47,8 +49,8 @@ def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
     """Return a place name for each point: the center of the points in its cell.
 
     Args:
-        points: Points (d,) each, d from 2 to 3; the third coordinate (height) is split only at gaps.
-        exact: Whether the points are positions; otherwise their two principal components are used.
+        points: Points (d,), d is 2 or 3. The third coordinate (height) is only split at gaps.
+        exact: Whether the points are positions. Otherwise, their two principal components are used.
     """
     if not points:
         return []
@@ -67,13 +69,13 @@ def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
 
 
 def _written(point: _Floats, span: float) -> str:
-    """Return a point as text with enough digits to distinguish the cells of a span."""
+    """Format a point with enough digits to distinguish the cells of a span."""
     digits = max(0, min(6, 1 - math.floor(math.log10(span / 2.0)))) if span > 0.0 else 2
     return f"({', '.join(f'{value + 0.0:.{digits}f}' for value in point)})"
 
 
 def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
-    """Return the cell index of each value: split at gaps or, without gaps, into cells with equal counts."""
+    """Return the cell index of each value. The cells are split at gaps or, without gaps, have equal counts."""
     ordered = np.sort(values)
     low, high = np.quantile(ordered, [0.01, 0.99])
     if high - low <= NARROW_SHARE * span:
@@ -91,7 +93,7 @@ def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
 
 
 def direction(points: _Floats, span: float) -> str:
-    """Return the first direction of a path, one of eight in the plane, or "" if the path does not move.
+    """Return the first direction of a path in the plane, one of eight, or "" if the path does not move.
 
     Args:
         points: (T, 2) positions.

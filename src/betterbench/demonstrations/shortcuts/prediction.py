@@ -1,7 +1,7 @@
-"""Prediction, before training, of the variations that a learner of a dataset will fail, with failure labels.
+"""Prediction of the variations that a learner trained on a data set will fail, made before training.
 
-The prediction follows only from the audit. A variation's risk increases with the number and strength of the learnable
-rules that it breaks; a variation that breaks no rule is not at risk.
+The prediction depends only on the audit. The risk of a variation increases with the number and strength of the rules
+that it breaks. A variation that breaks no rule is not at risk.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ WEIGHTS = {
     "bystander_place": 0.2,
     COUNT: 0.3,
 }
-"""Estimated (not measured) probability that a learner follows a rule of full strength, per question. Rules about two
-words or complete instructions have the same weight as rules about single words.
+"""Assumed probability that a learner follows a rule of full strength, by question. These values were not measured.
+Rules about two words or complete instructions have the same weight as rules about single words.
 
-A rule that determines the picked object decides the whole trial; a rule about other objects rarely matters."""
+A rule about the picked object decides the complete trial, whereas a rule about other objects rarely matters."""
 
 _LEXICAL, _LAYOUT = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS
 _INERTIA, _ORDER, _COLLAPSE = Label.BEHAVIORAL_INERTIA, Label.ORDER_VIOLATION, Label.SEMANTIC_FEATURE_COLLAPSE
@@ -77,8 +77,8 @@ LABELS: Mapping[str, tuple[Label, ...]] = {
     "bystander_place": (_CAUSAL, _LAYOUT),
     COUNT: (_PHASE, _CAUSAL),
 }
-"""Failure labels of a learner that follows a rule, by question, most likely first. A variation only gets labels that it
-can produce.
+"""Failure labels of a learner that follows a rule, by question, most likely first. For each variation, only labels that
+are possible there are used.
 """
 
 NAMESPACE = "betterbench-prediction"
@@ -96,10 +96,10 @@ class Forecast:
     """Prediction for one variation.
 
     Attributes:
-        rank: Rank, starting at 1 for the most likely failure.
-        risk: 0 to 1; 0 if the variation breaks no rule in the data, or the task has no demonstrations.
-        label: The most likely failure label, "" if the risk is 0.
-        because: The rules that the variation breaks, each with the reason.
+        rank: Rank, from 1 for the most likely failure.
+        risk: Risk from 0 to 1. It is 0 if the variation breaks no rule in the data, or the task has no demonstrations.
+        label: Most likely failure label; "" if the risk is 0.
+        because: Rules that the variation breaks, each with the reason.
     """
 
     rank: int
@@ -114,15 +114,15 @@ class Forecast:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """The ranking of all variations, for one dataset.
+    """Ranking of all variations for a data set.
 
     Attributes:
         source: The audited data.
-        facts_sha256: Hash of the data's facts.
-        dataset_sha256: Hash of the demonstrations, "" if there is none.
+        facts_sha256: SHA-256 of the facts.
+        dataset_sha256: Hash of the demonstrations; "" if there is none.
         tasks: Tasks in the data.
-        variations: One prediction per variation of these tasks, in ranking order.
-        sha256: Hash of all other fields.
+        variations: One forecast per variation of these tasks, in ranking order.
+        sha256: SHA-256 of all other fields.
     """
 
     format: Literal["betterbench-prediction"]
@@ -137,17 +137,17 @@ class Prediction:
     sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
 
     def sealed(self) -> Prediction:
-        """Return the prediction with the hash of its content."""
+        """Return the prediction with ``sha256`` set."""
         form = asdict(self)
         del form["sha256"]
         return replace(self, sha256=hashlib.sha256(dump_json(form)).hexdigest())
 
     def file_bytes(self) -> bytes:
-        """Return the file, JSON."""
+        """Return the content of the file, JSON."""
         return (json_text(asdict(self), indent=1) + "\n").encode()
 
     def of(self, task: str, variation: str) -> Forecast:
-        """Return the forecast of one variation; raise KeyError if it does not exist."""
+        """Return the forecast of a variation. Raises KeyError if it does not exist."""
         return {(f.task, f.variation): f for f in self.variations}[task, variation]
 
 
@@ -155,7 +155,7 @@ _FORM = TypeAdapter(Prediction)
 
 
 def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
-    """Return the predicted failures of a learner trained on the dataset, for the audited tasks, the most likely first.
+    """Predict the failures of a learner trained on the data set, for all audited tasks.
 
     Raises InvalidInputError if no audited group is a known task.
     """
@@ -192,7 +192,7 @@ def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
 
 
 def _label(task: str, variation: str, broken: list[Finding]) -> str:
-    """Return the label with the largest weight from the broken rules among those that the variation can produce."""
+    """Return the label with the largest weight over all broken rules, among those possible in the variation."""
     if not broken:
         return ""
     exposed = exposed_labels(task, variation)
@@ -209,7 +209,7 @@ def _label(task: str, variation: str, broken: list[Finding]) -> str:
 
 
 def read_prediction(path: Path) -> Prediction:
-    """Return a prediction from its file.
+    """Read a prediction from a file.
 
     Raises RecordError if the file is not a prediction, or was changed after it was written.
     """
@@ -221,7 +221,7 @@ def read_prediction(path: Path) -> Prediction:
 
 
 def write_prediction(path: Path, prediction: Prediction) -> None:
-    """Write a prediction, and remove the signature of an older prediction, which would no longer match."""
+    """Write a prediction, and remove the signature of an earlier one."""
     data = prediction.file_bytes()
     if not path.exists() or read_ordinary(path) != data:
         _signature_of(path).unlink(missing_ok=True)
@@ -233,7 +233,7 @@ def _signature_of(path: Path) -> Path:
 
 
 def sign(path: Path, key: Path) -> Path:
-    """Sign a file with an SSH key, as ``ssh-keygen -Y sign`` does, and return the signature file.
+    """Sign a file with an SSH key by ``ssh-keygen -Y sign``, and return the signature file.
 
     Raises:
         MissingDependencyError: If ssh-keygen is not installed.

@@ -1,4 +1,4 @@
-"""Audit questions: pairs of variables that may be associated, with their values in a demonstration."""
+"""Questions of the audit: pairs of variables that may be associated in demonstrations."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from betterbench.demonstrations.shortcuts.facts import EpisodeFacts
 from betterbench.demonstrations.shortcuts.words import instruction_words
 
 Pair = tuple[str, str]
-"""Values of a question's two variables in one observation."""
+"""Values of the two variables in an observation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question whether two variables are associated, so that a learner could infer one from the other.
+    """Question about two variables: can a learner infer one from the other?
 
     Attributes:
-        name: Its name in files.
+        name: Name in files.
         title: The question in words.
         rule: Text of a finding, with the first value as ``{x}`` and the second (inferred) value as ``{y}``.
-        pairs: Function that returns a demonstration's observations, given the object kinds that are picked in any
-            demonstration (None for all kinds).
+        pairs: Function that returns the observations of a demonstration, given the kinds of objects that are picked in
+            any demonstration (None for all kinds).
         within: Whether observations are permuted within a demonstration instead of between demonstrations.
         either_way: Whether the first value can also be inferred from the second.
     """
@@ -35,7 +35,7 @@ class Question:
 
 
 def handled_kinds(episodes: Iterable[EpisodeFacts]) -> frozenset[str]:
-    """Return the object kinds that are ever picked."""
+    """Return the kinds of objects that are picked in any demonstration."""
     return frozenset(step.thing for facts in episodes for step in facts.steps if step.thing and step.origin)
 
 
@@ -100,20 +100,20 @@ QUESTIONS = (
     Question("thing_target", "object and target", "{x} is brought to {y}", _thing_target),
     Question("landmark_place", "place of the target and of objects", "with {x}, objects stand at {y}", _landmark_place),
 )
-"""The questions about named objects; in an external dataset objects have no names, so only its words are tested."""
+"""Questions about named objects. Objects in external data sets have no names, so only words are tested there."""
 
 
 @dataclass(frozen=True, slots=True)
 class WordOutcome:
-    """Outcome: a property of a demonstration that instruction words may predict.
+    """Outcome: a property of a demonstration that words of the instruction may predict.
 
     Attributes:
         name: Name of the question about single words.
         what: Description of the outcome.
         rule: Text of a finding, with the outcome as ``{y}``.
         of: Function that returns a demonstration's outcome, or "".
-        missing: Reason for a message if no demonstration has the outcome.
-        is_place: Whether the outcome is a place, direction or side, which a word such as "left" can mean.
+        missing: Reason to report if no demonstration has the outcome.
+        is_place: Whether the outcome is a place, direction or side, which a word such as "left" may refer to.
     """
 
     name: str
@@ -133,43 +133,43 @@ class WordOutcome:
 
 
 def _arm(facts: EpisodeFacts) -> str:
-    """Return the arm that acts first; facts about arms have steps without places."""
+    """Return the arm that acts first. Facts about arms have steps without places."""
     step = facts.steps[0] if facts.steps and not facts.privileged else None
     return step.thing if step is not None and not step.origin and not step.target else ""
 
 
 def _is_named(facts: EpisodeFacts) -> bool:
-    """Return whether the objects have names; in facts about arms, the arms replace the objects."""
+    """Return whether the objects have names. In facts about arms, the arms take the place of objects."""
     return facts.privileged or any(step.thing and step.origin for step in facts.steps)
 
 
 def _first_object(facts: EpisodeFacts) -> str:
-    """Return the object that is picked first of several, or the only object if the instruction does not name it."""
+    """Return the first of several picked objects, or the only one if the instruction does not name it."""
     taken = [step for step in facts.steps if step.thing and step.origin]
     several = len({step.thing for step in taken}) > 1
     return taken[0].thing if taken and (several or not instruction_words(taken[0].word) & facts.words) else ""
 
 
 def _sequence(facts: EpisodeFacts) -> str:
-    """Return the order of a demonstration's objects, or of their origins if the objects have no names."""
+    """Return the objects of a demonstration in order, or their origins if the objects have no names."""
     taken = [step.thing if _is_named(facts) else step.origin for step in facts.steps if step.origin]
     order = list(dict.fromkeys(name for name in taken if name))
     return ", then ".join(order) if len(order) > 1 else ""
 
 
 COUNT, LANDMARK = "count", "landmark"
-"""Names of the questions whether the initial number of objects, or a landmark's slot, is constant.
+"""Names of the questions about constants: the initial number of objects, and the slot of a landmark.
 
 Constants are not associations and are not tested.
 """
 FIRST_PLACE, LAST_PLACE, HEADING = "words_first_place", "words_last_place", "words_heading"
 FIRST_OBJECT, SEQUENCE, ARM = "words_first_object", "words_order", "words_arm"
-"""Questions about every instruction word: first and last position of the gripper's actions, its first direction, the
-first object, the order of objects, and the arm.
+"""Questions about each word of the instructions: first and last position of the gripper's actions, its first direction,
+first object, order of objects, and arm.
 """
 
 WORDS, PAIRS, WHOLE = "", "_together", "_whole"
-"""Name suffixes for questions about single words, word pairs and complete instructions."""
+"""Name suffixes of questions about single words, word pairs and complete instructions."""
 _LEVELS = {WORDS: "words", PAIRS: "two words", WHOLE: "whole instruction"}
 
 _NO_GRASP = "no demonstration has this outcome"
@@ -200,7 +200,7 @@ WORD_OUTCOMES = {
 
 
 def base_of(question: str) -> str:
-    """Return the single-word question that corresponds to a question about pairs or complete instructions.
+    """Return the single-word question that corresponds to one about pairs or complete instructions.
 
     Other questions are returned unchanged.
     """

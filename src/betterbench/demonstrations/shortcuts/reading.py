@@ -1,4 +1,4 @@
-"""Description of the data that an audit used: episodes, instructions, grippers and positions read or excluded."""
+"""Description of the data of an audit: episodes, instructions, grippers and positions."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from betterbench.statistics.wording import plural
 
 @dataclass(frozen=True, slots=True)
 class GripperReading:
-    """Source, range and polarity of the values of one gripper.
+    """Source, range and polarity of a gripper's values.
 
     Attributes:
-        arm: Its arm, "" if there is only one.
+        arm: Arm of the gripper; "" if there is only one.
         source: Column and component that were read, with the reason.
         low: Smallest value, without the lowest 1 %.
         high: Largest value, without the highest 1 %.
         closed: Closed end of the range: ``low`` or ``high``.
-        because: Reason for that side.
+        because: Reason for this end.
         share_closed: Fraction of frames in which the gripper is closed.
         never: Number of episodes in which the gripper never closes.
     """
@@ -38,7 +38,7 @@ class PlaceReading:
     """Source of one arm's positions.
 
     Attributes:
-        arm: The arm, "" if there is only one.
+        arm: Arm; "" if there is only one.
         source: Columns and components that were read, with the reason.
         space: Kind of position values: ``position``, ``joints`` (two principal components of the joints), ``numbers``
             (two principal components of unnamed values) or ``steps`` (sums of the actions).
@@ -56,13 +56,13 @@ class DataReading:
     Attributes:
         episodes: Number of episodes that were read.
         of: Number of episodes that the data set declares.
-        observations: Unit of comparison: episodes, or their segments with one instruction each.
-        instruction: Source of the instructions, and their number.
-        grippers: One entry per arm; none for betterbench records, because their states contain the grasps.
-        places: One per arm.
-        about: Further sentences about the sources.
+        observations: Description of the compared units, if these are segments with one instruction each.
+        instruction: Source and number of the instructions.
+        grippers: One entry per arm; empty for records of betterbench, whose states contain the grasps.
+        places: One entry per arm.
+        about: Additional sentences about the sources.
         left_out: Data that were not read, with the reason.
-        warnings: Problems of the data that may cause wrong findings.
+        warnings: Problems in the data that may cause wrong findings.
     """
 
     episodes: int

@@ -1,4 +1,4 @@
-"""Facts of records, derived from the first state and the instruction; the condition's name is not trusted."""
+"""Facts of records, computed from states and instruction without trusting the name of the condition."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from betterbench.tasks.interventions.listed_regimes import every_listed_conditio
 from betterbench.tasks.relations.closed import GAP, opening_m
 
 SETTLED_M = 0.005
-"""Largest distance from a settled object to the jitter region of its slot [m]."""
+"""Maximum distance of a settled object from the jitter region of its slot [m]."""
 AT_TARGET_M = 0.20
 """Maximum horizontal distance between a pre-placed object and its target [m]."""
 
 
 def every_condition(task: Task) -> tuple[Condition, ...]:
-    """Return all conditions of a task: training, variations, and the listed training distributions."""
+    """Return all conditions of a task: training conditions, variations, and other training distributions."""
     listed = tuple(condition.name for condition in every_listed_condition(task.id))
     return tuple(resolve_condition(task.id, name).condition for name in (*condition_names(task), *listed))
 
 
 def conditions_shown(record: Record, conditions: Iterable[Condition]) -> tuple[Condition, ...]:
-    """Return the conditions that match a record's instruction and first state.
+    """Return the conditions that match the instruction and the first state of a record.
 
-    The object kinds, the slot of each object, the objects already at a target and the open drawers are compared, but
-    not the condition's name.
+    Kinds and slots of objects, objects at a target, and open drawers are compared. The name of the condition is
+    ignored.
     """
     task = get_task(record.metadata.task)
     said = [c for c in conditions if c.instruction.text == record.metadata.instruction]
@@ -84,7 +84,7 @@ def _is_near_one(state: WorldState, targets: Sequence[str], name: str) -> bool:
 def facts_of_run(
     run: RunFolder, trials: Sequence[TrialId], *, conditions: Callable[[Task], tuple[Condition, ...]] = every_condition
 ) -> Iterator[tuple[TrialId, EpisodeFacts]]:
-    """Yield each record's facts, with its possible conditions.
+    """Yield the facts of each record, with its matching conditions.
 
     Raises RecordError if a record cannot be read, or matches no condition.
     """
@@ -100,7 +100,7 @@ def facts_of_run(
 
 
 def reading_of_run(facts: Sequence[EpisodeFacts], trials: int) -> DataReading:
-    """Return a description of a run's data, from its successful trials."""
+    """Return the description of a run's data."""
     left = trials - len(facts)
     return DataReading(
         len(facts),

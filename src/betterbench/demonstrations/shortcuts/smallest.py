@@ -1,8 +1,9 @@
-"""Sensitivity of an audit: the smallest rule that it would have found with the given number of demonstrations.
+"""Sensitivity of an audit: smallest rule that it would have found with the given number of demonstrations.
 
-The sensitivity is estimated with planted data, which keep the frequencies of words and outcomes in the real data and
-therefore the same permutations, correction and threshold. In a fraction of the demonstrations, the outcome follows from
-the word or the object; in the others, it is random. The smallest share that is found often enough is reported.
+The sensitivity is estimated with planted rules. Planted data have the same frequencies of words and outcomes as the
+real data, and therefore the same permutations, correction and threshold. In a fraction of the demonstrations, the word
+or object determines the outcome. In all others, the outcome is random. The result is the smallest fraction that is
+found often enough.
 """
 
 from __future__ import annotations
@@ -27,13 +28,13 @@ from betterbench.demonstrations.shortcuts.association import (
 )
 
 POWER = 0.8
-"""Share of planted data sets in which a rule must be found."""
+"""Fraction of planted data sets in which a rule must be found."""
 REPLICATES = 400
-"""Number of planted data sets per size of a rule."""
+"""Number of planted data sets per rule size."""
 _ENOUGH = POWER + 1.645 * math.sqrt(POWER * (1.0 - POWER) / REPLICATES)
-"""Observed share at which the true share is at least :data:`POWER` with a confidence of 95 %."""
+"""Required observed fraction, at which the true fraction is at least :data:`POWER` with 95 % confidence."""
 STEPS = 20
-"""Number of tested rule sizes: rules that decide 1/20, 2/20, ... of the demonstrations."""
+"""Number of rule sizes: rules that decide 1/20, 2/20, ... of the demonstrations."""
 _MOST_WORDS = 20
 """Maximum number of word frequencies that are tried."""
 _CHUNK = 2_000_000
@@ -44,16 +45,18 @@ _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
 
 Certain = Callable[[_Ints], _Bools]
-"""Test on joint counts (tables, nx, ny): whether a weak association is reported because one value is always right."""
+"""Function of joint counts (tables, nx, ny) that returns whether a weak association is reported because one value is
+always right.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class RuleCounts:
-    """Criterion for reporting a significant association.
+    """Criterion for reporting significant associations.
 
     Attributes:
-        strong: Strength at and above which every association is reported.
-        certain: Test for weaker associations to report.
+        strong: Minimum strength at which every association is reported.
+        certain: Test of whether a weaker association is reported.
     """
 
     strong: float
@@ -62,19 +65,19 @@ class RuleCounts:
 
 @dataclass(frozen=True, slots=True)
 class SmallestRule:
-    """The smallest rule of one question that the audit would have found.
+    """Smallest rule of a question that the audit would have found.
 
     Attributes:
         question: Question name.
         title: The question in words.
-        n: Number of demonstrations, or observations in them, that the test compares.
+        n: Number of compared demonstrations, or of observations in them.
         noun: Noun for these observations.
-        least_share: Smallest fraction of them for which the audit finds the rule in at least :data:`POWER` of all data
-            sets with these counts, if the rule decides the outcome in this fraction and the others are random; None if
-            not even a rule without exceptions is found.
-        strong_share: Smallest fraction at which a rule is strong enough to report, with the same probability, for any
-            p-value: the limit with more demonstrations.
-        sentence: Meaning of ``least_share``, in words.
+        least_share: Smallest fraction in which a rule must decide the outcome, with the others random, for the audit to
+            find it in at least :data:`POWER` of all data sets with these counts. None if not even a rule without
+            exceptions is found.
+        strong_share: Same fraction if the p-value is ignored, so that only strength counts. This is the limit for many
+            demonstrations.
+        sentence: Sentence that explains ``least_share``.
     """
 
     question: str
@@ -87,7 +90,7 @@ class SmallestRule:
 
     @property
     def too_few(self) -> bool:
-        """Whether too few demonstrations exist to find every strong rule, by more than one step."""
+        """Whether there are too few demonstrations to find every strong rule, by more than one step."""
         if self.least_share is None:
             return True
         return self.strong_share is not None and self.least_share - self.strong_share > 1.5 / STEPS
@@ -96,12 +99,12 @@ class SmallestRule:
 def smallest_rule(
     question: str, title: str, n: int, noun: str, shares: tuple[float | None, float | None]
 ) -> SmallestRule:
-    """Return the smallest rule of a question with its sentence; ``shares`` are the least and the strong one."""
+    """Return the smallest rule of a question with its sentence. ``shares`` are ``least_share`` and ``strong_share``."""
     return SmallestRule(question, title, n, noun, *shares, f"{title}: {said_of(shares[0], f'{n} {noun}')}")
 
 
 def said_of(share: float | None, of: str) -> str:
-    """Return a sentence that explains the smallest share."""
+    """Return the sentence that explains the smallest fraction."""
     if share is None:
         return f"with {of}, not even a rule without exceptions would be found"
     if share >= 1.0:
@@ -110,10 +113,9 @@ def said_of(share: float | None, of: str) -> str:
 
 
 def most_permutations(level: float, tests: int) -> int:
-    """Return the number of permutations that may reach the value of the data if the corrected p-value is significant.
+    """Return the maximum number of permutations that may reach the value of the data in a significant test.
 
-    The result is negative if the test cannot be significant, because the smallest p-value times ``tests`` exceeds the
-    level.
+    It is negative if no result can be significant, because the smallest p-value times ``tests`` exceeds the level.
     """
     least = 1.0 / (1 + PERMUTATIONS)
     most = int(level / (least * tests)) + 1
@@ -124,14 +126,14 @@ def most_permutations(level: float, tests: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Planted:
-    """Data with a planted rule: a question's counts, with the outcomes arranged so that the rule holds.
+    """Data for planting a rule: the values of a question, arranged so that a rule holds as far as possible.
 
     Attributes:
         y: (n,) outcome of each observation.
-        perfect: (n,) first values arranged so that they determine the outcomes as far as their counts allow.
-        block: (n,) index of each observation's unit; the rule applies to complete units.
+        perfect: (n,) first values, arranged to determine the outcomes as far as their counts allow.
+        block: (n,) index of the unit of each observation. The rule applies to complete units.
         sizes: Numbers of different first and second values.
-        within: Whether first values are permuted within each unit, or between units.
+        within: Whether first values are permuted within units instead of between units.
         null: (PERMUTATIONS,) mutual information of the permutations [bit].
         expected: Mutual information at chance [bit].
     """
@@ -145,7 +147,7 @@ class Planted:
     expected: float
 
     def rows(self, share: float, rows: int, draw: np.random.Generator) -> _Ints:
-        """Return planted first values, (rows, n): unchanged for a fraction of the units, random for the others."""
+        """Return planted first values, (rows, n): arranged in a fraction of the units, random in the others."""
         units = int(self.block.max()) + 1
         free = units - round(share * units)
         chosen = random_orders(draw, rows, units)[:, :free]
@@ -161,7 +163,7 @@ class Planted:
         return each[:, self.block]
 
     def threshold(self, level: float, tests: int) -> float:
-        """Return the mutual information [bit] above which a corrected p-value is at most a level."""
+        """Return the mutual information above which the corrected p-value is at most a level [bit]."""
         most = most_permutations(level, tests)
         if most < 0:
             return math.inf
@@ -169,7 +171,7 @@ class Planted:
         return float(np.partition(self.null, place)[place])
 
     def share_found(self, share: float, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float:
-        """Return the fraction of planted data sets in which the audit finds a rule for a fraction of the units."""
+        """Return the fraction of planted data sets in which a rule is found that decides a fraction of the units."""
         replicates = 1 if share >= 1.0 else REPLICATES
         at_once = max(1, _CHUNK // max(len(self.y), self.sizes[0] * self.sizes[1]))
         found = 0
@@ -185,11 +187,11 @@ class Planted:
         return found / replicates
 
     def least_share(self, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float | None:
-        """Return the smallest share of units that a rule must decide to be found, in steps, or None."""
+        """Return the smallest fraction of units that a rule must decide to be found, or None."""
         if self.share_found(1.0, threshold, counts, draw) < 1.0:
             return None
         units = int(self.block.max()) + 1
-        # with a single random unit, nothing is exchanged, so the rule would have no exception
+        # with a single random unit, no values are exchanged, so the rule would have no exception
         decided = {round(step / STEPS * units) for step in range(STEPS + 1)} - ({0, units - 1} if units > 1 else {0})
         shares = [number / units for number in sorted(decided)]
         low, high = -1, len(shares) - 1  # not enough, enough
@@ -201,13 +203,13 @@ class Planted:
 
 
 def planted_question(test: PermutationTest) -> Planted:
-    """Return the data of a question, arranged so that its first values determine the second ones."""
+    """Arrange the data of a question so that the first values determine the second ones."""
     perfect = _matched_inside(test) if test.within else _matched_between(test)
     return Planted(test.y, perfect, test.block, test.sizes, test.within, test.null, test.found.expected_bits)
 
 
 def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[Association], null: _Floats) -> Planted:
-    """Return the data of a question about words, arranged so that the most informative word determines the outcome.
+    """Arrange the data of a question about words so that the most informative word determines the outcome.
 
     Args:
         presence: (episodes, words) whether an episode contains a word.
@@ -231,7 +233,7 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
 
 
 def _matched_between(test: PermutationTest) -> _Ints:
-    """Return the first values in an order that best matches the outcomes of the demonstrations."""
+    """Return the first values in the order that best matches the outcomes of the demonstrations."""
     units = int(test.block.max()) + 1
     x = test.x[np.unique(test.block, return_index=True)[1]]
     ranked = np.argsort(-np.bincount(x, minlength=test.sizes[0]), kind="stable")
@@ -251,9 +253,9 @@ def _best_order(
     y: _Ints,
     sizes: tuple[int, int],
 ) -> tuple[float, _Ints]:
-    """Return the largest mutual information [bit] of sorted first values with sorted outcomes, and these values.
+    """Return the maximum mutual information of sorted first values with sorted outcomes [bit], and these values.
 
-    The outcomes are sorted by frequency, beginning with any of the most frequent ones.
+    The outcomes are sorted by frequency, and several of the most frequent ones are tried as the first.
     """
     frequent = Counter(outcomes)
     kinds = sorted(frequent, key=lambda kind: (-frequent[kind], kind))
@@ -270,7 +272,7 @@ def _best_order(
 
 
 def _matched_inside(test: PermutationTest) -> _Ints:
-    """Return first values matched with the second ones within each demonstration, by one mapping for all of them."""
+    """Match first and second values within each demonstration, by one mapping for all demonstrations."""
 
     def by_count(values: _Ints, size: int) -> list[int]:
         return list(map(int, np.argsort(-np.bincount(values, minlength=size), kind="stable")))
@@ -295,7 +297,7 @@ def _matched_inside(test: PermutationTest) -> _Ints:
 
 
 def _bits(joint: _Ints) -> tuple[_Floats, _Floats]:
-    """Return the mutual information [bit] of joint counts (rows, nx, ny), and the smaller of the two entropies."""
+    """Return the mutual information of joint counts (rows, nx, ny), and the smaller of the two entropies [bit]."""
     n = int(joint[0].sum())
     logs = counts_log_counts(n)
     first, second = (logs[joint.sum(axis=axis)].sum(axis=1) for axis in (2, 1))
@@ -304,7 +306,7 @@ def _bits(joint: _Ints) -> tuple[_Floats, _Floats]:
 
 
 def shares_line(rules: Iterable[SmallestRule]) -> str:
-    """Return the questions with their smallest rule in one line; questions without any findable rule come first."""
+    """List the questions with their smallest rule on one line. Questions whose rules cannot be found come first."""
     groups: dict[float | None, list[str]] = {}
     for rule in rules:
         groups.setdefault(rule.least_share, []).append(rule.title)
@@ -313,5 +315,5 @@ def shares_line(rules: Iterable[SmallestRule]) -> str:
 
 
 def share_text(share: float | None) -> str:
-    """Return a share for a table ("85 %"), or "none, however strong" if no rule would be found."""
+    """Format a fraction for a table ("85 %"), or "none, however strong" if no rule would be found."""
     return "none, however strong" if share is None else f"{100.0 * share:.0f} %"

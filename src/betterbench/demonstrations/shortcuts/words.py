@@ -1,9 +1,9 @@
-"""Words of an instruction in any script.
+"""Words of instructions in any script.
 
 In scripts with spaces between words, a word is a run of letters, digits and marks. Chinese, Japanese, Thai, Lao, Khmer
-and Burmese have no such spaces, and finding words there requires a dictionary. Instead, every run of up to
-:data:`LONGEST` characters counts as a word. One of these runs is the word itself, or occurs in the same instructions as
-the word, and runs that always occur together give a single finding. Emoji and other symbols are separate words.
+and Burmese have no such spaces, and finding words would require a dictionary. Instead, every run of up to
+:data:`LONGEST` characters counts as a word. One of these runs is the real word, or occurs in the same instructions as
+the real word. Runs that always occur together give a single finding. Emoji and other symbols are separate words.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ _VARIATION = re.compile("[\ufe00-\ufe0f\u200d\u200b\u2060\ufeff]")
 
 
 def instruction_words(text: str) -> frozenset[str]:
-    """Return the words in a text, independent of case and Unicode form."""
+    """Return the words in a text. Case and Unicode normalization form do not matter."""
     return frozenset(word for run, spaced in _runs(text) for word in ((run,) if spaced else _grams(run)))
 
 
 def is_spaced(word: str) -> bool:
-    """Return whether a text is a word from a script with spaces, as opposed to a run of characters."""
+    """Return whether a text is a word of a script with spaces, and not a run of characters."""
     return not _NO_SPACES.search(word)
 
 
 def shown_as(words: Iterable[str], text: str) -> str:
-    """Return the text for some words that always occur together, in text order.
+    """Return the text for words that always occur together, in the order of the instruction.
 
-    For runs of characters, the short ones are shown, with overlapping runs merged.
+    Runs of characters are shown in their shortest form, and overlapping runs are merged.
     """
     kept = frozenset(words)
     short = max(2, min((len(word) for word in kept if not is_spaced(word)), default=2))
@@ -57,13 +57,13 @@ def shown_as(words: Iterable[str], text: str) -> str:
 
 
 def without_joined(where: Mapping[str, int]) -> dict[str, int]:
-    """Return the words without character runs that join two words and add no information.
+    """Remove character runs that join two words and therefore add no information.
 
-    Such a run occurs in exactly the texts that contain both its beginning and its end, and each of these two parts
-    occurs in more texts.
+    Such a run occurs in exactly the texts that contain both its beginning and its end, each of which occurs in more
+    texts.
 
     Args:
-        where: The texts that contain each word: one bit per text.
+        where: Texts that contain each word, as one bit per text.
     """
 
     def joins(word: str) -> bool:
@@ -204,20 +204,20 @@ _BESIDE_PLACES = frozenset(
         "most",
     ]
 )
-"""Words that may accompany place words but do not name a place themselves."""
+"""Words that may accompany place words, but do not name a place themselves."""
 
 
 def names_a_place(words: Iterable[str]) -> bool:
-    """Return whether words that always occur together all name a place, such as "left".
+    """Return whether words that always occur together name a place, such as "left".
 
-    For character runs, one run that names a place is enough, because overlapping runs contain parts of it.
+    Of character runs, only one must name a place, because overlapping runs contain parts of it.
     """
     kept = frozenset(words)
     return bool(kept & _PLACES) and {w for w in kept if is_spaced(w)} - _BESIDE_PLACES <= _PLACES
 
 
 def in_order(text: str, wanted: Iterable[str]) -> str:
-    """Return those of the given words that a text contains, in text order, as one text."""
+    """Return the given words that a text contains, in text order, as one string."""
     words = frozenset(wanted)
     unspaced = "|".join(sorted((re.escape(w) for w in words if not is_spaced(w)), key=lambda w: (-len(w), w)))
     found = list[str]()
@@ -227,13 +227,13 @@ def in_order(text: str, wanted: Iterable[str]) -> str:
 
 
 def places_named(text: str) -> str:
-    """Return the place words in a text, in their order, as one text."""
+    """Return the place words in a text, in text order, as one string."""
     return in_order(text, _PLACES)
 
 
 @functools.lru_cache(maxsize=4096)
 def _runs(text: str) -> tuple[tuple[str, bool], ...]:
-    """Return the runs of a text, and whether its script puts spaces between words."""
+    """Split a text into runs, each with a boolean that is True for scripts with spaces."""
     plain = unicodedata.normalize("NFKC", text)
     # NFKC decomposes the Thai and Lao vowel "am" into two characters; restore the single character.
     whole = plain.replace("\u0e4d\u0e32", "\u0e33").replace("\u0ecd\u0eb2", "\u0eb3")

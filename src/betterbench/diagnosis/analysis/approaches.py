@@ -1,7 +1,7 @@
-"""Targets that a policy approached without grasping, by hovering over them or pushing them.
+"""Targets that a policy approached without a grasp, by staying over an object or pushing it.
 
-A grasp shows the target of a policy. After the last grasp, only the path of the empty gripper shows the target: the
-gripper may stay over an object, return to an object repeatedly, or move back and forth between several objects.
+A grasp shows the target of a policy. After the last grasp, the target can only be inferred from the path of the empty
+gripper, which may stay over an object, return to it repeatedly, or move back and forth between several objects.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from betterbench.tasks.judging.motion import Bools, Floats, in_reach
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """First and last row of a stay of the open gripper over an object; passing over the object does not count."""
+    """Stay of the open gripper over an object, with first and last row. Passing over the object is not a stay."""
 
     start: int
     end: int
@@ -60,7 +60,7 @@ class Stay:
 
 
 def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
-    """Return the stays from a row on in time order, except over objects at a target or on the floor."""
+    """Return the stays after a row in time order, except over objects at a target or on the floor."""
     near = _near_anything(trace) & _is_empty(trace)
     over = np.array([_over(trace, row) if near[row] else -1 for row in range(first, trace.rows)], dtype=np.int64)
     stays: list[Stay] = []
@@ -78,13 +78,13 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
 
 def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
-    """Return the first stay after a row over the object that a policy chooses by staying over it, or None.
+    """Return the first stay after a row over the object that the policy chooses by this stay, or None.
 
     Args:
         trace: The episode.
         first: The row.
-        asked: Indices of requested objects. An object is not chosen if the gripper is over a requested object about as
-            long, or as often.
+        asked: Indices of requested objects. Another object is not chosen if the gripper is over a requested object for
+            about as long, or about as often.
     """
     stays = find_stays(trace, first)
     times: Counter[int] = Counter()
@@ -101,9 +101,9 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 
 
 def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
-    """Return whether the gripper is over a requested object about as long, or as often, as over another object.
+    """Return whether the gripper is over a requested object for about as long, or as often, as over another object.
 
-    Both times are measured up to the same height above the table; otherwise, the taller object would be reached
+    Both times are measured below the same height above the table. Otherwise, the taller object would be reached
     earlier.
     """
     chosen = stays[0].object
@@ -127,7 +127,7 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 def comes_down_to(trace: Trace, first: int) -> int | None:
     """Return the object to which an open gripper descends after a row, low enough to grasp it, or None.
 
-    The gripper must be at the object for a minimum total time, and seldom in reach of another object.
+    The gripper must be at the object for a minimum total time, and must seldom be within reach of another object.
     """
     free = ~trace.closing & (trace.held < 0)
     low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
@@ -148,9 +148,9 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
 
 
 def taken_below(trace: Trace, i: int) -> Floats:
-    """Return the height below which a gripper has descended to an object, shape (T,) [m].
+    """Return the height below which a gripper counts as descended to an object, shape (T,) [m].
 
-    This is the top of the object, unless the object is flat.
+    This is the top of the object, except for flat objects.
     """
     feet: Floats = trace.positions[:, i, 2]
     return feet + max(trace.info.objects[i].size_m[2], COMES_DOWN)
@@ -163,7 +163,7 @@ def is_down(trace: Trace, i: int) -> Bools:
 
 
 def stays_above(trace: Trace, first: int, i: int) -> bool:
-    """Return whether an open gripper stays over an object after a row without descending over time."""
+    """Return whether an open gripper stays over an object after a row and does not descend over time."""
     rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
     if len(rows) < trace.steps(STAY_TIME):
         return False
@@ -172,7 +172,7 @@ def stays_above(trace: Trace, first: int, i: int) -> bool:
 
 
 def lowered(heights: Floats) -> float:
-    """Return by how much the median height drops from the first to the second half [m]."""
+    """Return the drop of the median height from the first to the second half [m]."""
     first, second = np.array_split(heights, 2)
     return float(np.median(first) - np.median(second))
 
@@ -188,7 +188,7 @@ def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows in which the fingers close around an object without contact and rise again, or None."""
+    """Return the rows of a partial grasp, in which the fingers close around an object without contact, or None."""
     below, low = taken_below(trace, i), is_down(trace, i)
     down = np.array([
         low[row] and trace.within_reach(row, trace.tool[row])[i] for row in range(first, trace.rows)
@@ -206,7 +206,7 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     """Return the rows in which an open gripper repeatedly descends, runs into an object and rises, or None.
 
-    A closed gripper, or a gripper with the object between its fingers, does not run into it.
+    Contacts of a closed gripper, or with the object between the fingers, do not count.
     """
     shut = trace.closing | (trace.width <= THRESHOLDS.closed_width)
     met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
@@ -231,8 +231,8 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
     """Return the rows in which an empty gripper moves back and forth until the end of the episode, or None.
 
-    The path to the region of this motion is excluded, however long it is, and so are rows in which the opening fingers
-    still hold the last object.
+    The path to the region of this motion is not included, and neither are rows in which the opening fingers still hold
+    the last object.
     """
     holding = np.flatnonzero(trace.held[first:] >= 0)
     first += int(holding[-1]) + 1 if holding.size else 0
@@ -245,8 +245,8 @@ def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
 def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> bool:
     """Return whether a path approaches any of the objects.
 
-    Its center must be nearer in each successive quarter. If the center of the path is at an object from the start, the
-    path does not approach this object.
+    The center of each quarter of the path must be closer than that of the previous quarter. A path whose center is at
+    an object from the start does not approach this object.
     """
     first, last = rows
     middles = np.array([part.mean(axis=0) for part in np.array_split(trace.tool[first : last + 1, :2], 4)])
@@ -264,10 +264,10 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 
 
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the pushes by an empty gripper in time order: rows and object of each.
+    """Return the pushes by an empty gripper in time order, with the rows and the object of each.
 
-    An object that moves while the gripper is still closed on it is carried or dragged, not pushed. An object that is
-    hit while another object is between the fingers is not pushed either.
+    An object that moves while the gripper is closed on it is carried or dragged and not pushed. An object that is hit
+    while another object is between the fingers is not pushed either.
     """
     shoves = find_shoves(trace, grasps)
     times = Counter(shove.object for shove in shoves)
@@ -285,7 +285,7 @@ def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tup
     if trace.is_drawer(i):
         return []
     pinched = trace.left & trace.right
-    pinched[:, i] = False  # a closed gripper touches a pushed object with both fingers
+    pinched[:, i] = False  # a closed gripper pushes an object with both fingers
     touched = trace.touched[:, i] & (trace.held < 0) & ~pinched.any(axis=1)
     for g in grasps:
         if g.object == i:
@@ -301,7 +301,7 @@ def _leaves(trace: Trace, i: int, row: int) -> int:
 
 
 def _near_anything(trace: Trace) -> Bools:
-    """Return the rows at which the tool center point may be over an object or within its reach, shape (T,)."""
+    """Return the rows at which the tool center point may be over or near an object, shape (T,)."""
     items = list(trace.items)
     reach = np.array([math.hypot(*trace.info.objects[i].size_m) + OVER_HEIGHT + 2.0 * BESIDE for i in items])
     near: Bools = (np.linalg.norm(trace.positions[:, items] - trace.tool[:, None], axis=2) <= reach).any(axis=1)
@@ -317,8 +317,8 @@ def _is_empty(trace: Trace) -> Bools:
 def _over(trace: Trace, row: int) -> int:
     """Return the object under an empty gripper, or -1.
 
-    Targets are excluded, because a gripper also releases over them. Of several candidates, the horizontally nearest
-    object is returned. An object with any part below the gripper takes precedence over an object with a nearer center.
+    Targets are excluded, because a gripper also releases objects over them. Of several objects, the horizontally
+    nearest is returned. An object with any part below the gripper takes precedence over an object with a nearer center.
     """
     gaps = _gaps(trace, row, trace.items)
     near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))
@@ -327,10 +327,10 @@ def _over(trace: Trace, row: int) -> int:
 
 
 class _Gap(NamedTuple):
-    """Distances [m] from the gripper to an object, horizontally to its box (``beside``) and its center (``center``).
+    """Horizontal distances from the gripper to an object's bounding box (``beside``) and center (``center``) [m].
 
     Attributes:
-        above: Height over its top [m].
+        above: Height above the top of the object [m].
         in_reach: Whether the gripper could grasp the object.
     """
 
@@ -341,12 +341,15 @@ class _Gap(NamedTuple):
 
     @property
     def is_over(self) -> bool:
-        """Whether the gripper is over the object or close to it; wide objects are grasped far from their center."""
+        """Whether the gripper is over the object or close to its bounding box.
+
+        Wide objects are grasped far from their center.
+        """
         return self.beside <= BESIDE or self.center <= THRESHOLDS.slot_reach
 
 
 def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
-    """Return the distances between the gripper and some objects; objects that fell off the table are at infinity."""
+    """Return the distances from the gripper to some objects, which are infinite for objects that fell off the table."""
     tool = trace.tool[row]
     distances, centers = trace.box_distances(row, tool), trace.center_distances(row, tool)
     reach, boxes, middles = in_reach(distances, centers).tolist(), distances.tolist(), centers.tolist()
@@ -360,10 +363,10 @@ def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
-    """Return whether the gripper merely passes over an object.
+    """Return whether the gripper only passes over an object.
 
-    It leaves on another side than it came from, or after a short time. If the episode ends over the object, the gripper
-    passes if it was still moving straight.
+    It then leaves on another side than it came from, or after a short time. If the episode ends over the object, the
+    gripper must still be moving straight.
     """
     if stay.end == trace.rows - 1:
         last = trace.tool[max(stay.start, stay.end - trace.steps(STAY_TIME)) : stay.end + 1, :2]
@@ -375,7 +378,7 @@ def _passes(trace: Trace, stay: Stay) -> bool:
 
 
 def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
-    """Return the first and last row of each span of true flags, merging spans separated by a short gap."""
+    """Return the first and last row of each span of true flags. Spans separated by a short gap are merged."""
     found: list[tuple[int, int]] = []
     for row in np.flatnonzero(flags).tolist():
         if found and row - found[-1][1] <= gap:
@@ -386,9 +389,9 @@ def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
 
 
 def _moves_from(trace: Trace, i: int, touched: int) -> int:
-    """Return the row at which an object begins to move, at the latest the row of the first recorded touch.
+    """Return the row at which an object begins to move, which is at the latest that of the first recorded touch.
 
-    Touches shorter than a control step are visible only by their effects.
+    Touches shorter than a control step are only visible by their effects.
     """
     before = max(0, touched - trace.steps(FLICKER_TIME))
     moved = np.linalg.norm(trace.positions[before : touched + 1, i] - trace.positions[before, i], axis=1)
@@ -411,7 +414,7 @@ def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
 
 
 def _ways(trace: Trace, i: int, start: int, end: int) -> tuple[Floats, Floats]:
-    """Return the horizontal displacements of a touched object and of the gripper during the touch [m]."""
+    """Return the horizontal displacements of a touched object and the gripper during the touch [m]."""
     before, after = max(0, start - 1), min(trace.rows - 1, end + trace.steps(PUSH_GAP))
     way: Floats = (trace.positions[after, i] - trace.positions[before, i])[:2]
     tool: Floats = (trace.tool[end] - trace.tool[before])[:2]

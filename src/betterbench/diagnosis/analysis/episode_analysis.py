@@ -1,4 +1,4 @@
-"""Analysis of an episode: the object of each grasp attempt, compared with the due step of the instruction."""
+"""Analysis of an episode: the object of each grasp attempt, compared with the current step of the instruction."""
 
 from __future__ import annotations
 
@@ -35,33 +35,33 @@ from betterbench.tasks.words import place_words
 
 
 class AttemptTarget(StrEnum):
-    """Relation of the attempted object to the instruction at the time of the attempt."""
+    """Relation of an attempted object to the instruction at the time of the attempt."""
 
     ASKED = "asked"
     """The due step of the instruction refers to the object."""
     LATER = "later"
     """A later step refers to the object, and an earlier step of the ordered instruction is still open."""
     REPEATED = "repeated"
-    """Only a step that is already done refers to the object, or to one that lies on it: a finished stack."""
+    """Only a step that is already done refers to the object, or to an object on top of it (finished stack)."""
     OTHER = "other"
-    """Another instruction of the task refers to the object, or the object is the target of a placement."""
+    """Another instruction of the task refers to the object, or the object is a placement target."""
     FOREIGN = "foreign"
     """No instruction of the task refers to the object."""
     EMPTY = "empty"
-    """No object: an air grasp at an empty slot."""
+    """No object, because the gripper closes at an empty slot."""
 
 
 class Means(StrEnum):
-    """Kind of behavior that shows a policy's target: a grasp, a push, hovering, or a weak closing of the gripper."""
+    """Behavior that shows the target of a policy: a grasp, a push, a stay, or a weak grip."""
 
     GRASP = "grasp"
     """The gripper closes."""
     PUSH = "push"
-    """The empty gripper pushes the object over a distance."""
+    """The empty gripper pushes the object."""
     STAY = "stay"
-    """The open gripper stays over the object, and no grasp follows."""
+    """The open gripper stays over the object without a later grasp."""
     TRY = "try"
-    """The gripper is commanded to close at the object, but its fingers hardly move."""
+    """The gripper is commanded to close at the object, but the fingers hardly move."""
 
 
 _MEANS_WORDS = {
@@ -70,20 +70,20 @@ _MEANS_WORDS = {
     Means.TRY: " (its fingers hardly move)",
 }
 _INSTRUCTION_WORDS = ("steps left: ", "the instruction asks for", "the instruction puts")
-"""Phrases that show that an evidence text already states the instruction."""
+"""Phrases in evidence texts that already state the instruction."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One grasp attempt, or a push, stay or weak grip treated as an attempt, compared with the instruction.
+    """Grasp attempt, or a push, stay or weak grip that counts as an attempt, compared with the instruction.
 
     Attributes:
-        attempt: The attempt as reported.
+        attempt: Attempt as it is reported.
         at: Index of the attempted or missed object, or None.
-        goal: Index of the subgoal that was due, or None if none was open.
+        goal: Index of the current subgoal, or None if no subgoal was open.
         asked_slots: Slots of the requested objects.
-        between: Index of another object that was as near as the instructed object when the gripper closed without an
-            object, so that either may have been the target. None otherwise.
+        between: Index of another object that may also have been the target, because it was as near as the instructed
+            object when the gripper closed without an object; None otherwise.
     """
 
     grasp: GraspAttempt
@@ -97,23 +97,23 @@ class Step:
 
     @property
     def missed(self) -> bool:
-        """Whether the gripper closed next to the object."""
+        """Whether the gripper missed the object and closed next to it."""
         return self.means is Means.GRASP and self.grasp.object is None and self.at is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeAnalysis:
-    """One episode, compared with its condition and its task's training distribution.
+    """Episode compared with its condition and with the training distribution of its task.
 
     Attributes:
         meant: Indices of the objects that satisfy each subgoal.
         steps: All grasp attempts, in order of time.
         harm: Harm to objects that were not requested, in order of time.
         others: Approaches without closing the gripper, in order of time.
-        on_nothing: Times at which the gripper closed far from all objects, or next to an empty slot, in time order.
-        fists: Times at which the empty gripper closed before pushing a drawer shut, in time order.
-        state: Function that returns the state at a row; None if only the recorded target regions are known.
-        found_once: Results that :func:`once_per_episode` keeps.
+        on_nothing: Air grasps far from all objects or next to an empty slot, in order of time.
+        fists: Closings of the empty gripper before it pushed a drawer shut, in order of time.
+        state: Function that returns the state at a row. None if only the recorded target regions are known.
+        found_once: Results cached by :func:`once_per_episode`.
     """
 
     trace: Trace
@@ -130,16 +130,16 @@ class EpisodeAnalysis:
 
     @property
     def decisions(self) -> tuple[Step, ...]:
-        """All steps that show a target, in time order: grasp attempts, pushes, and a final stay.
+        """All steps that show a target, in order of time: grasp attempts, pushes, and a final stay.
 
-        Excluded are drawers that were opened for a wrong first choice.
+        Drawers that were opened for a wrong first choice are excluded.
         """
         opened = self.opened_first
         return tuple(s for s in self._in_order if s not in opened)
 
     @property
     def opened_first(self) -> tuple[Step, ...]:
-        """Attempts that open a drawer before a wrong first choice and therefore belong to that choice.
+        """Attempts that open a drawer for a wrong first choice and therefore belong to that choice.
 
         A wrong drawer before a correct first choice is a separate mistake.
         """
@@ -154,7 +154,7 @@ class EpisodeAnalysis:
         return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
 
     def _opens(self, step: Step) -> bool:
-        """Return whether an attempt is at a drawer without pushing it in."""
+        """Return whether an attempt is at a drawer and does not push it in."""
         return not self._may_be_choice(step) and not self.pushes_in(step)
 
     def pushes_in(self, step: Step) -> bool:
@@ -167,8 +167,8 @@ class EpisodeAnalysis:
     def _may_be_choice(self, step: Step) -> bool:
         """Return whether an attempt can show a choice.
 
-        This is so if its object is not a drawer, or the drawer itself is requested. A drawer that is opened or closed
-        for an object does not show which object was chosen.
+        This is the case if its object is not a drawer, or if the drawer itself is requested. Opening or closing a
+        drawer for an object does not show which object was chosen.
         """
         if not self.trace.is_drawer(step.at):
             return True
@@ -177,7 +177,7 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """Row at which the last grasp, even of no object, and its effects end; 0 without a grasp."""
+        """Row at which the last grasp (including air grasps) and its effects end; 0 without a grasp."""
         grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
             return 0
@@ -187,7 +187,7 @@ class EpisodeAnalysis:
 
     @property
     def instruction(self) -> Instruction:
-        """Instruction of the condition, with its text and subgoals."""
+        """Instruction of the condition, with text and subgoals."""
         return self.condition.instruction
 
     @property
@@ -202,28 +202,28 @@ class EpisodeAnalysis:
 
     @property
     def first_choice(self) -> Step | None:
-        """The first attempt, push or stay that shows a choice; a drawer moved for an object does not count."""
+        """First attempt, push or stay that shows a choice. A drawer moved for an object does not count."""
         return next(filter(self._may_be_choice, self._in_order), None)
 
     @property
     def first_attempt(self) -> Step | None:
-        """The reported first attempt: the first grasp attempt that shows a choice, or None."""
+        """First grasp attempt that shows a choice, which is the reported first attempt, or None."""
         return next(filter(self._may_be_choice, self.steps), None)
 
     @property
     def off_limits(self) -> tuple[int, ...]:
-        """Indices of the objects that the policy must not touch; empty unless it should refuse or stay still."""
+        """Indices of the objects that the policy must not touch. Empty unless it should refuse or stay still."""
         if self.condition.expected is Expected.STAY_STILL:
             return self.trace.items
         return off_limits(self.trace.info, self.asked_indices) if self.condition.expected.lacks_target else ()
 
     @property
     def shoves(self) -> tuple[Stay, ...]:
-        """Rows in which the empty gripper moves an object, even by less than a push, in time order."""
+        """Rows in which the empty gripper moves an object, even by less than a push, in order of time."""
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
-        """Return clauses about harm to objects that were not requested, in time order."""
+        """Return one clause for each harm to an object that was not requested, in order of time."""
         return tuple(dated.harm.words(self.trace.info) for dated in self.harm)
 
     def kind(self, i: int) -> str:
@@ -235,11 +235,11 @@ class EpisodeAnalysis:
         return self.trace.info.objects[i].name
 
     def open_goals(self, row: int) -> tuple[int, ...]:
-        """Return the unfinished subgoals at a row that still have an object on the table."""
+        """Return the unfinished subgoals at a row whose objects are still on the table."""
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
-        """Return the earlier subgoals that fill the drawer closed by this subgoal."""
+        """Return the earlier subgoals that fill the drawer that this subgoal closes."""
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
@@ -248,7 +248,7 @@ class EpisodeAnalysis:
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
     def completed_after(self, goal: int | None, row: int) -> bool:
-        """Return whether a subgoal is done at or after a row, which corrects an earlier failed attempt."""
+        """Return whether a subgoal is done at or after a row, so that an earlier failure was corrected."""
         return goal is not None and bool(self.trace.done[row:, goal].any())
 
     def attempted_after(self, goal: int, row: int) -> bool:
@@ -260,7 +260,7 @@ class EpisodeAnalysis:
         return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
 
     def let_go(self, step: Step) -> tuple[int, int] | None:
-        """Return the rows at which the object of an attempt left the gripper and at which it came to rest.
+        """Return the rows at which the object of an attempt left the gripper and came to rest.
 
         Returns:
             The two rows, or None if no object was grasped or the gripper still holds the object at the end.
@@ -289,10 +289,10 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def telling_place(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region of an object if its position proves that it was brought there, else None.
+        """Return the target region of an object if its position proves that it was brought there, otherwise None.
 
-        A wide region, such as one side of another object, is not proof, because the object may have been there from the
-        start.
+        A wide region, such as one side of another object, proves nothing, because the object may have been there from
+        the start.
         """
         place = self.trace.placed(row, i)
         if place is None or self.state is None or not relation(place.relation).wide:
@@ -300,7 +300,7 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the region in which an object was placed against the instruction, with two rows, or None.
+        """Return the region in which an object was placed contrary to the instruction, with two rows, or None.
 
         The rows are those at which the object was released and came to rest. An object that was deliberately released
         at a region counts as placed there in any posture.
@@ -317,9 +317,9 @@ class EpisodeAnalysis:
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
         """Return the wrong region in which an object was set down, in any posture, or None.
 
-        An object was set down if the gripper released it there, or if it already stood there before it slipped from the
-        closed gripper or was dragged away by it. If the object is in a requested region, or about as near to the center
-        of a requested region as to that of the wrong one, the result is None: the policy aimed at the requested region.
+        An object counts as set down if the gripper released it there, or if it stood there before it slipped from the
+        closed gripper or was dragged away. The result is None if the object is in a requested region, or about as close
+        to its center as to that of the wrong region, because the policy then aimed at the requested region.
         """
         gone, rest = rows
         fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
@@ -352,9 +352,9 @@ class EpisodeAnalysis:
         return None if any(gap <= away + DOUBT for gap in asked) else found
 
     def _set_down_before(self, step: Step, i: int, gone: int) -> tuple[int, ...]:
-        """Return the row, as a tuple of at most one, at which a carried object first stood on a support while held.
+        """Return the first row at which a carried object stood on a support while held, as a tuple of at most one row.
 
-        A jar that jams at a hole stands there, although the closed gripper drags it away afterward.
+        For example, a jar that jams at a hole stands there, although the closed gripper then drags it away.
         """
         trace, time = self.trace, self.trace.steps(THRESHOLDS.stop_time)
         carried = np.flatnonzero(trace.held[step.grasp.end : gone] == i)
@@ -385,15 +385,15 @@ class EpisodeAnalysis:
         """Return the wrong region in which a correct object was placed, with the rows of release and rest.
 
         Returns:
-            The rows and the region. None if the object was placed in the correct region, then or later, or outside the
-            regions of all targets.
+            The rows and the region. None if the object was placed in the correct region at any time, or outside all
+            target regions.
         """
         if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
             return None
         return self.put_down(step)
 
     def last_try(self, step: Step) -> Step:
-        """Return the decisive attempt among repeated attempts at an object: the first that lifted it, or the last."""
+        """Return the decisive one of repeated attempts at an object: the first that lifted it, or the last."""
         for later in self.steps:
             if later.grasp.start <= step.grasp.start:
                 continue
@@ -403,7 +403,7 @@ class EpisodeAnalysis:
         return step
 
     def taken_for(self, step: Step) -> int | None:
-        """Return the subgoal of another object whose target region received the object, or None."""
+        """Return the subgoal of another object into whose target region this object was brought, or None."""
         found, i = self.put_down(step), step.grasp.object
         if found is None or i not in self.asked_indices:
             return None
@@ -415,7 +415,7 @@ class EpisodeAnalysis:
         return None
 
     def memorized(self, i: int, place: Whereabout) -> bool:
-        """Return whether training placed objects of this kind in that region."""
+        """Return whether objects of this kind are placed in this region in training."""
         where = (self.kind(place.target), place.relation, place.region)
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
@@ -435,7 +435,7 @@ class EpisodeAnalysis:
         shared: tuple[str, ...] = (),
         candidates: tuple[str, ...] = (),
     ) -> Evidence:
-        """Return evidence for row spans and objects, with time, position and instruction appended to its text."""
+        """Return evidence for row spans and objects. Time, position and instruction are appended to the text."""
         time, last = self.trace.time, self.trace.rows - 1
         first, end = (min(max(r, 0), last) for r in rows)
         facts = [f"Time: {float(time[first]):.1f} s"]
@@ -450,13 +450,13 @@ class EpisodeAnalysis:
         )
 
     def asked_at(self, row: int) -> str:
-        """Return the instruction words of the due steps at a row, with the object kinds to which they refer."""
+        """Return the instruction words of the current steps at a row, with the kinds of objects they refer to."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
         return listed(due) or "none"
 
     def open_words(self, row: int) -> tuple[str, ...]:
-        """Return the instruction words of the subgoals that are open at a row, each once."""
+        """Return the distinct instruction words of the subgoals that are open at a row."""
         return tuple(dict.fromkeys(map(self.asked_words, self.open_goals(row))))
 
     def asked_words(self, goal: int) -> str:
@@ -467,7 +467,7 @@ class EpisodeAnalysis:
         return repr(word) + (f" ({named})" if named else "" if kinds else " (absent)")
 
     def _place(self, row: int, i: int) -> str:
-        """Return an object's location: a target region, a slot, or coordinates, or an empty string for a drawer."""
+        """Describe the location of an object by target region, slot or coordinates. Empty for a drawer."""
         trace = self.trace
         if trace.is_drawer(i):
             return ""
@@ -481,12 +481,12 @@ class EpisodeAnalysis:
         return f"x {100 * x:.0f}, y {100 * y:.0f}, z {100 * z:.0f} cm"
 
     def at_step(self, rule: str, text: str, step: Step, **details: tuple[str, ...]) -> Evidence:
-        """Return evidence for an attempt."""
+        """Return the evidence about an attempt."""
         objects = () if step.at is None else (step.at,)
         return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
 
     def describe(self, step: Step, *, slots: bool = True) -> str:
-        """Return a phrase for the object of an attempt, with its slot if requested."""
+        """Describe the object of an attempt, with its slot if requested."""
         slot = f" at slot {step.grasp.slot!r}" if slots and step.grasp.slot is not None else ""
         if step.at is None:
             return f"nothing (an air grasp{slot})"
@@ -494,17 +494,17 @@ class EpisodeAnalysis:
         return f"the {self.kind(step.at)}{slot}" + (" (missed)" if step.missed else how)
 
     def where(self, target: int, region: str) -> str:
-        """Return a phrase for a target region: "the laptop (left)"."""
+        """Describe a target region: "the laptop (left)"."""
         return place_words(self.kind(target), region)
 
     def asked_where(self, step: Step) -> str:
-        """Return a phrase for the target region requested for the object of an attempt."""
+        """Describe the target region requested for the object of an attempt."""
         if step.goal is None:
             return "elsewhere"
         return f"at {self.where(self.trace.targets[step.goal], self.goals[step.goal].region)}"
 
     def shared_looks(self, at: int, targets: Iterable[int]) -> tuple[str, ...]:
-        """Return the visual properties that an object shares with one of several others: "color", "shape"."""
+        """Return the visual properties ("color", "shape") that an object shares with any of several others."""
         found, others = self.trace.info.objects[at], [self.trace.info.objects[i] for i in targets]
         shared = []
         if found.color and any(found.color == other.color for other in others):
@@ -514,7 +514,7 @@ class EpisodeAnalysis:
         return tuple(shared)
 
     def asked_for(self, step: Step) -> str:
-        """Return a phrase for the objects requested at the time of an attempt."""
+        """Describe the objects requested at the time of an attempt."""
         if step.goal is None:
             return "nothing was left to do"
         return f"the instruction asks for {self.asked_words(step.goal)}"
@@ -522,8 +522,8 @@ class EpisodeAnalysis:
     def intended(self) -> tuple[int, ...]:
         """Return the objects for which the first attempt would be correct.
 
-        The attempted object comes first if it is correct. The others are ordered by subgoal and then by slot, so that
-        neither names nor scene order matter.
+        The attempted object comes first if it is correct. All others are ordered by subgoal and slot, so that object
+        names and scene order do not matter.
         """
         if self.condition.expected is Expected.STAY_STILL:
             return ()
@@ -537,13 +537,13 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(chosen))
 
     def intention_correct(self) -> bool | None:
-        """Return whether the first attempt was correct, or correctly absent (suite, section 4).
+        """Return whether the first attempt, or its absence, was correct (suite, section 4).
 
         An attempt at a wrong drawer is wrong, even if a correct object is grasped afterward.
 
         Returns:
-            None if this cannot be decided: the gripper first closed without an object between two objects, or only
-            closed far from all objects.
+            None if this cannot be decided, because the gripper first closed between two objects, or only far from all
+            objects.
         """
         expected = self.condition.expected
         if expected is Expected.STAY_STILL:
@@ -582,10 +582,10 @@ _Found = TypeVar("_Found")
 
 
 def once_per_episode(find: Callable[[EpisodeAnalysis], _Found]) -> Callable[[EpisodeAnalysis], _Found]:
-    """Cache the result of a function per episode, because several failure modes call it.
+    """Cache the result of a function per episode, for functions that several failure modes call.
 
-    Four modes look for a halt. The saving was too small to measure over 37 recorded trials of three policies (0.35 s of
-    CPU time, 2026-11-28).
+    For example, four modes look for a halt. Over 37 recorded trials of three policies, the saving was too small to
+    measure (total CPU time 0.35 s, 2026-11-28).
     """
 
     @functools.wraps(find)
@@ -606,7 +606,7 @@ def analyze_episode(
     harm: tuple[DatedHarm, ...] = (),
     state: Callable[[int], WorldState] | None = None,
 ) -> EpisodeAnalysis:
-    """Return the analysis of an episode. Objects are identified by kind and slot, not by name.
+    """Analyze an episode. Objects are identified by kind and slot instead of name.
 
     Args:
         trace: The episode.
@@ -649,9 +649,9 @@ def _start(grasp: GraspAttempt) -> int:
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether the gripper closed so far from an empty slot that it may have missed an object elsewhere.
 
-    This is possible if an instructed object is about as near as the point at which demonstrations close in that slot,
-    or at least as near in the top view: a gripper that closes above the rim of a plate has missed the plate, at any
-    height. If the slot contains an object, or training did not pick from it, the gripper must be at the slot's center.
+    This is possible if an instructed object is about as near as the point at which demonstrations close in this slot,
+    or at least as near seen from above. A gripper that closes above the rim of a plate has missed the plate at any
+    height. If the slot contains an object, or training does not pick from it, the distance to the slot's center counts.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
@@ -672,10 +672,10 @@ def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[
 
 
 def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
-    """Return weak grips at instructed objects, which are not grasp attempts but show the intention.
+    """Return weak grips at instructed objects. They are not grasp attempts, but show the intention.
 
-    The fingers hardly moved despite a long command to close, or they partly closed around the object and opened again
-    several times. Objects that also have a grasp attempt are excluded.
+    In a weak grip, the fingers hardly move despite a long command to close, or they repeatedly close partly around the
+    object and open again. Objects with a grasp attempt are excluded.
     """
     seen = {step.at for step in steps}
     long: list[Step] = []
@@ -689,7 +689,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
                 continue
             i = min(near, key=lambda i: (float(gaps[i]), i))
             if found is brief and not is_down(trace, i)[closing.end]:
-                continue  # set to the object's width from above
+                continue  # set to the object's width before the descent
             grasp = replace(closing, aim=i, slot=trace.slot_of(closing.start, i, THRESHOLDS.slot_reach))
             found.append(replace(_step(trace, instruction, known, grasp, at=i), means=Means.TRY))
     told = [(step.grasp.start, step.grasp.release) for step in long]
@@ -698,7 +698,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
 
 
 def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
-    """Return whether an empty gripper closed in order to push a drawer shut, which requires a closed gripper."""
+    """Return whether an empty gripper closed to push a drawer shut."""
     if grasp.object is not None:
         return False
     _, now = _due(trace, instruction, grasp.start)
@@ -706,7 +706,7 @@ def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
 
 
 def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: Stay, means: Means) -> Step:
-    """Return a push or a stay in the form of a step."""
+    """Convert a push or a stay to a step."""
     slot = trace.slot_of(stay.start, stay.object, THRESHOLDS.slot_reach)
     grasp = GraspAttempt(stay.start, stay.end, trace.rows, None, stay.object, slot, secured=False)
     return replace(_step(trace, instruction, known, grasp, at=stay.object), means=means)
@@ -718,15 +718,15 @@ def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
 
 
 def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the open subgoals at a row, and the subgoals that may be done next (the first if the order is fixed)."""
+    """Return the open subgoals at a row, and those that may be done next (only the first if the order is fixed)."""
     due = _open_goals(trace, instruction.subgoals, row)
     return due, due[:1] if instruction.ordered else due
 
 
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
-    """Return the subgoals not reached at a row that still have an object on the table.
+    """Return the unfinished subgoals at a row whose objects are still on the table.
 
-    Closing a drawer over an object becomes the next step once the object is inside.
+    Closing a drawer over an object is the next step as soon as the object is inside.
     """
     reached = [_reached(trace, goals, g, row) for g in range(len(goals))]
     return tuple(
@@ -745,14 +745,14 @@ def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool
 
 
 def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
-    """Return the earlier subgoals whose target is the object of a subgoal, as in loading and closing a drawer."""
+    """Return the earlier subgoals whose target is the object of a subgoal, as for loading and then closing a drawer."""
     if relation(goals[g].relation).carried:
         return []
     return [j for j in range(g) if trace.targets[j] in trace.meant[g]]
 
 
 def _wanted(trace: Trace, g: int, row: int) -> set[int]:
-    """Return the objects of a correct attempt for a subgoal: its own, and drawers that must be moved first."""
+    """Return the objects of a correct attempt for a subgoal: its own objects, and drawers that must be moved first."""
     busy = trace.serves[row].any(axis=0)
     wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
     drawers = {i for i, _, _ in trace.drawers}
@@ -766,7 +766,7 @@ def _wanted(trace: Trace, g: int, row: int) -> set[int]:
 
 
 def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
-    """Return the target drawer of a subgoal if an attempt grasped it without pushing it in, else an empty set."""
+    """Return the target drawer of a subgoal if an attempt grasped it and did not push it in, otherwise an empty set."""
     i, last = grasp.object, min(grasp.release, trace.rows - 1)
     if i is None or i != trace.targets[g] or not trace.is_drawer(i):
         return set()
@@ -774,7 +774,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
 
 
 def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
-    """Return the object missed when the gripper closed without an object; in case of doubt, the instructed object."""
+    """Return the missed object of an empty grasp. If this is ambiguous, the instructed object is returned."""
     if grasp.aim is None or grasp.aim in needed:
         return grasp.aim
     gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])
@@ -785,7 +785,7 @@ def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
 def _step(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None = None
 ) -> Step:
-    """Compare an attempt with the due steps; ``at`` is the object of an attempt without a grasp."""
+    """Compare an attempt with the current steps. ``at`` is the object of an attempt without a grasp."""
     step = _compared(trace, instruction, known, grasp, at=at, chosen=grasp.start)
     if step.target is not AttemptTarget.LATER:
         return step
@@ -794,7 +794,7 @@ def _step(
 
 
 def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | None:
-    """Return the last row, shortly before a row, at which the steps now due were still done, or None."""
+    """Return the last row, shortly before a row, at which the current steps were still done, or None."""
     _, now = _due(trace, instruction, row)
     first = max(0, row - trace.steps(UNDONE_WITHIN))
     done = np.flatnonzero(trace.done[first:row, list(now)].all(axis=1)) if now else np.array([], int)
@@ -804,7 +804,7 @@ def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | No
 def _compared(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None, chosen: int
 ) -> Step:
-    """Compare an attempt with the steps that were due when its target was chosen."""
+    """Compare an attempt with the steps that were current when its target was chosen."""
     row = grasp.start
     due, now = _due(trace, instruction, chosen)
     wanted = {g: _wanted(trace, g, chosen) | _drawn(trace, g, grasp) for g in due}
@@ -830,16 +830,16 @@ def _compared(
     slot = grasp.slot if between is None else None
     attempt = Attempt(float(trace.time[row]), float(trace.time[grasp.end]), name, slot, result, grasp.secured)
     moved = sorted(i for i in needed if trace.info.objects[i].slot == grasp.slot)
-    if at is None and grasp.slot is not None and moved:  # the instructed object was moved out of the slot
+    if at is None and grasp.slot is not None and moved:  # the instructed object has been moved out of the slot
         at, target = moved[0], AttemptTarget.ASKED
         goal = next(g for g in now if at in wanted[g])
     return Step(grasp, attempt, at, target, goal, tuple(slots), between=between)
 
 
 def finished_on(trace: Trace, instruction: Instruction, row: int, at: int | None) -> tuple[int, ...]:
-    """Return the objects that lie on an object because of a finished step: together they are a finished stack.
+    """Return the objects that lie on an object because of a finished step, which form a finished stack with it.
 
-    A container is not part of a stack with its contents, nor is an object with those next to it on the table.
+    A container does not form a stack with its contents, and neither do objects next to each other on the table.
     """
     return tuple(
         i
@@ -852,9 +852,9 @@ def finished_on(trace: Trace, instruction: Instruction, row: int, at: int | None
 
 
 def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:
-    """Return the requested object and another object if each finger came down on one of them, or None.
+    """Return a requested object and another object if one finger came down on each of them, otherwise None.
 
-    An object that was lifted, or was between both fingers, was the only target.
+    If one object was lifted, or was between both fingers, only this object was the target.
     """
     i = grasp.object
     if i is None or grasp.secured or trace.is_drawer(i):

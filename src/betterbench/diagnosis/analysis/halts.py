@@ -1,4 +1,4 @@
-"""Halts: the arm stays still or trembles in place until the end although subgoals are unfinished."""
+"""Halts: the arm stays still, or trembles in place, until the end although subgoals are unfinished."""
 
 from __future__ import annotations
 
@@ -33,18 +33,19 @@ from betterbench.tasks.relations import relation
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first permanent halt, or None.
 
-    A halt lasts for ``halt_time`` with unfinished subgoals and no attempt in progress. Closing the gripper far from all
-    objects counts as an attempt. A subgoal does not count as unfinished if its object is at the target when the arm
-    comes to rest. If the arm trembles in place, the halt must last for ``tremble_time``; trembling over an instructed
-    object is not a halt.
+    A halt lasts for at least ``halt_time``, with unfinished subgoals and no attempt in progress. Closing the gripper
+    far from all objects counts as an attempt. A subgoal does not count as unfinished if its object is at the target
+    when the arm comes to rest. If the arm trembles in place, the halt must last for ``tremble_time``. Trembling over an
+    instructed object is not a halt.
 
-    A pause after which the arm continues is not a halt, and a final stop that is shorter than an earlier pause may be a
+    A pause after which the arm continues is not a halt. A final stop that is shorter than an earlier pause may be a
     pause. If the arm holds the correct object at its target region, or has descended to it with open fingers, it has
-    halted only if it does not move at all; otherwise, the gripper fails to open or to close.
+    only halted if it does not move at all. Otherwise, the gripper fails to open or to close.
     """
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None
-    # A gripper at the object to be grasped, or with the object at its target, has halted only without any motion.
+    # A gripper at the object to be grasped, or with the object at its target, has only halted if it does not move at
+    # all.
     arrived = kept or comes_down_to(trace, episode.idle_from) in episode.wanted(episode.idle_from)
     still = (resting_rows if arrived else still_rows)(trace.tool, trace.rate_hz)
     if not arrived and not any(s.means is Means.STAY and s.target is AttemptTarget.ASKED for s in episode.others):
@@ -69,7 +70,7 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
 
 
 def in_fingers(trace: Trace, row: int) -> int | None:
-    """Return the object in the gripper at a row, or None; a brief loss of contact does not count as a release."""
+    """Return the object in the gripper at a row, or None. A brief loss of contact does not count as a release."""
     rows = slice(max(0, row - trace.steps(FLICKER_TIME)), row + 1)
     held = [i for i in trace.held[rows].tolist() if i >= 0]
     return held[-1] if held else None
@@ -77,10 +78,9 @@ def in_fingers(trace: Trace, row: int) -> int | None:
 
 @once_per_episode
 def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
-    """Return the object that a closed gripper has held at its target region for long until the end, or None.
+    """Return the object that a closed gripper holds at its target region for a long time until the end, or None.
 
-    The object may already stand on the target, between the fingers. An object that is still being lowered does not
-    count.
+    The object may stand on the target already. An object that is still being lowered does not count.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     for g, goal in enumerate(episode.goals):
@@ -115,14 +115,14 @@ def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
 
 
 def _usual(pauses: list[int], long: int) -> float:
-    """Return the longest plausible pause of a policy [rows]; several long pauses make longer pauses plausible."""
+    """Return the longest plausible pause of a policy [rows]. Several long pauses make longer pauses plausible."""
     return max(pauses, default=0) * (PAUSES_VARY if sum(p >= long for p in pauses) > 1 else 1.0)
 
 
 def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
-    """Return the first row of a sufficiently long slow stretch from which the arm stays in place until the end.
+    """Return the first row of a long slow phase after which the arm stays in place until the end.
 
-    The arm may slow down before it comes to rest.
+    Slowing down before coming to rest belongs to the slow phase.
     """
     last = stop - trace.steps(THRESHOLDS.halt_time)
     if start <= last and stays_in_place(trace.tool, trace.time, start):
@@ -132,7 +132,7 @@ def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
 
 
 def _in_place_from(trace: Trace) -> int:
-    """Return a row from which the arm stays in place until the end for long enough, or else the number of rows."""
+    """Return a row after which the arm stays in place until the end for long enough, or the number of rows."""
     for begin in range(0, trace.rows - trace.steps(TREMBLE_TIME), trace.steps(SEARCH_STEP)):
         if stays_in_place(trace.tool, trace.time, begin):
             return begin

@@ -1,4 +1,4 @@
-"""Rest and motion of a gripper from its path alone, with the same rules for simulated and real arms."""
+"""Rest and motion of a gripper, computed from its path for simulated and real arms."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ from betterbench.tasks.judging.motion import Bools, Floats
 
 
 def steps_in(seconds: float, rate_hz: float) -> int:
-    """Return the number of control steps in a time, at least one."""
+    """Return the number of control steps in a duration, at least one."""
     return max(1, round(seconds * rate_hz))
 
 
 def path_length(tool: Floats) -> Floats:
-    """Return the path length up to each row, shape (T,) [m], of positions (T, 3) [m]."""
+    """Return the path length from the start to each row, shape (T,) [m], of positions (T, 3) [m]."""
     lengths = np.linalg.norm(np.diff(tool, axis=0), axis=1)
     way: Floats = np.concatenate(([0.0], np.cumsum(lengths)))
     return way
 
 
 def still_rows(tool: Floats, rate_hz: float) -> Bools:
-    """Return the rows with an average displacement below ``halt_speed``, for positions (T, 3) [m]."""
+    """Return the rows with a mean displacement per time below ``halt_speed``, for positions (T, 3) [m]."""
     window = _window(len(tool), rate_hz)
     return _covered(np.linalg.norm(tool[window:] - tool[:-window], axis=1), window, rate_hz, len(tool))
 
 
 def resting_rows(tool: Floats, rate_hz: float) -> Bools:
-    """Return the rows with a path speed below ``halt_speed``, back-and-forth included, for positions (T, 3) [m]."""
+    """Return the rows with a path length per time below ``halt_speed``, for positions (T, 3) [m]."""
     window, way = _window(len(tool), rate_hz), path_length(tool)
     return _covered(way[window:] - way[:-window], window, rate_hz, len(tool))
 
 
 def stays_in_place(tool: Floats, time: Floats, begin: int, *, within: float = HALT_RADIUS) -> bool:
-    """Return whether positions (T, 3) [m] stay at that of a row until the end, apart from drift."""
+    """Return whether positions (T, 3) [m] stay near the position at a row until the end, apart from drift."""
     away = np.linalg.norm(tool[begin:] - tool[begin], axis=1)
     return bool((away <= within + DRIFT * (time[begin:] - time[begin])).all())
 
 
 def to_and_fro_from(tool: Floats, rate_hz: float) -> int | None:
-    """Return the first row from which positions (T, 3) [m] go back and forth until the end, or None.
+    """Return the first row after which positions (T, 3) [m] move back and forth until the end, or None.
 
-    The path to the region of this motion is excluded, however long it is.
+    The path to the region of this motion is not included.
     """
     steps = np.linalg.norm(np.diff(tool, axis=0), axis=1)
     left = np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))  # path length from each row to the end
@@ -64,7 +64,7 @@ def to_and_fro_from(tool: Floats, rate_hz: float) -> int | None:
 
 
 def runs_of(flags: Bools) -> list[tuple[int, int]]:
-    """Return the spans of true flags as half-open ranges."""
+    """Return the spans of true flags as half-open row ranges."""
     padded = np.concatenate(([False], flags, [False]))
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
@@ -76,7 +76,7 @@ def _window(rows: int, rate_hz: float) -> int:
 
 
 def _covered(ways: npt.NDArray[np.float64], window: int, rate_hz: float, rows: int) -> Bools:
-    """Return the rows that lie in any window whose way is slow."""
+    """Return the rows that are in at least one slow window."""
     slow = ways * rate_hz / window < THRESHOLDS.halt_speed
     still = np.zeros(rows, dtype=np.bool_)
     for shift in range(window + 1):

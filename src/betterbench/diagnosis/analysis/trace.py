@@ -1,4 +1,4 @@
-"""Trace: a record as arrays for the detectors of failure modes, with columns by object, contacts and relations."""
+"""Trace: a record as arrays, for the detectors of failure modes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.tasks.relations import RELATIONS, relation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whereabout:
-    """Rows in which an object was in some relation to a target, whether or not the instruction requested it.
+    """Rows in which an object was in a relation to a target, requested or not.
 
     Attributes:
         place: Region of the target; "" if the target has only one region.
@@ -35,18 +35,18 @@ class Whereabout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace(Motion):
-    """One episode as arrays: its motion and its subgoals. ``T`` rows, ``n`` objects, ``g`` subgoals.
+    """Motion and subgoals of an episode as arrays, with ``T`` rows, ``n`` objects and ``g`` subgoals.
 
     Attributes:
         time: (T,) time since reset [s].
         touched: (T, n) whether the gripper touches the object.
         by_arm: (T, n) whether another part of the arm touches it.
-        whereabouts: Rows of each object in each target region; closed drawers are excluded.
+        whereabouts: Rows of each object in each target region, except for closed drawers.
         serves: (T, g, n) whether the object satisfies the subgoal's relation.
-        done: (T, g) whether the subgoal is done: its relation is true, the object is released and at rest.
+        done: (T, g) whether the subgoal is done: its relation holds, and the object is released and at rest.
         meant: Indices of the objects that satisfy each subgoal.
         targets: Index of the target of each subgoal.
-        drawers: Index of each drawer, index of its cabinet, and position of the closed drawer in the cabinet frame.
+        drawers: For each drawer: its index, the index of its cabinet, and its closed position in the cabinet frame.
     """
 
     time: Floats
@@ -60,7 +60,7 @@ class Trace(Motion):
     drawers: tuple[tuple[int, int, Vector], ...]
 
     def placed(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region in which an object is at a row, or None."""
+        """Return the target region of an object at a row, or None."""
         return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
 
     def opening(self, row: int, drawer: int) -> float:
@@ -80,16 +80,15 @@ def place_middle(target: ObjectInfo, kind: str, region: str) -> Vector:
 
 
 def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
-    """Return a record as arrays for the detectors.
+    """Convert a record to arrays for the detectors.
 
     Args:
         record: The record.
         condition: Trial condition. Objects are identified by kind and slot, so their names do not matter.
-        step_limit: Step limit of the condition. Later rows are ignored, so idle time at the end of a record has no
-            effect.
+        step_limit: Step limit of the condition. Later rows are ignored.
 
     Raises:
-        RecordError: If the record lacks a predicate for a movable object, or an object of the condition.
+        RecordError: If a predicate for a movable object, or an object of the condition, is missing in the record.
     """
     info = record.metadata.scene
     rows = min(len(record), step_limit + 1)

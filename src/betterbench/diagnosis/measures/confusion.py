@@ -1,4 +1,4 @@
-"""Confusion matrix of the diagnosis, with recall and precision per label."""
+"""Confusion matrix of the diagnosis, with recall and precision of each label."""
 
 from __future__ import annotations
 
@@ -48,24 +48,24 @@ The claimed accuracy of the diagnosis is its accuracy on the last set, which was
 """
 
 CLAIMED = next(reversed(FAMILIES))
-"""The family on which the claimed accuracy was measured."""
+"""Family on which the claimed accuracy was measured."""
 
 
 def packaged_file(family: str) -> str:
-    """Return the file name of a family's packaged calibration, in the folder ``data``."""
+    """Return the file name of the packaged calibration of a family, in the folder ``data``."""
     return "calibration.json" if family == "faulty" else f"calibration_{family}.json"
 
 
 @open_form
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """Trial of a faulty policy with its true label and its diagnosed label.
+    """Trial of a faulty policy, with its true label and its diagnosed label.
 
     Attributes:
         trial: Key of the trial ("fast_food/T1/3").
         truth: True label.
-        fault: Wrong decision, as stated by the policy itself.
-        grasped: Whether the record contains a grasp attempt, which shows the decision.
+        fault: Wrong decision that the policy itself stated.
+        grasped: Whether the record contains a grasp attempt.
         honest: Whether the policy has no fault.
         debatable: Reason why a careful reader of the suite might assign another label; "" if there is none.
     """
@@ -83,7 +83,7 @@ class Judged:
 
     @property
     def right(self) -> bool:
-        """Whether the diagnosis gave the true label."""
+        """Whether the diagnosed label is the true label."""
         return self.truth is self.label
 
     @property
@@ -97,8 +97,8 @@ class LabelScore:
     """Recall and precision of one label.
 
     Attributes:
-        recall: Share of the trials with this true label that were diagnosed with this label.
-        precision: Share of the trials diagnosed with this label that have this true label.
+        recall: Fraction of the trials with this true label that were diagnosed with this label.
+        precision: Fraction of the trials diagnosed with this label that have this true label.
     """
 
     label: Label
@@ -113,9 +113,9 @@ class Calibration:
     Attributes:
         policies: Correctly labeled trials out of all trials, per policy.
         crossed: Trials in which a reasoning failure was labeled as an execution failure, or vice versa.
-        without_grasp: Correctly labeled trials, out of the failed trials without a grasp attempt.
-        accused: Trials labeled as a reasoning failure, out of all trials of policies without a fault.
-        left_out: Number of trials that are not judged, because they are not evidence about the policy's fault.
+        without_grasp: Correctly labeled trials out of all failed trials without a grasp attempt.
+        accused: Trials labeled as a reasoning failure out of all trials of policies without a fault.
+        left_out: Number of excluded trials, which are not evidence about the fault of the policy.
     """
 
     counts: dict[tuple[Label, Label], int]
@@ -129,7 +129,7 @@ class Calibration:
 
     @classmethod
     def of(cls, trials: Iterable[Judged], *, versions: dict[str, str] | None = None, left_out: int = 0) -> Calibration:
-        """Return the calibration computed from judged trials."""
+        """Compute the calibration from judged trials."""
         judged = list(trials)
         per_policy: dict[str, list[bool]] = {}
         for j in judged:
@@ -152,24 +152,24 @@ class Calibration:
 
     @property
     def overall(self) -> Rate:
-        """Correctly labeled trials, out of all."""
+        """Correctly labeled trials out of all trials."""
         return Rate(sum(n for (truth, label), n in self.counts.items() if truth is label), self.total)
 
     @property
     def failed(self) -> Rate:
-        """Correctly labeled trials, among trials whose true label is a failure; successes are easier to label."""
+        """Correctly labeled trials out of those whose true label is a failure. Successes are easier to label."""
         counts = [(truth is label, n) for (truth, label), n in self.counts.items() if truth.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 
     @property
     def failed_kinds(self) -> Rate:
-        """Trials with a label of the correct kind, among trials whose true label is a failure."""
+        """Trials with a label of the correct kind out of those whose true label is a failure."""
         counts = [(t.kind is g.kind, n) for (t, g), n in self.counts.items() if t.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 
     @property
     def crossed_rate(self) -> Rate:
-        """Trials in which reasoning and execution were confused, among all reasoning and execution failures."""
+        """Trials in which reasoning and execution were confused out of all reasoning and execution failures."""
         kinds = (Kind.REASONING, Kind.EXECUTION)
         return Rate(self.crossed, sum(n for (truth, _), n in self.counts.items() if truth.kind in kinds))
 
@@ -212,7 +212,7 @@ class Calibration:
 
     @classmethod
     def from_json(cls, raw: bytes, *, where: str) -> Calibration:
-        """Read the JSON document; error messages name it ``where``.
+        """Read the JSON document. ``where`` is its name in error messages.
 
         Raises:
             RecordError: If a field is missing or malformed.
@@ -257,7 +257,7 @@ _FILE = TypeAdapter(_File)
 
 
 def packaged_calibration(family: str = "faulty") -> Calibration | None:
-    """Return the packaged calibration of a policy family, or None if this build has none.
+    """Return the packaged calibration of a family, or None if the package contains none.
 
     Raises:
         RecordError: If it is corrupt.
@@ -267,6 +267,6 @@ def packaged_calibration(family: str = "faulty") -> Calibration | None:
 
 
 def _share(found: Iterable[bool]) -> Rate:
-    """Return the share of true values."""
+    """Return the rate of True values."""
     values = list(found)
     return Rate(sum(values), len(values))

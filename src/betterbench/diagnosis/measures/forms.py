@@ -1,4 +1,4 @@
-"""Representation of a label in files, by its name."""
+"""Representation of labels in files."""
 
 from typing import Annotated
 
@@ -16,4 +16,4 @@ def _label(name: object) -> Label:
 
 
 LabelField = Annotated[Label, PlainValidator(_label)]
-"""A label by its name."""
+"""Outcome label, stored by name."""

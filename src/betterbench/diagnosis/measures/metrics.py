@@ -1,4 +1,4 @@
-"""Run metrics (suite, section 4), each with its count and its uncertainty."""
+"""Metrics of a run (suite, section 4), with counts and uncertainty."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ _RATES: _Rates = (
     ("system_failure_rate", lambda t: t.kind is Kind.SYSTEM),
     ("collision_rate", lambda t: bool(t.collisions)),
 )
-"""Rates over planned trials. A trial without a record counts neither as success nor as correct intention, but stays in
-the denominator. A success with a needless step is a success that contains an unrequested step of training, such as a
-grasp at an emptied slot. Collisions are collisions with fixtures; they do not rule out success.
+"""Rates over planned trials. A trial without a record stays in the denominator and counts neither as success nor as
+correct intention. A success with a needless step contains an unrequested step of training, such as a grasp at an
+emptied slot. Collisions are those with fixtures and do not rule out success.
 """
 
 _UNFINISHED: _Rates = (("unfinished_rate", lambda t: t.kind is Kind.UNFINISHED),)
@@ -58,8 +58,8 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
 
     Args:
         trials: Its trials.
-        decided: Decisions of a run until decided. Metrics of one condition then have intervals that are valid whenever
-            its trials stopped, and metrics over several conditions use only the seeds of the first round.
+        decided: Decisions of a run with ``--until-decided``. Intervals of metrics of one condition are then valid at
+            any stopping time, and metrics over several conditions only use the seeds of the first round.
 
     Returns:
         Rates, distractor grasp rate and progress per scope, instruction effects, ΔSR of recompositions, and illusion
@@ -100,7 +100,7 @@ def _anytime(scope: str, trials: Trials, rates: _Rates) -> Iterator[Metric]:
 
 
 def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
-    """Yield every scope of a run with its trials (see :class:`~betterbench.diagnosis.Metric`)."""
+    """Yield each scope of a run (see :class:`~betterbench.diagnosis.Metric`) with its trials."""
     varied = [t for t in trials if t.variation is not None]
     yield "overall", varied
     yield "training", [t for t in trials if t.variation is None]
@@ -119,7 +119,7 @@ def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
 
 
 def twins(trials: Trials) -> list[tuple[TrialDiagnosis, TrialDiagnosis]]:
-    """Return every variation trial with its counterfactual twin, if both are finished."""
+    """Return each variation trial with its counterfactual twin, if both are finished."""
     ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
     by_key = {t.key: t for t in ended if t.variation is None}
     return [(by_key[t.twin_key], t) for t in ended if t.twin_key is not None and t.twin_key in by_key]
@@ -139,7 +139,7 @@ def _progress(scope: str, trials: Trials) -> Metric:
 
 
 def _delta_success_rates(trials: Trials) -> list[Metric]:
-    """Return ΔSR per recomposition and task: success rate minus the mean over the task's seen compositions."""
+    """Return ΔSR of each recomposition: success rate minus the mean over the seen compositions of the task."""
     metrics = []
     for task in sorted({t.task for t in trials}):
         mine = [t for t in trials if t.task == task]
@@ -160,10 +160,10 @@ def _success_rate(trials: Trials) -> Rate:
 
 
 def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
-    """Return the twins' success rate minus the variations' rate; p-values are Holm-corrected within each kind of scope.
+    """Return the success rates of twins minus those of variations, Holm-corrected within each kind of scope.
 
-    ``stopped`` contains all trials of a run with ``--until-decided``, for the gaps of single variations; None for other
-    runs.
+    ``stopped`` contains all trials of a run with ``--until-decided``, for the gaps of single variations. It is None for
+    other runs.
     """
     pairs = twins(trials)
     if not pairs:
@@ -191,7 +191,7 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
 
 
 def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *, anytime: bool) -> Iterator[Metric]:
-    """Yield the two success rates of an illusion gap over its pairs: the twins' rate, then the variations' rate.
+    """Yield the success rates of twins and variations over the pairs of an illusion gap.
 
     A twin of several variations counts in each of its pairs. The interval uses the effective number of independent
     pairs (Kish: the squared number of pairs divided by the sum of the squared numbers per twin).
@@ -223,7 +223,7 @@ def _anytime_gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosi
 def _gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:
     outcomes = [(twin.success, trial.success) for twin, trial in pairs]
     names = [twin.key for twin, _ in pairs]
-    # The variants of a LIBERO-Plus task share one or a few twins, so complete tasks are resampled.
+    # The variants of a LIBERO-Plus task share a few twins, so complete tasks are resampled.
     once = all(axis_of(trial.variation) for _, trial in pairs)
     difference = wider_paired_difference(
         outcomes,

@@ -1,8 +1,8 @@
-"""Power matrix: success rates of every faulty rule, blind probe and replayed demonstration on every variation.
+"""Power matrix: success rates of faulty rules, blind probes and replayed demonstrations on each variation.
 
-Pretenders are policies that lack the tested ability. A success rate is evidence of the ability only if it exceeds those
-of the pretenders. The matrix is measured once (``better calibrate --power``) and ships with the package. This module
-reads it and never starts a simulator.
+Pretenders are policies without the tested ability. A success rate is only evidence of the ability if it exceeds the
+rates of the pretenders. The matrix is measured once (``better calibrate --power``) and is part of the package. This
+module reads it without a simulator.
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ PACKAGED_MATRIX = "power.json"
 """File of the packaged matrix, in the folder ``data``."""
 EXPERT = "expert"
 STOPPING_AT_NEWS = "zoo:halt"
-"""Rule that stops at every new combination of instruction and scene, so it fails every variation."""
+"""Rule that stops at every new combination of instruction and scene and therefore fails every variation."""
 BLIND = ("probe:no-language", "probe:no-images", "probe:replay")
-"""Pretenders without vision or without the instruction. The last two move without looking."""
+"""Pretenders without vision or without the instruction. The last two move without any observation."""
 FLOOR = ("random", "noop")
-"""Pretenders that need no demonstrations."""
+"""Pretenders that do not need demonstrations."""
 
 
 _OF_TASK = ("task_version:", "conditions:")
-"""Prefixes of versions that belong to one task."""
+"""Prefixes of versions that concern a single task."""
 
 Key = tuple[str, str]
 """Key of a variation: task and name."""
 
 
 def power_cure(tasks: Iterable[str]) -> str:
-    """Return the command that measures the power matrix of some tasks, as the end of a sentence without a period."""
+    """Return the advice to measure the power matrix of some tasks, as the end of a sentence without a period."""
     chosen = tuple(tasks)
     folder = suite_folder_of(chosen)
     if folder is not None:
@@ -74,9 +74,9 @@ class PowerCell:
         k: Number of trials that succeeded.
         n: Number of trials.
         right: Number of trials whose first grasp attempt was at a requested object (suite, section 4).
-        shared: Trials that were not simulated because all decisions of the rule agree with the expert's; they have the
-            expert's outcome.
-        wrong: Trials by label of the first wrong decision, for policies that report their decisions.
+        shared: Number of trials that were not simulated because all decisions of the rule agree with those of the
+            expert. They have the expert's outcome.
+        wrong: Number of trials by label of the first wrong decision, for policies that report their decisions.
         failed: Number of trials with a wrong decision that did not succeed.
     """
 
@@ -98,7 +98,7 @@ class PowerCell:
         return self.n > 0 and self.k <= FAILS_AT * self.n
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; zeros are left out."""
+        """Return a JSON-serializable dict without zeros."""
         form: dict[str, Any] = {"k": self.k, "n": self.n, "right": self.right}
         optional = {"shared": self.shared, "wrong": self.wrong, "failed": self.failed}
         return form | {name: value for name, value in optional.items() if value}
@@ -106,12 +106,12 @@ class PowerCell:
 
 @dataclass(frozen=True, slots=True)
 class BlindCell:
-    """Results of a pretender that lacks an input, on one variation that requires an action.
+    """Results of a pretender that lacks an input, on a variation that requires an action.
 
     Attributes:
-        chance: Expected success rate of guessing the instruction, or of a replay under jittered poses.
+        chance: Expected success rate of guessing the instruction, or of a replay with jittered poses.
         p_value: Two-sided exact binomial test against that rate.
-        p_adjusted: The p-value, Holm-corrected over all cells.
+        p_adjusted: p-value, Holm-corrected over all cells.
     """
 
     pretender: str
@@ -134,7 +134,7 @@ class BlindCell:
 
     @property
     def speechless(self) -> bool:
-        """Whether only one instruction makes sense in the scene, so that the instruction is redundant."""
+        """Whether the instruction is redundant, because only one instruction makes sense in the scene."""
         return self.chance >= 1.0
 
 
@@ -151,10 +151,10 @@ class PowerMatrix:
     """Measured success rates of every pretender on every variation.
 
     Attributes:
-        cells: The result for each pretender and variation, with the expert as the reference.
-        chances: For each variation, the success rate of a policy that picks at random among the instructions that make
-            sense in its scene.
-        versions: The package, suite, engine and task versions, and a digest of each task's conditions.
+        cells: Results of each pretender, and of the expert as reference, on each variation.
+        chances: For each variation, success rate of picking at random one of the instructions that make sense in its
+            scene.
+        versions: Versions of package, suite, engine and tasks, and a digest of the conditions of each task.
     """
 
     cells: dict[str, dict[Key, PowerCell]]
@@ -181,7 +181,7 @@ class PowerMatrix:
         return self.cells.get(pretender, {}).get(key)
 
     def backed(self, key: Key) -> frozenset[Label]:
-        """Return the labels for which there is a rule that earns the label on a variation and fails it."""
+        """Return the labels of rules that fail a variation by decisions with this label."""
         found: set[Label] = set()
         for name in self.rules:
             cell = self.cell(name, key)
@@ -190,15 +190,15 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that a variation claims to expose, which fail it by decisions with a claimed label.
+        """Return the rules that a variation is designed to expose: they fail it by decisions with a claimed label.
 
-        A rule that passes with a needless step is not claimed, because its success rate does not expose it.
+        A rule that passes with a needless step is not included, because its success rate does not expose it.
         """
         claims = {label.value for label in exposed_labels(*key)}
         return tuple(name for name in self.failing(key) if claims & self.cells[name][key].wrong.keys())
 
     def passing_wrongly(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that pass a variation although their decisions carry a label, because of needless steps."""
+        """Return the rules that pass a variation in spite of wrong decisions, which are needless steps."""
         rows = ((name, self.cell(name, key)) for name in self.rules)
         return tuple(name for name, cell in rows if cell is not None and cell.n and cell.wrong and not cell.fails)
 
@@ -207,7 +207,7 @@ class PowerMatrix:
         return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
 
     def control(self, key: Key) -> bool:
-        """Return whether all pretenders succeed on a variation as expected, except the rule that always fails."""
+        """Return whether a variation is a control: all pretenders succeed on it, except the rule that always fails."""
         return any(self.cell(name, key) is not None for name in self.rules) and not (
             set(self.failing(key)) - {STOPPING_AT_NEWS}
         )
@@ -215,7 +215,8 @@ class PowerMatrix:
     def ceiling(self, key: Key) -> Ceiling | None:
         """Return the shortcut ceiling of a variation, or None if the variation was not measured.
 
-        This is the best success rate among the rules that it claims to expose, the blind probes and the replays.
+        This is the best success rate of the rules that the variation is designed to expose, the blind probes and the
+        replays.
         """
         cells = {name: self.cell(name, key) for name in (*self.exposed(key), *BLIND)}
         known = {name: cell for name, cell in cells.items() if cell is not None and cell.n}
@@ -225,9 +226,9 @@ class PowerMatrix:
         return Ceiling(best, known[best].rate)
 
     def blind_cells(self) -> tuple[BlindCell, ...]:
-        """Return every cell of the pretenders that lack an input, tested against the expected rate.
+        """Test the cells of the pretenders that lack an input against the expected rate.
 
-        Variations in which the policy should stay still are excluded, because a pretender that does not move would pass
+        Variations in which the policy should stay still are excluded, because a pretender that does not move passes
         them.
         """
         found = []
@@ -251,11 +252,11 @@ class PowerMatrix:
         return PowerMatrix(cells, chances, self.versions)
 
     def with_kept(self, earlier: PowerMatrix) -> PowerMatrix:
-        """Return this matrix with the cells of all other tasks from an earlier matrix, in the earlier order.
+        """Add the cells of all other tasks from an earlier matrix, in the order of the earlier matrix.
 
         Raises:
-            InvalidInputError: If one of these tasks has changed since, or the earlier matrix has other pretenders or
-                was measured with another suite, engine, looks or protocol.
+            InvalidInputError: If one of the other tasks has changed since then, or the earlier matrix has other
+                pretenders or another suite, engine, appearance or protocol.
         """
         cure = "Measure the whole matrix with better calibrate --power"
         kept = earlier.without({task for task, _ in self.variations})
@@ -278,10 +279,10 @@ class PowerMatrix:
         )
 
     def stale_tasks(self, versions: Mapping[str, str] | None = None) -> tuple[str, ...]:
-        """Return the tasks that have changed since they were measured.
+        """Return the tasks that have changed since their measurement.
 
         Args:
-            versions: Versions found in records (``task_version:NAME``), which are also compared.
+            versions: Versions in records (``task_version:NAME``), which are compared as well.
         """
         stale = []
         for name in dict.fromkeys(task for task, _ in self.variations):
@@ -308,7 +309,7 @@ class PowerMatrix:
         }
 
     def to_text(self) -> str:
-        """Return the JSON document with one cell per line, for readable line diffs."""
+        """Return the JSON document with one cell per line, for readable diffs."""
         form = sealed_form({"version": 2, **self.to_json()})
         rows = [
             f"  {json.dumps(name)}: {{\n"
@@ -382,7 +383,7 @@ def power_matrix_of(tasks: Iterable[str]) -> PowerMatrix | None:
 
 
 def measured_on(tasks: Iterable[str]) -> PowerMatrix | None:
-    """Return the power matrix restricted to some tasks, or None if no blind probe was run on them.
+    """Return the power matrix of some tasks, or None if no blind probe was run on them.
 
     Without tasks, the result is the packaged matrix.
 

@@ -1,4 +1,4 @@
-"""Standing of a policy among the pretenders: reference lines, nearest pretender, and margins above the ceilings."""
+"""Comparison of a policy with the pretenders: reference lines, nearest pretender, and margins above the ceilings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ReferenceLine:
     """Expected success rates of one pretender on a run's trials.
 
     Attributes:
-        scores: Success rate by scope ("overall", "axis:temporal_extrapolation"); variations are weighted by their
+        scores: Success rate by scope ("overall", "axis:temporal_extrapolation"). Variations are weighted by their
             number of trials in the run.
     """
 
@@ -31,12 +31,12 @@ class ReferenceLine:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """Agreement between the outcomes of a pretender and of a policy.
+    """Agreement of a pretender's outcomes with those of a policy.
 
     Attributes:
         agreement: Share of the run's trials with the same outcome (success or failure).
-        low: Lower end of its 95 % interval, by a bootstrap over variations.
-        high: Upper end of that interval.
+        low: Lower end of the 95 % interval, from a bootstrap over variations.
+        high: Upper end of the interval.
     """
 
     pretender: str
@@ -47,13 +47,13 @@ class Likeness:
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """Margin of a policy's success rate on one variation above the variation's shortcut ceiling.
+    """Margin of a policy's success rate above the shortcut ceiling of a variation.
 
     Attributes:
         rate: The policy's success rate.
-        ceiling: The shortcut ceiling of the variation.
+        ceiling: Shortcut ceiling of the variation.
         margin: Success rate minus ceiling, with Newcombe's interval.
-        control: Whether the pretenders succeed on training conditions, as they should.
+        control: Whether the variation is a control, on which all pretenders succeed.
     """
 
     task: str
@@ -70,12 +70,12 @@ class Standing:
 
     Attributes:
         scores: The policy's success rates over the variations that the matrix covers, by scope.
-        lines: Reference lines of the pretenders and the expert, best overall first.
+        lines: Reference lines of the pretenders and the expert, highest overall rate first.
         likenesses: Agreement with each pretender, nearest first, without the expert.
         expert: Agreement with the expert, or None without a matrix.
         margins: One margin per variation that is in both the run and the matrix.
-        covered: Trials of the run that the matrix covers, and the total number of variation trials.
-        notice: One sentence on missing data and how to get them; empty if nothing is missing.
+        covered: Number of variation trials that the matrix covers, and number of all variation trials.
+        notice: Sentence about missing data with a remedy; empty if nothing is missing.
     """
 
     scores: dict[str, float]
@@ -88,7 +88,7 @@ class Standing:
 
     @property
     def nearest(self) -> Likeness | None:
-        """The pretender whose outcomes agree best with the policy's, or None without a matrix."""
+        """Pretender whose outcomes agree best with those of the policy, or None without a matrix."""
         return self.likenesses[0] if self.likenesses else None
 
     @property
@@ -99,12 +99,12 @@ class Standing:
 
     @property
     def proven(self) -> Rate:
-        """Variations whose margin interval is above zero, out of all except control cells."""
+        """Variations whose margin interval is above zero, out of all variations except controls."""
         counted = [m for m in self.margins if not m.control]
         return Rate(sum(m.margin.low > 0.0 for m in counted), len(counted))
 
     def sentences(self) -> tuple[str, ...]:
-        """Return the comparison as sentences."""
+        """Sentences that summarize the comparison."""
         return (*_said(self), *((self.notice,) if self.notice else ()))
 
     def to_json(self) -> dict[str, Any]:
@@ -123,11 +123,11 @@ class Standing:
 
 
 def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> Standing:
-    """Return the comparison of a run's policy with the pretenders.
+    """Compare the policy of a run with the pretenders.
 
-    For a run until decided, only the trials of the first round count. Tasks that have changed since the matrix was
-    measured, and tasks that the matrix does not contain, are excluded and named in the notice. An unreadable matrix is
-    reported in the notice and not raised.
+    For a run with ``--until-decided``, only the trials of the first round are used. Tasks that have changed since the
+    measurement, or are not in the matrix, are excluded and listed in the notice. The notice also reports an unreadable
+    matrix, without an error.
 
     Args:
         diagnosis: The run.
@@ -183,7 +183,7 @@ def _scopes(trials: Sequence[TrialDiagnosis]) -> Iterator[tuple[str, list[TrialD
 
 
 def _line(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> dict[str, float]:
-    """Return the expected success rates of a pretender by scope, or an empty dict if it lacks a cell."""
+    """Return the expected success rates of a pretender by scope, or an empty dict if a cell is missing."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return {}
@@ -197,7 +197,7 @@ def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> 
 
 
 def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
-    """Return the agreement between a pretender's and a run's outcomes, or None if the matrix lacks a cell."""
+    """Return the agreement of a pretender's outcomes with those of a run, or None if a cell is missing."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return None

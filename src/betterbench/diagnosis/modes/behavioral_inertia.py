@@ -1,4 +1,4 @@
-"""Behavioral inertia: a frequent training step is executed although it is not requested, or without its object."""
+"""Behavioral inertia: the policy executes a frequent step of training that is not requested, or without its object."""
 
 from __future__ import annotations
 
@@ -25,10 +25,9 @@ from betterbench.tasks.words import agreeing
 def _exposed(x: Exposure) -> bool:
     """Return whether the usual first step, target or slot of training is possible in the scene but not requested.
 
-    The next step of a memorized sequence is included if its object is missing.
-    Grasps at an emptied slot are included if they replace a step, or if no object may be grasped. They are excluded if
-    another object is in a slot to which a word of the instruction led in training, because a first grasp in this slot
-    is another failure mode.
+    The next step of a memorized sequence counts if its object is missing. Grasps at an emptied slot count if they
+    replace a step, or if no object may be grasped. They do not count if another object is in a slot to which a word of
+    the instruction led in training, because a first grasp in this slot is another failure mode.
     """
     if x.lacks_later_step:
         return True
@@ -39,7 +38,7 @@ def _exposed(x: Exposure) -> bool:
     here = {o.kind for o in x.test.objects}
     for goal in x.open_goals:
         if relation(goal.relation).counted:
-            continue  # the object there determines the target region, wherever it is taken
+            continue  # the object there determines the target region, independent of its slot
         asked = (x.test.object(goal.target).kind, goal.relation, goal.region)
         for kind in x.kinds(goal):
             trained = x.trained.kind_targets.get(kind, ())
@@ -80,7 +79,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the first evidence of inertia, or of an approach to an object that must not be touched."""
+    """Find the first evidence of inertia, or of an approach to an object that must not be touched."""
     found = [e for step in trial.episode.steps if (e := memorized_spot(trial, step)) is not None]
     found += itertools.islice(inertia_in(trial.episode), 1)
     return min(found, key=lambda e: e.start_s, default=None) or _approach(trial.episode)
@@ -162,7 +161,7 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence if an object's position would be correct with the target in its training slot."""
+    """Return evidence if an object's position would be correct with the target in its slot of training."""
     episode, i = trial.episode, step.grasp.object
     if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:
         return None
@@ -175,7 +174,7 @@ def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
         return None
     target, at_rest = episode.trace.targets[step.goal], trial.record.state(rest)
     if _is_right(at_rest, episode, i, step.goal):
-        return None  # the object was brought to the actual target, but fell over or is askew there
+        return None  # the object was brought to the actual target, but fell over or is tilted
     for slot in episode.slots_in_training(target):
         state = _as_if_at(at_rest, target, slot)
         if _is_right(state, episode, i, step.goal):
@@ -189,7 +188,7 @@ def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
 
 
 def _as_if_at(state: WorldState, i: int, slot: str) -> WorldState:
-    """Return a state with one object moved into a slot and rotated accordingly."""
+    """Return a state in which one object is moved into a slot and rotated accordingly."""
     there, own = state.info.slot(slot), state.info.objects[i].slot
     turn = there.yaw - (0.0 if own is None else state.info.slot(own).yaw)
     positions, quaternions = list(state.positions), list(state.quaternions)

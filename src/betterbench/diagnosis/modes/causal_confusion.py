@@ -17,9 +17,9 @@ from betterbench.tasks.relations import relation
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether fewer objects are present than at the start of training episodes, or a step can be repeated.
+    """Return whether there are fewer objects than at the start of training episodes, or a step can be repeated.
 
-    A step that is already done also leaves fewer objects, but a policy that counts objects then acts correctly.
+    A step that is already done also leaves fewer objects, but a policy that counts objects acts correctly in this case.
     """
     fewer = not x.test.preplaced and len(on_table(x.test)) < x.trained.initial_items
     asked = Counter(goal.reference for goal in x.goals)
@@ -66,14 +66,14 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _missing_content(episode: EpisodeAnalysis, step: Step) -> int | None:
-    """Return the open subgoal that fills the attempted drawer, or None if it need not be filled first."""
+    """Return the open subgoal that fills the attempted drawer, or None if the drawer need not be filled first."""
     drawers = (g for g, names in enumerate(episode.meant) if step.at in names)
     fills = {j for g in drawers for j in episode.fills(g)}
     return next((j for j in episode.open_goals(step.grasp.start) if j in fills), None)
 
 
 def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
-    """Return a sentence about an attempt at a drawer whose content is missing."""
+    """Return a sentence about an attempt at a drawer whose content is still missing."""
     does = "shuts" if episode.pushes_in(step) else "goes for"
     content, late = episode.asked_words(missing), episode.attempted_after(missing, step.grasp.start)
     if late:
@@ -83,9 +83,10 @@ def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
 
 
 def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, row: int) -> bool:
-    """Return whether the content of a drawer shut at a row is brought to another drawer afterward.
+    """Return whether the content of a drawer that is shut at a row is later brought to another drawer.
 
-    An open drawer blocks the drawer below it, so it was shut because of the wrong target, which is then decisive.
+    An open drawer blocks the drawer below, so it was shut because of the wrong target. The wrong target then decides
+    the label.
     """
     later = (s for s in episode.steps if s.grasp.start > row and s.at in episode.meant[content])
     places = (found[2].target for s in later if (found := episode.wrong_place(s)) is not None)
@@ -93,9 +94,10 @@ def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, r
 
 
 def _takes_up_a_drop(episode: EpisodeAnalysis, step: Step) -> bool:
-    """Return whether an attempt picks up an object that slipped out of the gripper and met its goal by accident.
+    """Return whether an attempt picks up an object that slipped out of the gripper and accidentally met its goal.
 
-    The policy did not place it, so picking it up again is legitimate. Dropping into a container counts as placing.
+    The policy did not place the object, so picking it up again is not a mistake. Dropping it into a container counts as
+    placing.
     """
     before = [s for s in episode.steps if s.grasp.start < step.grasp.start and s.grasp.object == step.at]
     rows = episode.let_go(before[-1]) if before else None
@@ -120,11 +122,11 @@ def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
             continue
         late = episode.attempted_after(j, rows[0])
         if late and (episode.instruction.ordered or episode.attempted_before(j, rows[0])):
-            continue  # a wrong order, or an earlier miss
+            continue  # another mode: a wrong order, or an earlier miss
         if _fills_another(episode, i, j, rows[0]):
             continue
         if not trace.closing[rows[1]] and (late or find_halt(episode) is None):
-            continue  # an open gripper may have bumped into it in passing
+            continue  # an open gripper may have bumped into the drawer in passing
         text = (
             f"It shuts the {episode.kind(i)} before it goes for {episode.asked_words(j)}, which must be inside first."
             if late

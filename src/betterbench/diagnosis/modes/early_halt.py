@@ -25,7 +25,7 @@ def _exposed(x: Exposure) -> bool:
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence if nearly all trials stopped before the first grasp attempt, or nearly all after an attempt."""
+    """Return a sentence if nearly all trials stopped before the first grasp attempt, or nearly all after it."""
     never = sum(not trial.attempts for trial in trials)
     if never >= SHARE_OF_ALL * len(trials):
         return "It stops before its first grasp."

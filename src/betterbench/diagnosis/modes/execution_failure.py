@@ -1,4 +1,4 @@
-"""Execution failure: the correct target at the right time, but a failed manipulation."""
+"""Execution failure: correct target at the correct time, but failed manipulation."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _HOW = {
     "knocked_out_of_place": _KNOCKS,
     "harm": _KNOCKS,
 }
-"""Descriptions of failed manipulation by evidence rule, to follow "It goes for the correct objects, but"."""
+"""Descriptions of failed manipulation by evidence rule, which continue "It goes for the correct objects, but"."""
 
 
 _UNTOLD = {
@@ -57,23 +57,23 @@ _UNTOLD = {
 
 
 def _untold(trial: TrialDiagnosis) -> str:
-    """Return the position of the first grasp without a recognizable target, or an empty text."""
+    """Describe the position of the first grasp, if its target is not recognizable; empty otherwise."""
     where = _UNTOLD.get(trial.evidence.rule, "")
     return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
 
 
 def _aims_right(trial: TrialDiagnosis) -> bool:
-    """Return whether the first attempt or the evidence rule of a trial shows that the target was correct.
+    """Return whether the first attempt or the evidence rule shows that the target was correct.
 
-    Any object may be knocked over or brushed against, so the rules for these do not show the target.
+    Rules about objects that were knocked over or brushed against do not show the target.
     """
     return trial.intention_correct is True or _HOW.get(trial.evidence.rule, _KNOCKS) != _KNOCKS
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence on the failed manipulation, if one or two descriptions cover nearly all trials.
+    """Return a sentence about the failed manipulation, if one or two descriptions cover nearly all trials.
 
-    The text says that the policy goes to the correct objects only if nearly all of these trials show their target.
+    It only states that the policy goes for the correct objects if nearly all of these trials show their target.
     """
     untold = Counter(where for trial in trials if (where := _untold(trial)))
     if untold.total() > (1.0 - SHARE_OF_ALL) * len(trials):
@@ -95,7 +95,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def _about(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a clause on the target of the failed attempts."""
+    """Return a clause about the target of the failed attempts."""
     untold = sum(bool(_untold(trial)) for trial in trials)
     if untold == len(trials):
         return ", with an unknown target"
@@ -113,7 +113,7 @@ def _about(trials: Sequence[TrialDiagnosis]) -> str:
     detail=_about,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the first failure that was not corrected later, or a missed goal without another explanation."""
+    """Find the first failure that was not corrected later, or a missed goal without another explanation."""
     episode = trial.episode
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
@@ -167,7 +167,7 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
         return None
     if not step.grasp.secured:
         if episode.trace.left[-1, i] and episode.trace.right[-1, i] and not _tried_in_vain(episode, i):
-            return None  # the episode ended with the object between the fingers, before it could be lifted
+            return None  # the episode ended before the object between the fingers could be lifted
         if any(s.grasp.object == i and s.grasp.secured and s.grasp.start > step.grasp.start for s in episode.steps):
             return None  # a later grasp lifted it, so that grasp decides
         text = f"The gripper closes on the {episode.kind(i)}, the correct object, but does not lift it."
@@ -189,7 +189,7 @@ def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
 
 
 def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
-    """Return clauses about a gripper that closes between two objects, and about the reason for the ambiguous target."""
+    """Return clauses about a gripper that closes between two objects, with the reason why the target is ambiguous."""
     before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
     if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
         return "", "on which a finger presses too"
@@ -222,7 +222,7 @@ def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
         start, end = step.grasp.start, step.grasp.end
         way = episode.trace.positions[end, step.at] - episode.trace.positions[max(0, start - 1), step.at]
         cm = 100 * float(np.linalg.norm(way[:2]))
-        far = f" over {cm:.0f} cm" if cm >= 1.0 else ""  # it may have come back, or have turned in its place
+        far = f" over {cm:.0f} cm" if cm >= 1.0 else ""  # it may have moved back, or only rotated
         text = f"The gripper pushes the {episode.kind(step.at)}, the correct object,{far} and does not grasp it."
         return episode.at_step("pushed", text, step)
     return _shoved_aside(episode)
@@ -244,7 +244,7 @@ def _shoved_aside(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the gripper reached the correct target closed, bumped into it, or never closed far enough."""
+    """Return evidence if the gripper reached the correct target closed, ran into it, or never closed far enough."""
     stay = next((s for s in episode.others if s.means is Means.STAY and s.target is AttemptTarget.ASKED), None)
     if stay is None or stay.at is None:
         return None
@@ -277,7 +277,7 @@ def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
         openings = [trace.opening(row, i) for row in range(fist.start, trace.rows)]
         then, now = openings[: max(lately - fist.start, 0)], openings[max(lately - fist.start, 0) :]
         if fist.release > last and (not then or min(then) - min(now) > THRESHOLDS.rest_travel):
-            return None  # the step limit was reached while it pushed
+            return None  # the step limit was reached during the push
         text = f"The closed gripper should push the {episode.kind(i)}, the correct object, shut, but leaves it open."
         return episode.evidence("drawer_left_halfway", text, rows=(fist.start, min(fist.release, last)), objects=(i,))
     return None
@@ -303,7 +303,7 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _brought_later(trial: TrialView, step: Step) -> bool:
-    """Return whether a later attempt for the same subgoal succeeded, and only the target region was wrong.
+    """Return whether a later attempt for the same subgoal succeeded, except for the target region.
 
     An object released high above the region may have landed there by accident, unless the target is a container.
     """
@@ -324,7 +324,7 @@ def _brought_later(trial: TrialView, step: Step) -> bool:
 
 
 def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
-    """Return whether a drawer ends as far open or closed as the step requires; false if it must still be shut."""
+    """Return whether a drawer is finally as far open or closed as the step requires. False if it must still be shut."""
     trace = episode.trace
     if step.goal is not None and not relation(episode.goals[step.goal].relation).carried:
         return False
@@ -371,9 +371,9 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
 
 
 def _put_back(episode: EpisodeAnalysis, step: Step, rows: tuple[int, int]) -> bool:
-    """Return whether an object was put back where it stood before the attempt, and the next attempt is wrong.
+    """Return whether an object was put back to its earlier position, and the next attempt is wrong.
 
-    The manipulation then did not fail; the policy abandoned the correct object for another object.
+    In this case, the manipulation did not fail, but the policy abandoned the correct object for another object.
     """
     trace, i, (gone, rest) = episode.trace, step.grasp.object, rows
     if i is None or gone < step.grasp.release:
@@ -386,7 +386,7 @@ def _put_back(episode: EpisodeAnalysis, step: Step, rows: tuple[int, int]) -> bo
 
 
 def _lies_in_goal(episode: EpisodeAnalysis, row: int, i: int) -> bool:
-    """Return whether an object that must keep upright lies on its side at an instructed target."""
+    """Return whether an object that must stay upright lies on its side at an instructed target."""
     thing = episode.trace.info.objects[i]
     if episode.state is None or not thing.keeps_upright:
         return False
@@ -399,8 +399,8 @@ def _lies_in_goal(episode: EpisodeAnalysis, row: int, i: int) -> bool:
 def _stuck(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the gripper opened and the correct target stayed on its open fingers until the end.
 
-    For example, a mug can jam on the fingers. The policy has released the object, so an arm that rests afterward has
-    not halted.
+    For example, a mug can jam on the fingers. Because the policy has released the object, an arm that rests afterward
+    has not halted.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     opened = int(np.flatnonzero(trace.closing)[-1]) + 1 if trace.closing.any() else 0
@@ -441,10 +441,10 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _harm(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if an unrequested object was moved; an attempt at the object is earlier evidence.
+    """Return evidence if an unrequested object was moved. The evidence starts at an attempt at this object, if any.
 
-    If the gripper knocks an object aside and then closes on it, the object was the target, and its harm is dated to
-    that attempt. A drawer opened for a wrong first choice is dated to that choice.
+    If the gripper knocks an object aside and then closes on it, the object was the target, and the harm has the time of
+    this attempt. The harm of opening a drawer for a wrong first choice has the time of this choice.
     """
     if not episode.harm:
         return None
@@ -462,7 +462,10 @@ def _harm(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _undone(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a finished subgoal was undone for good; the attempt that undid it is earlier evidence."""
+    """Return evidence if a finished subgoal was undone for good.
+
+    The evidence starts at the attempt that undid it, if any.
+    """
     trace = episode.trace
     found: list[tuple[int, int]] = []
     for g, goal in enumerate(episode.goals):

@@ -1,4 +1,4 @@
-"""Lexical-kinematic shortcut: the gripper goes where a word of the instruction led in training, to another object."""
+"""Lexical-kinematic shortcut: the gripper follows a word to its slot in training, but to another object."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether another known object occupies a slot from which the word's object was picked in training."""
+    """Return whether another known object is in a slot from which the word's object was picked in training."""
     for goal in x.open_goals:
         for slot in set(x.trained.word_slots.get(goal.word, ())) - x.slots(goal):
             kind = x.movable_in(slot)
@@ -58,20 +58,20 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _shared(episode: EpisodeAnalysis, step: Step, goal: int | None) -> tuple[str, ...]:
-    """Return the visual properties (not the slot) that the attempted object shares with the word's object."""
+    """Return the visual properties that the attempted object shares with the word's object."""
     return () if step.at is None or goal is None else episode.shared_looks(step.at, episode.meant[goal])
 
 
 def _leading_word(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the first relevant word that led to the attempt's slot in training, or None."""
+    """Return the first relevant word that led to the slot of the attempt in training, or None."""
     return next((word for word in words_of(episode, step) if _led_to(episode, word, step.grasp.slot)), None)
 
 
 def words_of(episode: EpisodeAnalysis, step: Step | None) -> tuple[str, ...]:
-    """Return the words that may lead a policy during an attempt: the current subgoal's word, then earlier ones.
+    """Return the words that a policy may follow in an attempt: the word of the current subgoal, then earlier words.
 
-    The earlier subgoals of an ordered instruction are done by then, but their words are still in the text, and a policy
-    may follow the first word that it reads. Without an attempt, the first subgoal is due.
+    The earlier subgoals of an ordered instruction are done already, but their words are still in the text, and a policy
+    may follow the first word that it reads. Without an attempt, the first subgoal is the current one.
     """
     goals = episode.goals
     if not goals:
@@ -93,7 +93,7 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
     """Return the subgoal to whose target an attempt brings the object of another subgoal, or None.
 
-    If the order is free, a policy that mistakes the mug for the mouse is recognized only by the target to which it
+    If the order is free, a policy that mistakes the mug for the mouse can only be recognized by the target to which it
     brings the mug. If training brought mugs to this target, habit is the simpler explanation.
     """
     step = episode.last_try(step)

@@ -1,4 +1,4 @@
-"""Order violation: the correct objects are handled in the wrong order, and the order is part of the goal."""
+"""Order violation: the policy handles the correct objects in the wrong order, and the order is part of the goal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the goal requires an order absent from training, and no habit explains the violation."""
+    """Return whether the goal requires an order that training does not contain, and no habit explains a violation."""
     sequence = tuple(kind for goal in x.goals for kind in sorted(x.kinds(goal))[:1])
     still_open = {kind for goal in x.open_goals for kind in x.kinds(goal)}
     early = {kind for goal in x.open_goals[1:] for kind in x.kinds(goal)} - {x.trained.habit}

@@ -1,4 +1,4 @@
-"""Phase conflict: the policy does not recognize the due step, so it freezes at the start or moves back and forth."""
+"""Phase conflict: the policy does not recognize the current step, and freezes at the start or moves back and forth."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return evidence that the arm freezes before any attempt, or moves back and forth after the last attempt."""
+    """Find evidence that the arm freezes before any attempt, or moves back and forth after the last attempt."""
     episode = trial.episode
     halt = find_halt(episode)
     if episode.condition.mid_task_look and not episode.steps and halt is not None:
@@ -76,7 +76,7 @@ def _find(trial: TrialView) -> Evidence | None:
 def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the empty gripper moves back and forth where the object of a trained step is missing.
 
-    The scene looks half finished, and no step is left: the paper's phase conflict II. If all trained steps are
+    The scene looks half finished, and no step is left, as in phase conflict II of the paper. If all trained steps are
     finished, such motion alone is not evidence of a wrong phase.
     """
     condition = episode.condition
@@ -103,7 +103,7 @@ def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether a path passes only over objects that may be grasped now, and over at least two of them.
+    """Return whether a path only passes over objects that may be grasped now, and over at least two of them.
 
     Repeated visits to a single object count as moving back and forth if the scene looks half finished.
     """
@@ -133,6 +133,6 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
 
 
 def _names(episode: EpisodeAnalysis, rows: tuple[int, int]) -> list[str]:
-    """Return the object kinds under the gripper while it moves back and forth; empty for a single kind."""
+    """Describe the kinds of objects under the gripper while it moves back and forth; empty for a single kind."""
     over = dict.fromkeys(episode.kind(stay.object) for stay in find_stays(episode.trace, rows[0]))
     return [f"the {kind}" for kind in over] if len(over) > 1 else []

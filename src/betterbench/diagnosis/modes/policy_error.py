@@ -1,4 +1,4 @@
-"""Policy error, which is never a reasoning failure: the policy crashed, answered too late or sent an invalid action."""
+"""Policy error: the policy crashed, answered too late or sent an invalid action. This is never a reasoning failure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.tasks.labels import Label
     ),
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return evidence that the policy or the operator ended the episode early."""
+    """Find evidence that the policy or the operator ended the episode early."""
     outcome = trial.record.outcome
     if outcome.termination not in ("policy_error", "interrupted"):
         return None
@@ -27,7 +27,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def label_without_record(reason: str | None) -> Label:
-    """Return the label of a planned trial without a record: unfinished, unless it failed to run for a known reason."""
+    """Return the label of a planned trial without a record: unfinished, unless the reason for an error is known."""
     return Label.POLICY_ERROR if reason else Label.UNFINISHED
 
 

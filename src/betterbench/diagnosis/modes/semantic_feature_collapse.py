@@ -1,4 +1,4 @@
-"""Semantic feature collapse: the gripper goes to an object that no instruction of the task asks to move."""
+"""Semantic feature collapse: the policy goes for an object that no instruction of the task asks to move."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def _likeness(shared: Sequence[str]) -> str:
-    """Return a phrase for the properties shared with the target ("of the target's color and shape, in its slot")."""
+    """Describe the properties shared with the target ("of the target's color and shape, in its slot")."""
     looks = [feature for feature in shared if feature != "slot"]
     if not looks:
         return "in the slot where the target was picked in training"
@@ -33,7 +33,7 @@ def _likeness(shared: Sequence[str]) -> str:
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     """Return a sentence about the properties that nearly all wrongly chosen objects share with the targets.
 
-    Objects that share none are not look-alikes.
+    Objects that do not share any property are not look-alikes.
     """
     unlike = sum(not trial.evidence.shared for trial in trials)
     if unlike > (1.0 - SHARE_OF_ALL) * len(trials):
@@ -69,7 +69,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the first evidence of a collapse, with the properties that the object shares with the target."""
+    """Find the first evidence of a collapse, with the properties that the object shares with the target."""
     episode = trial.episode
     for step in episode.decisions:
         if step.target is AttemptTarget.FOREIGN:
@@ -84,7 +84,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
-    """Return the properties shared by the attempted and the requested object: color, shape, trained slot."""
+    """Return the properties that the attempted and the requested object share: color, shape, trained slot."""
     if step.at is None:
         return ()
     found = episode.trace.info.objects[step.at]
@@ -100,7 +100,7 @@ def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
 
 
 def _absent(episode: EpisodeAnalysis) -> int | None:
-    """Return the first subgoal whose object is absent from the scene and replaced by another object, or None."""
+    """Return the first subgoal whose object has been replaced by another object in the scene, or None."""
     return next((g for g, names in enumerate(episode.meant) if not names), None)
 
 

@@ -1,4 +1,4 @@
-"""The three success labels: goal met, correctly still, and correct refusal without the instructed object."""
+"""Success labels: goal met, correctly still, and correct refusal if the instructed object is absent."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _find(trial: TrialView) -> Evidence | None:
     definition="No step was left, the arm came to rest, and no object was touched or approached.",
 )
 def _find_freeze(trial: TrialView) -> Evidence | None:
-    """Return evidence that the arm correctly stayed still."""
+    """Find evidence that the arm correctly stayed still."""
     return _success(trial, (Expected.STAY_STILL,), "No step was left, and no object was touched.")
 
 
@@ -34,7 +34,7 @@ def _find_freeze(trial: TrialView) -> Evidence | None:
     definition="The instructed object was absent, and no other object was attempted or moved instead.",
 )
 def _find_refusal(trial: TrialView) -> Evidence | None:
-    """Return evidence that the policy correctly left other objects alone when the requested object is absent."""
+    """Find evidence that the policy correctly touched no other object when the requested object was absent."""
     return _success(
         trial, (Expected.REFUSE, Expected.AMBIGUOUS), "The target is absent, and no forbidden object was touched."
     )

@@ -24,7 +24,7 @@ _BY_MECHANISM = sharper_by_rule(
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence about the cause of the delay, or about nearly all trials ending before the first attempt."""
+    """Return a sentence about the cause of the delay, or if nearly all trials ended before the first attempt."""
     never = sum(not trial.attempts for trial in trials)
     before = "It runs out of time before its first grasp." if never >= SHARE_OF_ALL * len(trials) else ""
     return _BY_MECHANISM(trials) or before
@@ -50,7 +50,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
-    """Return the rule and the clause for a gripper that never closes on the correct object, or never releases it."""
+    """Return rule and clause for a gripper that never closes on the correct object, or never releases it."""
     trace, first = episode.trace, episode.idle_from
     reached = comes_down_to(trace, first)
     if reached is not None and reached in episode.wanted(first):
@@ -81,7 +81,7 @@ def _over(episode: EpisodeAnalysis, i: int) -> str:
 
 
 def _course(episode: EpisodeAnalysis, last: int) -> str:
-    """Return a clause about the policy's behavior at the step limit."""
+    """Describe the behavior of the policy at the step limit."""
     held = in_fingers(episode.trace, last)
     if held is not None:
         return f"with the {episode.kind(held)} in the gripper"

@@ -1,4 +1,4 @@
-"""Unfinished: a planned trial that the run has not reached, which is not evidence about the policy."""
+"""Unfinished: a planned trial that has not been run, which is not evidence about the policy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Visual layout bias: the first attempt does not depend on the instruction. Pairs of trials decide this label."""
+"""Visual layout bias: the first attempt does not depend on the instruction. This label requires pairs of trials."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the slot picked for most words in training contains a known object that must not be picked now.
+    """Return whether the slot used for most words in training contains a known object that must not be picked now.
 
-    Objects that no instruction names are excluded, because an attempt at such an object shows another fault. Empty
-    slots are also excluded, because a grasp at an empty slot is harmless, unless no object may be grasped.
+    Objects that no instruction names are excluded, because an attempt at such an object is another failure mode. Empty
+    slots are also excluded, because a grasp there is harmless, unless no object may be grasped.
     """
     slot = x.trained.favorite_slot
     kind = x.movable_in(slot)
@@ -46,9 +46,9 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return evidence of a wrong first attempt at a slot.
+    """Find evidence of a wrong first attempt at a slot.
 
-    The second pass decides whether the policy favors this slot.
+    The second pass decides whether the policy prefers this slot.
     """
     episode = trial.episode
     step = episode.first_choice

@@ -1,4 +1,4 @@
-"""Wrong object or target: another instruction of the task names it, and no more specific rule is proven."""
+"""Wrong object or target: another instruction of the task names it, and no specific rule is proven."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from betterbench.tasks.words import agreeing
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence about the property common to nearly all trials: a wrong target, or the first object's kind.
+    """Return a sentence about a property of nearly all trials: a wrong target, or the kind of the first object.
 
-    An object kind is named only if the instructed kinds differ.
+    The kind is only named if the instructed kinds differ.
     """
     if places := wrong_places(trials):
         return places
@@ -62,7 +62,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _due_elsewhere(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the kind of the object that is due if a drawer is moved that is not its target, or None."""
+    """Return the kind of the current object if a drawer is moved that is not its target, or None."""
     if step.target is not AttemptTarget.OTHER or step.goal is None or not episode.trace.is_drawer(step.at):
         return None
     due = next(iter(episode.meant[step.goal]), None)

@@ -25,7 +25,8 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
     """Our environments for LeRobot.
 
     Attributes:
-        task: Condition ("fast_food/T1"). From LeRobot 0.5 on, also several conditions or tasks, separated by commas.
+        task: Condition ("fast_food/T1"). LeRobot 0.5 and later also accept several conditions or tasks, separated by
+            commas.
         fps: Control steps per second.
         state: Name of the state layout, "ee", "joints" or "motors".
         cameras: New names of the cameras, by old name.
@@ -34,7 +35,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
         quality: Name of a render preset.
         robot: Name of a robot; by default, the robot that the tasks are laid out for.
         features: Observations and actions of the environment; set automatically.
-        features_map: Names of ``features`` for the policy; set automatically.
+        features_map: Names of the ``features`` in the policy's input; set automatically.
     """
 
     task: str | None = "fast_food/train1"
@@ -71,7 +72,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """Gymnasium arguments of the single environment of LeRobot 0.4.
+        """Arguments of the Gymnasium environment, used by LeRobot 0.4.
 
         Raises InvalidInputError for several conditions.
         """
@@ -91,7 +92,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
 
 
 def _robot_of(conditions: str | None) -> str:
-    """Return the robot that the tasks of these conditions are laid out for.
+    """Return the robot for which the tasks of these conditions are laid out.
 
     Raises InvalidInputError if they are laid out for several robots.
     """

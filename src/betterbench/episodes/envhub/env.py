@@ -1,4 +1,4 @@
-"""Complete package for LeRobot's environment hub, which consists of this file and a requirement on betterbench."""
+"""Complete package for LeRobot's environment hub. It consists of this file and requires betterbench."""
 
 from betterbench.episodes.lerobot_env import make_env
 

@@ -22,7 +22,7 @@ from betterbench.sim.worlds import Photo, world_named
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One image to render: a trial at a simulated time [s]."""
+    """Image to render: a trial at a simulated time [s]."""
 
     task: str
     condition: str
@@ -39,7 +39,7 @@ def render_shots(
     quality: str = "standard",
     on_progress: OnCount | None = None,
 ) -> dict[Shot, bytes]:
-    """Return one JPEG per shot, with sides of ``size`` pixels. Shots of the same scene share a model.
+    """Return one JPEG of ``size`` x ``size`` pixels per shot.
 
     Runs in other worlds are rendered by the world's own simulator; LIBERO uses its front camera.
 
@@ -130,7 +130,7 @@ def film_record(
     every: int = 1,
     on_progress: OnCount | None = None,
 ) -> None:
-    """Write the video of a record (H.264 in MP4) with one frame per ``every`` rows; ``view`` has the open scene.
+    """Write the video of a record (H.264 in MP4) with one frame per ``every`` rows. ``view`` contains the open scene.
 
     ``on_progress`` is called with the number of frames done and planned.
     """

@@ -20,7 +20,7 @@ from betterbench.tasks import Condition, Expected, Task, Variation, get_task
 from betterbench.tasks.interventions import resolve_condition
 
 OUTLINE = (255, 64, 160)
-"""Color of outlines, which no object of the suite has."""
+"""Outline color, which no object of the suite has."""
 _PAPER, _INK, _SOFT = (250, 250, 248), (28, 28, 30), (110, 110, 116)
 
 
@@ -33,7 +33,7 @@ def show_condition(
     outlined: Sequence[str] = (),
     robot: str = USUAL_ROBOT,
 ) -> Image.Image:
-    """Return the front view of a condition at reset, ``size`` pixels wide and high, with some objects outlined."""
+    """Return the front view of a condition at reset, ``size`` x ``size`` pixels, with some objects outlined."""
     scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("high"), robot_name=robot)
     with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, "front", masks=True)
@@ -48,7 +48,7 @@ def show_comparison(
 ) -> Image.Image:
     """Return a variation's training scene next to its test scene, with outlined changes.
 
-    Both scenes have the same seed. Each image is ``size`` pixels wide and high.
+    Both scenes have the same seed. Each image has ``size`` x ``size`` pixels.
     """
     task = get_task(task_id)
     variation = task.variation(name)
@@ -70,11 +70,11 @@ _RIGHT = {
     "stay_still": "correct: stay still",
     "ambiguous": "ambiguous: no right behavior",
 }
-"""Correct behavior in a test scene, in words."""
+"""Descriptions of the correct behavior in a test scene."""
 
 
 def card_title(variation: Variation) -> str:
-    """Return the changes of a variation, followed by the correct behavior if it differs from reaching the goal."""
+    """Return the changes of a variation, and the correct behavior unless it is to reach the goal."""
     right = "" if variation.expected is Expected.SUCCEED else f" ({_RIGHT[variation.expected.value]})"
     return f"{variation.name}: {_printable(variation.title)}{right}"
 
@@ -85,7 +85,7 @@ def _printable(text: str) -> str:
 
 
 def image_file(image: Image.Image, suffix: str, *, remark: str) -> bytes:
-    """Encode an image as PNG or JPEG, depending on the suffix of the name, with a comment in the header."""
+    """Encode an image as PNG or JPEG according to the suffix of the name, with a comment in the header."""
     buffer = io.BytesIO()
     if suffix.lower() == ".png":
         texts = PngInfo()

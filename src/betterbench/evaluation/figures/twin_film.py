@@ -29,17 +29,17 @@ _CONTROLS = 0.14
 """Height of the space below the images, where a player shows its controls while the video is paused."""
 
 _HOLD_S = 1.0
-"""Duration for which the first image (with the complete path) and the last state are shown [s of the video]."""
+"""Time for which the first image (with the complete path) and the last state are shown [s of the video]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One side of a twin video: a trial of a run, with heading and outcome.
+    """Side of a twin video: a trial with heading and outcome.
 
     Attributes:
         heading: Title of the side ("this trial, fast_food/T1/3").
         ended: Outcome ("Semantic feature collapse").
-        right: Whether the outcome is a success, which is shown in blue.
+        right: Whether the outcome is a success and is shown in blue.
     """
 
     task: str
@@ -62,7 +62,8 @@ class FilmLook:
     Attributes:
         size: Side of each image [px, even].
         rate_hz: Frames per second of the video.
-        longest_s: Maximum duration of the motion [s of the video]; longer trials are sped up. None for real time.
+        longest_s: Maximum duration of the motion [s of the video], to which longer trials are sped up. None for real
+            time.
     """
 
     camera: str = "front"
@@ -91,7 +92,7 @@ def render_paths(
     look: FilmLook = FilmLook(),
     on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
-    """Return an image (JPEG) of the initial state of each trial (task, condition, seed), with the end effector's path.
+    """Return a JPEG per trial (task, condition, seed): the initial state with the end effector's path.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
@@ -162,7 +163,7 @@ def write_twin_film(
     look: FilmLook,
     on_progress: OnCount | None = None,
 ) -> Path:
-    """Write one video of :func:`render_twin_films` to a file; ``on_progress`` gets the frames done and planned."""
+    """Write a video of :func:`render_twin_films` to a file. ``on_progress`` gets the frames done and planned."""
     with DurableFile(path) as durable, _views(look, len(panels)) as views:
         _film(views, run, panels, durable.file, look=look, on_progress=on_progress)
         durable.finish()
@@ -235,7 +236,7 @@ class _Side:
         return (len(self.record) - 1) / self.record.metadata.control_rate_hz
 
     def at(self, time_s: float) -> Image.Image:
-        """Return the image at a time [s] with the path so far; after the end, the image of the last state."""
+        """Return the image at a time [s] with the path so far, or that of the last state after the end."""
         row = min(round(time_s * self.record.metadata.control_rate_hz), len(self.record) - 1)
         if self._last is None or self._last[0] != row:
             self._last = row, self._with_path(self._draw(row), row + 1)
@@ -268,7 +269,7 @@ class _Side:
 
 
 class _Layout:
-    """Layout of images side by side, with heading, instruction and outcome above each, and the time in a corner."""
+    """Layout of a frame: images side by side, with heading, instruction and outcome above and the time in a corner."""
 
     def __init__(self, panels: Sequence[tuple[Panel, str]], size: int) -> None:
         self._size, self._pad = size, max(8, size // 30)

@@ -1,6 +1,6 @@
-"""Images of recorded states with visible objects, rendered from the stored scene.
+"""Images of recorded states, with their visible objects, rendered from the stored scene.
 
-They are returned as :class:`~betterbench.interface.state.FrameView`, like materialized masks.
+The objects are described by :class:`~betterbench.interface.state.FrameView`, as in materialized masks.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.sim.scenes.limited import LimitedView
 from betterbench.sim.scenes.sights import GRIPPER_INSTANCES, ModelFacts
 
 JPEG_QUALITY = 92
-"""JPEG settings. Colors are stored at full resolution, because many objects are only a few pixels wide."""
+"""JPEG settings, with colors at full resolution because many objects are only a few pixels wide."""
 
 _ACROSS, _UP = (-0.5, -0.25, 0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
 _GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
@@ -37,10 +37,10 @@ class CameraPhoto(NamedTuple):
 
 
 class ViewRenderer:
-    """Renderer for a run's recorded states with visible objects. A context manager that ends the rendering process."""
+    """Renderer of recorded states with visible objects. A context manager that ends the rendering process."""
 
     def __init__(self, run: RunFolder, *, size: int = 256, quality: str = "standard") -> None:
-        """Start the process; ``size`` is the side of the images [pixel]."""
+        """Start the rendering process. ``size`` is the side of the images [pixel]."""
         self._run, self._limited, self._size = run, LimitedView(quality=quality), size
         self._cameras: tuple[str, ...] = ()
         self._row: tuple[Record, int] | None = None
@@ -70,7 +70,7 @@ class ViewRenderer:
         return self._photos[camera]
 
     def _draw(self, record: Record, row: int, camera: str) -> None:
-        """Render a row from every camera requested so far, because a caller usually requests all cameras of a row."""
+        """Render a row from every camera requested so far, because callers usually need all cameras of a row."""
         self._row = None
         self._cameras = tuple(dict.fromkeys((*self._cameras, camera)))
         views = [ViewSpec(name, self._size, self._size) for name in self._cameras]
@@ -91,7 +91,7 @@ class ViewRenderer:
 
 
 def _matrices(placed: np.ndarray, focal_px: float, size: int) -> CameraMatrices:
-    """Return the camera of a view from its position and quaternion; see ``sight_type``."""
+    """Return the camera of a view from position and quaternion, see ``sight_type``."""
     x, y, z, qw, qx, qy, qz = placed.tolist()
     half = 0.5 * (size - 1)
     K = np.array([[focal_px, 0.0, half], [0.0, focal_px, half], [0.0, 0.0, 1.0]])
@@ -118,7 +118,7 @@ def _seen_objects(
 
 
 def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
-    """Return the visible part of an object from its (height, width) bool mask with at least one pixel."""
+    """Return the visible part of an object from a (height, width) bool mask with at least one pixel."""
     rows, columns = np.nonzero(mask)
     box = int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
     flat = np.concatenate(([False], mask.ravel(), [False]))
@@ -130,7 +130,7 @@ def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
 
 
 def _share_inside(record: Record, row: int, info: ObjectInfo, camera: CameraMatrices) -> float:
-    """Return the fraction of an object's bounding box that is inside the image, from a grid of points in the box."""
+    """Return the fraction of an object's bounding box inside the image, estimated from a grid of points."""
     number = record.metadata.scene.index(info.name)
     local = _GRID * np.asarray(info.size_m)
     w, axis = record.object_quaternions[row, number, 0], record.object_quaternions[row, number, 1:]

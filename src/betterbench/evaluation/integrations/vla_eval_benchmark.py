@@ -1,4 +1,4 @@
-"""Benchmark for vla-evaluation-harness: ``vla-eval run`` runs our tasks, and ``better report`` explains the results.
+"""Benchmark for vla-evaluation-harness: ``vla-eval run`` evaluates a policy on our tasks.
 
 The harness controls the loop, the model server and its own result file. In addition, the benchmark writes a run folder
 with the records of ``better eval``. Every condition is one task of the harness; its episode i is the trial with seed
@@ -81,7 +81,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
 
     @classmethod
     def configure_render(cls, mode: str) -> dict[str, str]:
-        """Choose the renderer: OSMesa for "cpu"; for "gpu" the renderer in the environment, or else EGL."""
+        """Choose the renderer: OSMesa for "cpu"; for "gpu" the one in the environment, by default EGL."""
         if mode == "cpu" and "mujoco.egl" in sys.modules:
             raise InvalidInputError(
                 "render", "EGL is already loaded, so cpu rendering cannot be chosen", "Unset MUJOCO_GL"
@@ -206,8 +206,8 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
         """Return the episode's result.
 
-        The harness counts an episode that it ends early (``max_steps``) as a failure. The report counts this trial as
-        not run, because the policy might have succeeded later.
+        The harness counts an episode that it ends early (``max_steps``) as a failure. In the report, this trial counts
+        as not run, because the policy could have succeeded later.
         """
         if self._in_episode and self._run is not None:
             self._in_episode = False
@@ -219,7 +219,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return {"success": _won(outcome), "policy_error": broken, "cut_short": False}
 
     def get_metric_keys(self) -> dict[str, str]:
-        """Return the metrics that the harness averages: success, broken episodes and shortened episodes."""
+        """Return the metrics that the harness averages: success, episodes with errors, and shortened episodes."""
         return {"success": "mean", "policy_error": "mean", "cut_short": "mean"}
 
     def get_action_spec(self) -> dict[str, DimSpec]:
@@ -231,7 +231,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return observation_specs(self.adapter)
 
     def get_metadata(self) -> dict[str, Any]:
-        """Return the suite's limits.
+        """Return the step limit of the suite.
 
         Without the harness's ``max_steps``, episodes end at the suite's step limit.
         """
@@ -245,7 +245,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         }
 
     def get_hold_action(self, last_action: dict[str, Any] | None) -> dict[str, Any]:
-        """Return the action that keeps the robot still (for absolute actions, the last), for the harness's live mode.
+        """Return the action that keeps the robot still (for absolute actions the last action), for the live mode.
 
         Raises:
             NotImplementedError: If there is no last action, or the gripper has no neutral value.
@@ -265,7 +265,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return None if self._seen is None else next(iter(self._seen.images.values()), None)
 
     def cleanup(self) -> None:
-        """Abandon the current episode, and free the renderers."""
+        """Abandon the current episode and free the renderers."""
         if self._run is not None:
             self._run.close()
             self._run = None

@@ -1,4 +1,4 @@
-"""Task specs for vla-evaluation-harness: formats of actions and observations, in the harness's terms."""
+"""Formats of actions and observations for vla-evaluation-harness."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _STATES = {
 
 
 def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
-    """Return the action format by component. Formats unknown to the harness keep their betterbench name."""
+    """Return the action format by component. Formats that the harness does not know keep their betterbench name."""
     space = action_space(answer.space)
     text = space.convention
     if answer.as_is or answer.space.startswith("joint"):

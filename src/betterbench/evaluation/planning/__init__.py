@@ -1,1 +1,1 @@
-"""Run plans, manifests written at the start of runs, and plans that repeat another run."""
+"""Plans of runs, manifests, and repetition of other runs."""

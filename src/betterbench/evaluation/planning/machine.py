@@ -17,7 +17,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _REVISION = re.compile(r"[0-9a-f]{40,64}")
 _MAX_FILE_BYTES = 1 << 20
 _DISTRIBUTION = "betterbench"
-_LEFT_OUT = "dev"  # the extra with test tools and linters, which do not affect results
+_LEFT_OUT = "dev"  # the extra with test tools and linters does not affect results
 
 
 def describe_machine() -> dict[str, object]:
@@ -33,7 +33,7 @@ def describe_machine() -> dict[str, object]:
 
 
 def describe_renderer() -> dict[str, str]:
-    """Return the fingerprint of the renderer, or the reason why rendering is not possible.
+    """Return the fingerprint of the renderer, or the reason why rendering does not work.
 
     This function creates the OpenGL context of the process, so call it in the rendering thread.
     """
@@ -45,7 +45,7 @@ def describe_renderer() -> dict[str, str]:
 
 @cache
 def package_lock() -> tuple[str, ...]:
-    """Return name and version of every installed distribution that betterbench may use ("numpy==2.3.1"), sorted.
+    """Return the installed distributions that betterbench may use, sorted ("numpy==2.3.1").
 
     Reading the metadata of about a hundred distributions takes 0.1 s, so each process reads it only once.
     """
@@ -90,7 +90,7 @@ def _head(home: Path) -> str | None:
 
 
 def _required(distribution: importlib.metadata.Distribution, *, extras: bool) -> list[str]:
-    """Return the requirements of a distribution, optionally with all extras except the one for developers."""
+    """Return the requirements of a distribution, optionally with all extras except the developer extra."""
     names = []
     for requirement in distribution.requires or ():
         found = _NAME.match(requirement)

@@ -1,7 +1,7 @@
-"""Run manifest: the context at the start of a run, stored in ``run.json``.
+"""Run manifest: context of a run at its start, stored in ``run.json``.
 
-A run may be resumed on another machine, so only the policy's declaration is compared on resuming: another checkpoint
-at the same address would mix two policies in one run.
+When a run is resumed, the policy's declaration is compared with the manifest, because another checkpoint at the same
+address would mix two policies in one run. Nothing else is compared, because a run may be resumed on another machine.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
 
 
 def run_conventions(plan: Plan) -> dict[str, Any]:
-    """Return all conventions in use: the plan's conventions and the fixed ones."""
+    """Return all conventions of a run: those of the plan and the fixed ones."""
     return {
         "action_space": action_space(plan.action_space).to_json(),
         "observation": observation_spec(plan.observation).to_json(),
@@ -69,7 +69,7 @@ def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
     changes = run.context.get("policy_changes", [])
     known = changes[-1].get("policy") if changes else run.context.get("policy")
     if not isinstance(known, dict):
-        return None  # older runs have no description of the policy
+        return None  # runs of earlier versions do not contain a description of the policy
     difference = first_difference(known, json.loads(dump_json(policy)), "policy")
     if difference is None:
         return None
@@ -78,7 +78,7 @@ def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
 
 
 def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: bool) -> RunFolder:
-    """Check that the policy's declaration is unchanged since the start of the run, and record an allowed change.
+    """Check that the policy's declaration has not changed since the start of the run, and record an allowed change.
 
     Raises:
         RunConflictError: If the declaration has changed and ``allow_changed`` is False; the message has both values.

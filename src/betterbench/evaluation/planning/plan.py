@@ -1,4 +1,4 @@
-"""A run's plan: trials and conventions, written before the first trial starts."""
+"""Plan of a run: trials and conventions, written before the first trial starts."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from betterbench.version import __version__
 PLAN_VERSION = 1
 
 MAX_TRIALS = 10_000
-"""Maximum number of trials per variation. The full suite then has 1.2 million trials, which take weeks."""
+"""Maximum number of trials per variation, with which the full suite has 1.2 million trials and takes weeks."""
 
 MAX_SEED = 2**31 - 1
-"""Largest first seed; clients and servers of other protocols store seeds in 32 bits."""
+"""Largest first seed. Clients and servers of other protocols store seeds in 32 bits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Policy, trials and settings of a run. Resuming a run requires the same plan.
+    """Policy, trials and settings of a run. A run can only be resumed with the same plan.
 
     Attributes:
         trials: Trials to run; with ``until_decided``, the largest possible set of trials.
-        until_decided: Rule after which a variation gets no more trials, or None to run all.
+        until_decided: Rule that decides when a variation gets no more trials, or None to run all trials.
         world: The world in which the trials are run.
     """
 
@@ -118,12 +118,12 @@ def make_plan(
     """Return the plan for a run of the named tasks, by default all of better60.
 
     Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions of each task get as many
-    trials in total as the variations, evenly distributed, including the variations' twins. Each trial in a plan for
-    some variations ("L1", "fast_food/T1") is also in the plan for all variations, so the plans share a certificate.
-    Without ``action_space``, the actions are in the robot's usual action space. With ``looks`` "unseen", objects and
-    rooms have an appearance that does not occur in demonstrations.
+    trials in total as the variations, evenly distributed, including the variations' twins. The trials of a plan for
+    some variations ("L1", "fast_food/T1") are also in the plan for all variations, so both plans share a certificate.
+    The default ``action_space`` is the robot's usual one. With ``looks`` "unseen", objects and rooms have an appearance
+    that does not occur in demonstrations.
 
-    The default robot is the robot for which the first task is laid out.
+    The default robot is the one for which the first task is laid out.
 
     With ``until_decided``, ``trials`` is the maximum per variation, and of the training conditions only the twins are
     run.
@@ -149,7 +149,7 @@ def make_plan(
 
 
 def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:
-    """Return the id of an existing trial; a condition of None means the first training condition."""
+    """Return the id of a trial after checking its names. The default condition is the first training condition."""
     require_between("--seed", seed, 0, MAX_SEED)
     trial = TrialId(task, condition or get_task(task).training[0].name, seed)
     resolve_condition(trial.task, trial.condition)
@@ -157,7 +157,7 @@ def named_trial(task: str, condition: str | None = None, seed: int = 0) -> Trial
 
 
 def plan_extent(plan: Plan) -> tuple[int, int]:
-    """Return the first seed and the trials per variation of a plan as ``better eval`` options."""
+    """Return the first seed and the number of trials per variation of a plan."""
     seeds = [t.seed for t in plan.trials]
     counts = Counter((t.task, t.condition) for t in plan.trials if t.variation is not None)
     return min(seeds), max(counts.values(), default=len(set(seeds)))

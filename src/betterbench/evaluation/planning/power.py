@@ -9,15 +9,15 @@ from betterbench.evaluation.planning.plan import Plan
 from betterbench.statistics import StoppingRule, smallest_paired_difference
 
 USUAL_OPPOSITE = 0.1
-"""Assumed share of pairs that differ in the opposite direction, for the second number of :func:`what_trials_show`.
+"""Assumed fraction of pairs that differ in the opposite direction, for the second number of :func:`what_trials_show`.
 
-The first number assumes that one policy fails on a subset of the trials on which the other fails. Usually, both fail
-on some trials on which the other succeeds.
+The first number assumes that one policy only fails on trials on which the other fails as well. Usually, each policy
+fails on some trials on which the other succeeds.
 """
 
 
 def what_trials_show(plan: Plan) -> str:
-    """Return the drops that a plan's trials can and cannot detect, overall, within an axis and within a variation."""
+    """Return sentences about the drops that the trials of a plan can detect, overall, per axis and per variation."""
     varied = [t for t in plan.trials if t.variation is not None and not t.ambiguous]
     if plan.until_decided is not None:
         return _until_decided(plan.until_decided, [(t.task, t.variation) for t in varied])
@@ -52,7 +52,7 @@ def what_trials_show(plan: Plan) -> str:
 
 
 def smallest_drop_line(plan: Plan) -> str:
-    """Return a short sentence with the smallest drop over all variations that a plan's trials can detect."""
+    """Return a sentence about the smallest overall drop that the trials of a plan can detect."""
     pairs = sum(t.variation is not None and not t.ambiguous for t in plan.trials)
     if not pairs:
         return "No trial tests a variation: the trials only show how well the training conditions were learned."

@@ -1,4 +1,4 @@
-"""Repetition of a run from its ``run.json``, after checking for differences that would change results."""
+"""Repetition of a run from its ``run.json``, after a check for differences that would change results."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.trial import Trial
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
-"""Plan fields that are not compared: the new plan takes over the first two, and the last cannot change results."""
+"""Fields of a plan that are not compared. The first two are copied to the new plan, and the last does not affect
+results.
+"""
 
 
 @open_form
@@ -35,7 +37,7 @@ class _Preset:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Fields of a plan that are read from ``run.json``. All other fields are compared with the new plan."""
+    """Fields read from the plan in ``run.json``. All other fields are compared with the new plan."""
 
     policy: str
     trials: tuple[Trial, ...]
@@ -62,7 +64,7 @@ _PLAN = TypeAdapter(_Plan)
 def repeated_plan(
     path: Path, *, policy: str | None = None, allow_other_versions: bool = False, trust: bool = False
 ) -> Plan:
-    """Return the plan of a run, to repeat its trials, seeds and conventions with the same or another policy.
+    """Return the plan of a run, to repeat it with the same or another policy.
 
     ``path`` is the run's folder or ``run.json``. With ``trust``, the run's own policy may run code or send a key.
 

@@ -1,4 +1,4 @@
-"""Schedule of the trials in a plan: all at once, or in rounds until every variation is decided."""
+"""Order of the trials in a plan: all at once, or in rounds until every variation is decided."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from betterbench.tasks.trial import Trial
 
 
 class Schedule:
-    """Schedule of the trials in a plan. It depends only on the plan and the outcomes so far.
+    """Schedule of the trials in a plan, which depends only on the plan and the outcomes so far.
 
     Attributes:
         plan: The plan.
     """
 
     def __init__(self, plan: Plan, *, is_done: Callable[[TrialId], bool], succeeded: Callable[[TrialId], bool]) -> None:
-        """Prepare.
+        """Initialize the schedule.
 
         Args:
             plan: The plan.
@@ -35,7 +35,7 @@ class Schedule:
         self._questions = [Question(condition, twin) for condition, twin in twins.items()]
         self._seeds = sorted({t.seed for t in varied})
         self._decisions: Decisions | None = None
-        self._waiting: list[TrialId] = []  # trials of the current round that had not ended at the last query
+        self._waiting: list[TrialId] = []  # trials of the current round that were unfinished at the last query
 
     @property
     def decisions(self) -> Decisions | None:
@@ -54,8 +54,8 @@ class Schedule:
     def rounds(self) -> Iterator[list[Trial]]:
         """Yield the unfinished trials of each round.
 
-        Request the next round only when the trials of the previous round have ended. A broken trial ends the rounds;
-        the same command runs this trial again and continues.
+        Request the next round only after all trials of the previous round have ended. A trial without a record ends the
+        schedule. The same command repeats this trial and continues.
         """
         if self.plan.until_decided is None:
             yield [t for t in self.plan.trials if not self._is_done(t.id)]

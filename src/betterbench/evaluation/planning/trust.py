@@ -1,4 +1,4 @@
-"""Risks of evaluating a policy whose address comes from a file, which require the user's consent."""
+"""Risks of evaluating a policy whose address comes from a file."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from urllib.parse import parse_qsl
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.policies.kinds import find_kind
 
-_VARIABLE = "_env"  # suffix of all options whose value is an environment variable
+_VARIABLE = "_env"  # suffix of all options whose value is the name of an environment variable
 
 
 def risks_of(address: str) -> tuple[str, ...]:
-    """Return the risks of evaluating a policy that need consent: running code, or sending a secret."""
+    """Return the risks of evaluating a policy that need the user's consent: running code, or sending a secret."""
     found = []
     kind = find_kind(address)
     head, _, query = address.partition("?")

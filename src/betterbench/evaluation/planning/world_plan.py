@@ -1,4 +1,4 @@
-"""Plan for a suite in any world, from the world's task descriptions."""
+"""Plan for a suite of any world, from the task descriptions of the world."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def make_world_plan(
         policy: Policy address.
         suite: Suite name.
         tasks: Tasks to run; default: all.
-        trials: Number of trials in the world's unit (per variation, initial states, chains); the usual number if None.
+        trials: Number of trials in the unit of the world (trials per variation, initial states, chains); the usual
+            number if None.
         seed: The first seed, initial state or chain.
-        action_space: The policy's action space; None for the space in its address, or else the world's usual action
-            space.
+        action_space: Action space of the policy; None for the one in its address, or else the usual one of the world.
         observation: Observation preset; "default" is the world's usual preset.
         options: World options (``World.options``).
 
@@ -54,7 +54,7 @@ def make_world_plan(
 
 
 def _action_space(policy: str, world: World, asked: str | None) -> str:
-    """Return the action space of a run in a world: the requested one, or else the policy's own."""
+    """Return the action space of a run in a world: the requested one, or that of the policy."""
     if asked is not None:
         if asked not in world.action_spaces:
             raise UnknownNameError(f"action space of {world.name}", asked, world.action_spaces)

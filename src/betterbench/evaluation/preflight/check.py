@@ -1,4 +1,4 @@
-"""Preflight check: handshake with a policy, one observation, and the first answers."""
+"""Preflight check: handshake with a policy, one observation, and first replies."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ REQUESTS = 5
 
 @dataclass(frozen=True, slots=True)
 class Convention:
-    """Convention as declared by betterbench and by the policy; empty if a side declares nothing."""
+    """Convention as declared by betterbench and by the policy; empty if undeclared."""
 
     name: str
     ours: str
@@ -49,13 +49,13 @@ class Convention:
 
     @property
     def differs(self) -> bool:
-        """Whether both sides declare a value, and the values differ."""
+        """Whether both sides declare a value and the values differ."""
         return bool(self.ours and self.theirs) and self.ours != self.theirs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownImage:
-    """Image as sent to the policy, (height, width, 3) uint8, with its key and a note on its conversion."""
+    """Image sent to the policy, (height, width, 3) uint8, with its key and a note on its conversion."""
 
     key: str
     image: np.ndarray
@@ -64,18 +64,18 @@ class ShownImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightCheck:
-    """The result of a preflight check.
+    """Result of a preflight check.
 
     Attributes:
-        trial: Trial whose first observation the policy got.
-        conventions: Conventions declared by both sides.
-        adapter: Adapter of the policy, or None for a policy that gets the observation unchanged.
-        shown: The images as the policy gets them.
+        trial: Trial whose first observation was sent to the policy.
+        conventions: Conventions of both sides.
+        adapter: Adapter of the policy, or None if the observation is sent unchanged.
+        shown: Images as sent to the policy.
         state: State inputs of the policy, by key.
-        prompt: Instruction as the policy gets it.
-        actions: (horizon, dim) first answer, in the action space of ``info``.
-        first_s: Time of the first request [s].
-        latencies_s: Times of the later requests [s].
+        prompt: Instruction as sent to the policy.
+        actions: (horizon, dim) first reply, in the action space of ``info``.
+        first_s: Latency of the first request [s].
+        latencies_s: Latencies of the later requests [s].
         proof: Result of a replayed demonstration, or None if none was replayed.
         robot: Name of the robot.
     """
@@ -107,7 +107,7 @@ class PreflightCheck:
 
     @property
     def clipped(self) -> int:
-        """Number of actions in the first answer that a run would clip because a value is out of range."""
+        """Number of actions in the first reply that a run would clip."""
         return action_space(self.info.action_space).count_clipped(self.actions)
 
     def to_json(self) -> dict[str, Any]:
@@ -150,12 +150,12 @@ def run_preflight(
     robot: str = USUAL_ROBOT,
     on_conventions: Callable[[tuple[Convention, ...]], None] | None = None,
 ) -> PreflightCheck:
-    """Request a policy's actions at the start of a trial, with the presets of a planned run.
+    """Request actions of a policy at the start of a trial, with the presets of a planned run.
 
-    If None, the action space is the policy's own, or the robot's default for a policy that supports all of them. With
-    ``proof``, a demonstration of the trial is replayed through a policy that uses observations
-    (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with the declarations of both sides,
-    before the comparison.
+    By default, the action space is that of the policy, or that of the robot for a policy that supports all action
+    spaces. With ``proof``, the observations of a demonstration are sent to a policy that uses observations
+    (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with the conventions of both sides
+    before they are compared.
 
     Raises:
         BetterError: If the policy does not answer, its conventions differ from the run's, or its actions are invalid.
@@ -229,7 +229,7 @@ def run_preflight(
 def _first_question(
     policy: str, client: Policy | None, scene: Scene, trial: TrialId, images: ObservationSpec | None
 ) -> tuple[Observation | None, Callable[[], np.ndarray]]:
-    """Begin the episode; return the policy's observation (None for a privileged policy) and a function for requests."""
+    """Begin the episode. Returns the observation (None for a privileged policy) and a function for requests."""
     state = scene.reset()
     if client is None:
         privileged = make_privileged(policy, scene)
@@ -249,7 +249,7 @@ def _first_question(
 def _ask_often(
     ask: Callable[[], np.ndarray], space: ActionSpace, *, ahead: int
 ) -> tuple[np.ndarray, float, tuple[float, ...]]:
-    """Return the first answer, (horizon, dim), its latency, and the latencies of later answers [s]."""
+    """Return the first reply, (horizon, dim), its latency, and the latencies of later replies [s]."""
     answers, times = [], []
     for _ in range(1 + REQUESTS):
         began = time.perf_counter()
@@ -272,7 +272,7 @@ def _ask_often(
 def policy_conventions(
     client: Policy | None, policy: str, info: PolicyInfo, space: ActionSpace
 ) -> tuple[Convention, ...]:
-    """Return our conventions and those of the policy; ``client`` is None for a privileged policy."""
+    """Return our conventions and those of the policy. ``client`` is None for a privileged policy."""
     adapter, server = _adapter_of(client), getattr(client, "server", None)
     if adapter is not None and isinstance(server, Declaration):
         ours = replace(declare_adapter("this side", adapter, rate_hz=CONTROL_RATE_HZ), action_space=space.name)
@@ -293,7 +293,7 @@ def _adapter_of(client: Policy | None) -> Adapter | None:
 
 
 def _shown(seen: Observation, adapter: Adapter | None) -> tuple[ShownImage, ...]:
-    """Return the images as the policy gets them."""
+    """Return the images as sent to the policy."""
     if adapter is None:
         return tuple(ShownImage(name, np.asarray(p), _note(name, p, None)) for name, p in seen.images.items())
     rules = {
@@ -308,7 +308,7 @@ def _shown(seen: Observation, adapter: Adapter | None) -> tuple[ShownImage, ...]
 
 
 def _note(camera: str, rendered: np.ndarray, rule: ImageRule | None) -> str:
-    """Return the source of an image and its conversions."""
+    """Describe the source and the conversions of an image."""
     height, width = rendered.shape[:2]
     parts = [f"camera {camera}", f"rendered {width} x {height}"]
     if rule is None:
@@ -327,7 +327,7 @@ def _note(camera: str, rendered: np.ndarray, rule: ImageRule | None) -> str:
 
 
 def _state(seen: Observation, adapter: Adapter | None) -> tuple[tuple[str, np.ndarray], ...]:
-    """Return the state values that the policy gets, part by part."""
+    """Return the state inputs of the policy, by key."""
     if adapter is None:
         return (
             ("joint_positions", seen.joint_positions),

@@ -1,11 +1,11 @@
-"""Replay proof: a policy gets the observations of a demonstration, and its actions must follow the same path.
+"""Replay proof: a policy gets the observations of a demonstration, and its actions are compared with the demonstration.
 
-The path commanded by the policy's consecutive actions is compared with the demonstration's path, axis by axis. If
-actions are read in wrong units, in a wrong frame or with a wrong sign, the path is scaled, rotated or mirrored; the
-factor of each axis shows by how much. The actions are also executed in a separate scene, to measure the distance
-between the final end-effector position and the end of the demonstration.
+The path commanded by the policy's actions is compared with the path of the demonstration, axis by axis. If the actions
+are interpreted with wrong units, frame or sign, the path is scaled, rotated or mirrored, which the factor of each axis
+shows. The actions are also executed in a separate scene, to measure the distance between the final end-effector
+position and the end of the demonstration.
 
-Paths consist of commanded poses; the arm follows them with a delay of a few control steps.
+Paths consist of commanded poses, which the arm follows with a delay of a few control steps.
 """
 
 from __future__ import annotations
@@ -30,36 +30,37 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 MAX_REQUESTS = 100
-"""Maximum number of requests of a proof, enough for a demonstration in chunks of five actions; with single actions,
-the path to the first object."""
+"""Maximum number of requests of a proof. It is enough for a demonstration in chunks of five actions, or for the path to
+the first object with single actions.
+"""
 
 LEAST_RANGE = {"m": 0.02, "rad": 0.05}
 """Minimum range of a demonstration along an axis for computing a factor [m, rad]."""
 
 FOLLOWS = 0.7
-"""Minimum agreement on each axis, as the cosine between the steps of the policy and of the demonstration, for a policy
-that follows the demonstration."""
+"""Minimum agreement on each axis for a policy that follows the demonstration, as the cosine between the steps of both.
+"""
 
 PROVEN = 0.02
-"""Maximum deviation of a factor from 1 at which the conventions of its axis count as proven."""
+"""Maximum deviation of a factor from 1 for which the conventions of the axis count as proven."""
 
 WRONG = 1.5
-"""Factor above which, or below whose inverse, the conventions of an axis are wrong."""
+"""Factor above which, or below the inverse of which, the conventions of an axis count as wrong."""
 
 _IDLE_STEPS = 40
 
 
 @dataclass(frozen=True, slots=True)
 class AxisProof:
-    """Comparison of a policy's answers with the demonstration along one axis.
+    """Comparison of a policy with the demonstration along one axis.
 
     Attributes:
-        name: "x", "y", "z" and rotations "rx", "ry", "rz" in the base frame, or a joint.
+        name: "x", "y", "z", or a rotation "rx", "ry", "rz" in the base frame, or a joint.
         unit: "m" or "rad".
-        range: Distance between the extremes of the demonstration's path.
-        factor: Slope of the answers' path relative to the demonstration's, 1 if equal; None if the demonstration hardly
-            moves.
-        agreement: Cosine between the steps of both, -1 to 1; None if either does not move.
+        range: Range of the demonstration's path.
+        factor: Slope of the policy's path relative to that of the demonstration, 1 if equal; None if the demonstration
+            hardly moves.
+        agreement: Cosine between the steps of both, from -1 to 1; None if either does not move.
         apart: Maximum distance between the two paths.
     """
 
@@ -73,13 +74,13 @@ class AxisProof:
 
 @dataclass(frozen=True, slots=True)
 class ReplayProof:
-    """The result of a replay proof.
+    """Result of a replay proof.
 
     Attributes:
-        steps: Control steps of the demonstration that were replayed.
-        requests: Requests that the policy answered.
-        gripper: Share of the steps with the same gripper command.
-        executed_off_m: Distance between the end effector and the end of the demonstration, after all answers [m].
+        steps: Number of replayed control steps of the demonstration.
+        requests: Number of requests.
+        gripper: Fraction of the steps with the same gripper command.
+        executed_off_m: Distance between the end effector after all actions and the end of the demonstration [m].
     """
 
     steps: int
@@ -90,12 +91,12 @@ class ReplayProof:
 
     @property
     def moved(self) -> tuple[AxisProof, ...]:
-        """The axes along which the demonstration moves."""
+        """Axes along which the demonstration moves."""
         return tuple(axis for axis in self.axes if axis.factor is not None)
 
     @property
     def follows(self) -> bool:
-        """Whether the policy moves along each axis like the demonstration, up to sign and scale."""
+        """Whether the policy follows the demonstration along each axis, except for sign and scale."""
         return bool(self.moved) and all(abs(axis.agreement or 0.0) >= FOLLOWS for axis in self.moved)
 
     @property
@@ -154,7 +155,7 @@ _KNOWN = (
     (0.05, "The policy answers in meters: give units=physical."),
     (0.0125, "The policy answers in meters: give units=physical."),
 )
-"""Known factors of the translation, with cause and remedy."""
+"""Known factors of the translation, with remedies."""
 
 
 def prove_by_replay(
@@ -167,11 +168,11 @@ def prove_by_replay(
     quality: Quality,
     robot: str = USUAL_ROBOT,
 ) -> ReplayProof:
-    """Replay the expert's demonstration of a trial through a policy, and compare the path that its answers produce.
+    """Send the observations of the expert's demonstration of a trial to a policy, and compare the resulting path.
 
     Args:
-        client: The policy at the beginning of an episode.
-        info: Policy declarations.
+        client: Policy at the beginning of an episode.
+        info: Declarations of the policy.
         trial: The trial of the demonstration.
         space: The policy's action space.
         spec: Images for the policy.
@@ -234,14 +235,14 @@ def _ask(client: Policy, seen: Observation, space: ActionSpace) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """Commanded and measured state at a control step of the demonstration."""
+    """Commanded and measured state at a control step."""
 
     commanded: ControllerState
     state: WorldState
 
 
 class _Demonstration:
-    """The expert's episode of a trial, step by step, until the arm is at rest at the end."""
+    """Episode of the expert, executed step by step until the arm is at rest."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -249,7 +250,7 @@ class _Demonstration:
         self._expert = make_expert("expert", scene)
         self._limit = scene.task.step_limit(scene.condition)
         self._idle = 0
-        self._last = np.zeros(scene.action_space.dim)  # the remainder of a delta; an absolute action differs from it
+        self._last = np.zeros(scene.action_space.dim)  # neutral for deltas; absolute actions differ from it
 
     def is_over(self) -> bool:
         """Whether the expert has come to rest, or the trial has ended."""
@@ -283,7 +284,7 @@ class _Paths:
         self._marked = [self._now.copy()]
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
-        """Add one control step: the answered action, and the demonstration's states before and after the step."""
+        """Add a control step: the policy's action, and the demonstration's states before and after the step."""
         raise NotImplementedError
 
     def mark(self) -> None:

@@ -1,4 +1,4 @@
-"""Content of a preflight sheet: the inputs of the policy, and the path of its answer in the scene."""
+"""Content of a preflight sheet: inputs of the policy, and path of its first reply in the scene."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from betterbench.tasks.interventions import resolve_condition
 
 _VIEW = 640
 _CAMERA = "front_official"
-"""Camera at the position of ``front`` with a wider view, which includes the gripper at reset."""
+"""Camera at the position of ``front`` with a wider field of view, which includes the gripper at reset."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightView:
-    """The content of a preflight sheet; :mod:`betterbench.report.pages.preflight_sheet` draws it.
+    """Content of a preflight sheet, drawn by :mod:`betterbench.report.pages.preflight_sheet`.
 
     Attributes:
-        prompt: The instruction as the policy gets it.
-        shown: The images; none for a policy that uses none.
+        prompt: Instruction as sent to the policy.
+        shown: Images; empty for a policy without images.
         no_images: Text in place of images.
-        state: Numbers that the policy gets: key and formatted values.
-        facts: Lines about the answer: name and value.
+        state: State inputs of the policy: key and formatted values.
+        facts: Lines about the reply: name and value.
         scene: (height, width, 3) uint8 image of the scene at reset.
         path: (n, 2) pixels of the end effector in ``scene`` during the complete answer, starting at reset.
         aim: (2,) pixel of the end effector after the first action.
-        turn: Rotation and gripper of the first action, as text.
+        turn: Rotation and gripper command of the first action, as text.
     """
 
     title: str
@@ -49,7 +49,7 @@ class PreflightView:
 
 
 def preflight_view(found: PreflightCheck) -> PreflightView:
-    """Return the content of a check's sheet.
+    """Return the content of the sheet of a check.
 
     Raises MissingDependencyError if off-screen OpenGL does not work on this machine.
     """
@@ -97,7 +97,7 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
 
 
 def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple[tuple[str, str], ...]:
-    """Return lines about an answer: end-effector motion [m] caused by the first action and by the complete answer."""
+    """Return lines about a reply, with the end-effector motion of the first action and of the complete reply."""
     space, action, out = action_space(found.info.action_space), found.actions[0], found.clipped
     ends = (("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from the initial position"),)
     return (
@@ -121,7 +121,7 @@ def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
         return aim
     if space.name == "ee_pose":
         return applied
-    # the effect of a joint action depends on the controller, so execute the action and reset the scene
+    # the effect of a joint action depends on the controller, so it is executed in the scene
     scene.step(action)
     aim = np.array(scene.state().commanded_pose.position)
     scene.reset()
@@ -129,7 +129,7 @@ def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
 
 
 def _turn_text(action: np.ndarray, space: ActionSpace) -> str:
-    """Return the rotation of the gripper by an action, as text."""
+    """Describe the rotation of an action."""
     if space.name.startswith("ee_delta"):
         vector = space.clip(action)[3:6] * np.array(space.scale[3:6])
     elif space.name == "ee_pose":
@@ -159,7 +159,7 @@ def _listed(values: np.ndarray, names: tuple[str, ...], *, digits: int = 3) -> s
 
 
 def numbers_text(values: np.ndarray, *, digits: int = 3) -> str:
-    """Return numbers as text: integers unchanged, all others with a sign."""
+    """Format numbers: integers unchanged, all others with a sign."""
     if values.dtype.kind in "iu":
         return ", ".join(str(value) for value in values.tolist())
     return ", ".join(_signed(value, digits) for value in values.tolist())

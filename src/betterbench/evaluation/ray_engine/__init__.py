@@ -1,4 +1,4 @@
 """Workers and policy replicas as actors on a Ray cluster.
 
-Only ``session`` and modules that use it import Ray.
+Only ``session`` and the modules that use it import Ray.
 """

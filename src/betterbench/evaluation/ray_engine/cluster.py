@@ -11,7 +11,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.installation import missing_extra
 
 PLACING_S = 300.0
-"""Maximum wait for free cluster resources for the first worker or the replicas [s]. Loading may take longer."""
+"""Maximum time to wait for free cluster resources for the first worker or the replicas [s], without loading."""
 
 _CONNECT_S = 10.0
 
@@ -22,8 +22,8 @@ class Cluster:
 
     Attributes:
         address: Address of the cluster; None for RAY_ADDRESS or, if that is not set, a new cluster on this machine.
-        replicas: Copies of a policy that runs in process (a checkpoint, or a policy that supports batches).
-        replica_gpus: GPUs of each replica; None for 1 if the cluster has GPUs, otherwise 0.
+        replicas: Number of copies of a policy that runs in a process (a checkpoint, or a policy that supports batches).
+        replica_gpus: GPUs per replica; None for 1 if the cluster has GPUs, otherwise 0.
     """
 
     address: str | None = None
@@ -46,14 +46,14 @@ class Cluster:
 def require_ray(cluster: Cluster) -> None:
     """Check, without importing Ray, that Ray is installed and that the cluster address accepts connections.
 
-    Ray itself would try for minutes to reach an unused address.
+    Ray itself would try to connect to an unused address for minutes.
     """
     if importlib.util.find_spec("ray") is None:
         raise missing_extra("--engine ray: Ray is not installed", "ray")
     address = cluster.given or "local"
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not host or not port.isdigit():
-        return  # a name that Ray resolves itself ("auto", "local")
+        return  # names such as "auto" and "local" are resolved by Ray
     try:
         socket.create_connection((host.strip("[]"), int(port)), timeout=_CONNECT_S).close()
     except (OSError, OverflowError) as error:

@@ -52,10 +52,10 @@ def ray_entries(
     served: bool = False,
     steps: StepCount | None = None,
 ) -> Iterator[JournalEntry]:
-    """Run trials on a Ray cluster, and yield each journal entry after writing the record.
+    """Run trials on a Ray cluster, and yield each journal entry after its record has been written.
 
-    Only this process writes to the run. A round is requested when the previous round has ended. ``served`` means that
-    the policy runs in replicas; ``steps`` counts the steps reported by workers.
+    Only this process writes to the run. A round is requested when the previous round has ended. With ``served``, the
+    policy runs in replicas. ``steps`` counts the steps that workers report.
 
     Raises:
         InvalidInputError: If the cluster has no free resources, or its machines have other versions.
@@ -90,10 +90,10 @@ class _WorkerActor:
 
 
 class RayPool:
-    """A run's workers on Ray."""
+    """Pool of the workers of a run on a Ray cluster."""
 
     def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings, steps: StepCount) -> None:
-        """Prepare; for the arguments see :func:`ray_entries`."""
+        """Initialize the pool. For the arguments see :func:`ray_entries`."""
         self._steps = steps
         self._ray, self._session, self._run, self._settings = session.ray, session, run, settings
         self._ledger = RetryLedger[Trial]((), workers="workers of the cluster", cure=TRY_AGAIN)
@@ -107,7 +107,7 @@ class RayPool:
         self._replicas.start()
 
     def entries(self, trials: Sequence[Trial]) -> Iterator[JournalEntry]:
-        """Yield the journal entries of trials as they end. Workers stay alive for the next trials."""
+        """Yield the journal entry of each trial when it ends. Workers stay alive for the next trials."""
         self._ledger.put_back(trials)
         for _ in range(min(self._session.workers, self._ledger.left) - len(self._workers)):
             self._add_worker()
@@ -141,7 +141,7 @@ class RayPool:
         return bool(self._ledger.left or any(worker.trials for worker in self._workers))
 
     def _add_worker(self, replica: int | None = None) -> None:
-        """Add a worker, connected to a given replica or the next replica in turn, if there are replicas."""
+        """Add a worker. If there are replicas, it is connected to the given one, or to the next one in turn."""
         settings, addresses = self._settings, self._replicas.addresses
         if addresses:
             replica = self._made % len(addresses) if replica is None else replica
@@ -150,7 +150,7 @@ class RayPool:
         self._made += 1
         known = [path.stem for path in sorted((self._run.path / "scenes").glob("*.zip"))]
         description = (self._run.path / "run.json").read_bytes()
-        # Ray must not restart actors, because only this process knows which trials were lost.
+        # Ray must not restart actors, because only this process knows the lost trials.
         remote = self._ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(RemoteWorker)
         actor = remote.remote(settings, description, known)
         calls = deque([actor.__ray_ready__.remote(), actor.prepare.remote(self._replicas.environment)])
@@ -158,7 +158,7 @@ class RayPool:
         self._asked_at = time.monotonic()
 
     def _feed(self, worker: _WorkerActor) -> None:
-        """Assign a worker its share of the trials, plus one queued trial while many are left."""
+        """Assign a worker its share of the trials, and an additional queued trial while many are left."""
         if not worker.ready:
             return
         if len(worker.calls) >= _CALLS or (worker.alone and worker.trials):
@@ -182,12 +182,12 @@ class RayPool:
         errors = self._ray.exceptions
         try:
             found = self._ray.get(call)
-        except errors.RayTaskError as error:  # the worker lives, but the call raised an error
+        except errors.RayTaskError as error:  # the worker is alive, but the call raised an error
             if not worker.ready or isinstance(error.cause, BetterError):
                 raise as_better_error(error, "A worker on the cluster cannot start") from error
             yield from self._handle_exit(worker, error)
             return
-        except errors.RayError as error:  # the worker died, or its answer was lost with its machine
+        except errors.RayError as error:  # the worker died, or its machine was lost
             yield from self._handle_exit(worker, error)
             return
         worker.calls.remove(call)
@@ -246,7 +246,7 @@ class RayPool:
             self._add_worker(worker.replica)
 
     def _replace_replicas(self) -> bool:
-        """Replace dead replicas and their workers; return False if none was replaced."""
+        """Replace dead replicas and their workers. Returns False if none was replaced."""
         dead = self._replicas.replace_dead()
         for worker in [w for w in self._workers if w.replica in dead]:
             self._workers.remove(worker)

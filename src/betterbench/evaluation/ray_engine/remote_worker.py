@@ -1,4 +1,4 @@
-"""Worker of a Ray cluster, run by an actor. Importing this module does not import Ray."""
+"""Worker on a Ray cluster, run by an actor. Importing this module does not import Ray."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ class Turn:
 
     Attributes:
         deliveries: Trials that have ended since the last report.
-        scenes: Files of scenes that were not yet delivered, by hash.
+        scenes: Files of scenes that have not been delivered yet, by hash.
         problem: Error that stops the run, or None.
-        envs: Number of simultaneous trials from now on; 0 if unknown.
+        envs: Maximum number of simultaneous trials from now on; 0 if unknown.
         steps: Control steps since the last report.
     """
 
@@ -53,7 +53,7 @@ class Turn:
 
 
 def versions_here() -> dict[str, str]:
-    """Return the versions and architecture that all machines of a run must share for bit-identical results."""
+    """Return versions and architecture, which must be the same on all machines for bit-identical results."""
     return {
         "betterbench": __version__,
         "suite": SUITE_VERSION,
@@ -63,7 +63,7 @@ def versions_here() -> dict[str, str]:
 
 
 class RemoteWorker:
-    """Worker on another machine, which has no access to the run folder and delivers records as bytes.
+    """Worker on another machine. It has no access to the run folder, and delivers records as bytes.
 
     The worker runs trials in a temporary folder with a copy of ``run.json``, and deletes delivered files.
     """
@@ -100,7 +100,7 @@ class RemoteWorker:
         return versions
 
     def turn(self, trials: Sequence[Trial]) -> Turn:
-        """Accept more trials, run for a while, and report. Trials wait until an environment is free."""
+        """Accept trials, run for a while, and report. Trials wait until an environment is free."""
         if self._worker is None:
             raise InvalidInputError("worker", "it is not prepared", "Call prepare first")
         self._waiting.extend(trials)
@@ -118,7 +118,7 @@ class RemoteWorker:
         self._steps += 1
 
     def close(self) -> None:
-        """Close the worker and delete its folder; does nothing if already closed."""
+        """Close the worker and delete its folder. Closing it again is harmless."""
         worker, self._worker = self._worker, None
         if worker is not None:
             worker.close()
@@ -140,7 +140,10 @@ class RemoteWorker:
         return data
 
     def _scenes(self) -> dict[str, bytes]:
-        """Return the scenes written since the last call, and empty their files, whose names mark known scenes."""
+        """Return the scenes written since the last call, and truncate their files.
+
+        The names show which scenes are known.
+        """
         found = {}
         for path in sorted(self._run().path.glob("scenes/*.zip")):
             if path.stat().st_size:

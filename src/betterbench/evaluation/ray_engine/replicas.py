@@ -1,4 +1,4 @@
-"""Replicas: actors on a Ray cluster that hold copies of the policy and serve the workers of a run."""
+"""Replicas: actors on a Ray cluster that serve copies of the policy to the workers of a run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from betterbench.policies.serving.server import PolicyServer
 logger = logging.getLogger(__name__)
 
 MAX_REPLACEMENTS = 5
-"""Maximum number of replacements; after that, the run stops with the error of an unreachable policy server."""
+"""Maximum number of replacements, after which the run stops as if a policy server could not be reached."""
 
 _CHECK_S = 3.0
 _PATIENCE_S = 10.0
@@ -35,7 +35,7 @@ _KEY_NAME = "BETTERBENCH_REPLICA_KEY"
 
 
 class Replicas:
-    """A run's replicas.
+    """Replicas of the policy of a run.
 
     Attributes:
         addresses: Addresses of the replicas.
@@ -43,7 +43,7 @@ class Replicas:
     """
 
     def __init__(self, session: RaySession, settings: RunSettings) -> None:
-        """Prepare; :meth:`start` starts the replicas."""
+        """Store the settings. :meth:`start` starts the replicas."""
         self._session, self._settings = session, settings
         self._actors: list[Any] = []
         self._replaced = 0
@@ -56,7 +56,7 @@ class Replicas:
         self._actors, self.addresses = self._started(self._session.cluster.replicas)
 
     def replace_dead(self) -> list[int]:
-        """Replace dead replicas and return their numbers, or an empty list if all are alive or too many have died."""
+        """Replace dead replicas and return their indices; empty if all are alive or too many have died."""
         dead = [number for number, actor in enumerate(self._actors) if not self._answers(actor)]
         self._replaced += len(dead)
         if not dead or self._replaced > MAX_REPLACEMENTS:
@@ -73,7 +73,7 @@ class Replicas:
         kill(self._session.ray, actors)
 
     def _started(self, count: int) -> tuple[list[Any], list[str]]:
-        """Start some replicas, and return replicas and addresses."""
+        """Start replicas, and return them with their addresses."""
         ray, gpus = self._session.ray, self._session.replica_gpus()
         remote = ray.remote(num_cpus=0, num_gpus=gpus, max_restarts=0, max_concurrency=2)(_Replica)
         actors = [remote.remote(self._settings.policy) for _ in range(count)]
@@ -120,7 +120,7 @@ class Replicas:
 
 
 class _Replica:
-    """Copy of the policy, served with the openpi protocol on its machine's address. Clients need the key."""
+    """Copy of the policy, served with the openpi protocol on the address of its machine. Clients need the key."""
 
     def __init__(self, policy: str) -> None:
         self._policy = policy
@@ -131,7 +131,7 @@ class _Replica:
         return self._server is not None
 
     def start(self, key: str, limit_s: float) -> tuple[str, BetterError | None]:
-        """Serve the policy and return the address or the error. ``limit_s`` is the deadline for one answer [s]."""
+        """Serve the policy, and return the address or the error. ``limit_s`` is the deadline of a reply [s]."""
         node: str = importlib.import_module("ray").util.get_node_ip_address()
         try:
             self._server = open_server(

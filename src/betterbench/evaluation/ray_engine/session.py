@@ -16,7 +16,7 @@ _OBJECT_STORE_BYTES = 128 * 1024 * 1024
 
 
 def import_ray() -> Any:  # noqa: ANN401 -- a module without types
-    """Return Ray, with its usage statistics switched off."""
+    """Import Ray with usage statistics disabled."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     return importlib.import_module("ray")
@@ -28,14 +28,14 @@ def loss_errors(ray: Any) -> tuple[type[Exception], ...]:  # noqa: ANN401 -- a m
 
 
 def first_line(error: Exception) -> str:
-    """Return the reason of an error in one line, without Ray's traceback."""
+    """Return an error message of Ray in one line, without the traceback."""
     cause = getattr(error, "cause", None)
     text = str(error) if cause is None else f"{type(cause).__name__}: {cause}"
     return (text.splitlines() or [type(error).__name__])[0][:200].rstrip(".: ")
 
 
 def cluster_lost(error: Exception) -> WorkerError:
-    """Return the error about a cluster that does not answer."""
+    """Return the error for a cluster that does not respond."""
     return WorkerError(f"The Ray cluster does not answer any more ({first_line(error)}). {TRY_AGAIN}")
 
 
@@ -47,16 +47,16 @@ def as_better_error(error: Any, what: str) -> BetterError:  # noqa: ANN401 -- an
 
 
 class RaySession:
-    """Connection to a cluster, or a local cluster, for a run's duration. A context manager."""
+    """Connection to a Ray cluster, or a local cluster, for the duration of a run. A context manager."""
 
     def __init__(self, cluster: Cluster, workers: int | None) -> None:
-        """Prepare; by default there are as many workers as CPU cores in the cluster."""
+        """Store the settings. The default number of workers is the number of CPU cores of the cluster."""
         self.cluster, self.ray = cluster, import_ray()
         self._workers = workers
         self._owned = False
 
     def __enter__(self) -> Self:
-        """Connect, or start a cluster; raise InvalidInputError if a cluster cannot be reached."""
+        """Connect to a cluster, or start one. Raises InvalidInputError if the cluster cannot be reached."""
         ray = self.ray
         if ray.is_initialized():
             return self
@@ -109,7 +109,7 @@ class RaySession:
 
 
 def kill(ray: Any, actors: Any) -> None:  # noqa: ANN401 -- a module without types and its handles
-    """End actors; those that have already ended are skipped."""
+    """End actors. Actors that have ended already are skipped."""
     for actor in actors:
         try:
             ray.kill(actor)

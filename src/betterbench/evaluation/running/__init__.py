@@ -1,1 +1,1 @@
-"""Complete runs: running a plan, external loops, and replaying a record."""
+"""Complete runs: execution of a plan, external loops, and replay of records."""

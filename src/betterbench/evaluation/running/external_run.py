@@ -30,15 +30,15 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.trial import Trial
 
 LOCK_PATIENCE_S = 60.0
-"""Maximum wait for another process of the same run [s]; each process holds the lock only while writing a line."""
+"""Maximum time to wait for another process of the same run, which only holds the lock while it writes a line [s]."""
 
 _RETRY_S = 0.05
-_STARTS = 20  # attempts to open the run, because another process may be creating it
+_STARTS = 20  # number of attempts to open the run, because another process may be creating it
 _NOTHING = np.empty(0)
 
 
 class ExternalRun:
-    """Run whose trials are executed by your own loop, with the same records as ``better eval``. A context manager.
+    """Run whose trials your own loop executes, with the same records as ``better eval``. A context manager.
 
     Several processes may run different trials of one run, because the folder is locked only while writing a line.
 
@@ -58,9 +58,9 @@ class ExternalRun:
     ) -> None:
         """Create a run, or resume the run in the folder if its plan is the same.
 
-        The plan's policy is the name of your policy in the report. With ``needs_images=False``, no images are rendered.
-        ``metadata`` contains further facts about the policy (checkpoint, revision); values that are JSON documents are
-        parsed. ``engine`` is the name of your loop in the manifest.
+        The policy of the plan is the name of your policy in the report. With ``needs_images=False``, no images are
+        rendered. ``metadata`` contains additional facts about the policy (checkpoint, revision), and JSON documents in
+        it are parsed. ``engine`` is the name of your loop in the manifest.
 
         Raises:
             InvalidInputError: If the policy name is reserved for a built-in policy.
@@ -86,7 +86,7 @@ class ExternalRun:
         self._asked = 0.0
 
     def waiting(self) -> Iterator[Trial]:
-        """Yield the unfinished trials in plan order; other processes may finish some in the meantime.
+        """Yield the unfinished trials in plan order. Other processes may finish some of them in the meantime.
 
         In a plan with ``until_decided``, the next round follows when all trials of the previous round are finished.
         """
@@ -103,7 +103,7 @@ class ExternalRun:
         return any(e.status == "done" and e.key == trial for e in self.folder.entries())
 
     def outcome(self, trial: Trial) -> Outcome:
-        """Return the outcome of a finished trial; raise RecordError if its record is missing or unreadable."""
+        """Return the outcome of a finished trial. Raises RecordError if its record is missing or unreadable."""
         return self.folder.read_brief(trial.id).outcome
 
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
@@ -126,7 +126,7 @@ class ExternalRun:
         return self.entry
 
     def begin(self, trial: Trial) -> Observation:
-        """Abandon the current episode, begin the episode for a trial of the plan, and return the first observation.
+        """Begin the episode of a trial in the plan, and return the first observation. A current episode is abandoned.
 
         Raises:
             PolicyError: If the trial failed with an error; the journal has the reason.
@@ -147,7 +147,7 @@ class ExternalRun:
         Invalid actions end the trial as ``policy_error`` with the reason in its record.
 
         Returns:
-            The observation for the next answer, or None if the episode has ended; :attr:`entry` is then set.
+            The next observation, or None if the episode has ended and :attr:`entry` is set.
 
         Raises:
             InvalidInputError: If there is no current episode.
@@ -158,7 +158,7 @@ class ExternalRun:
         return self._advance(Reply(np.asarray(actions), time.perf_counter() - self._asked))
 
     def fail(self, reason: str) -> None:
-        """End the current episode as ``policy_error`` because the policy failed; the trial counts."""
+        """End the current episode as ``policy_error``, because the policy failed. The trial counts."""
         if self._steps is not None:
             self._advance(PolicyError(reason))
 
@@ -179,7 +179,7 @@ class ExternalRun:
         self.close()
 
     def _advance(self, reply: Reply | PolicyError | None) -> Observation | None:
-        """Continue the episode until its next request or its end."""
+        """Continue the episode until it requests actions or ends."""
         steps = self._steps
         if steps is None:
             raise AssertionError("there is a current episode")
@@ -196,7 +196,7 @@ class ExternalRun:
             self._steps = self.start = None
             raise
         if question is None:
-            raise AssertionError("without requests ahead of time, each pause is a request")
+            raise AssertionError("without early requests, each pause is a request")
         self._asked = time.perf_counter()
         if isinstance(question.seen, EpisodeStart):
             self.start = question.seen
@@ -216,7 +216,7 @@ class ExternalRun:
 
 
 class _Declared(PolicyFactory):
-    """Declaration of a policy that runs outside this package."""
+    """Declaration of a policy that your own loop calls."""
 
     def __init__(self, info: PolicyInfo) -> None:
         super().__init__(info.name, kind=kind_of_callers(info.name))
@@ -224,10 +224,10 @@ class _Declared(PolicyFactory):
 
 
 def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
-    """Open or create the run, which several processes may open at once.
+    """Open or create the run. Several processes may do this at the same time.
 
-    An existing run is opened without its lock, because taking the lock removes partial records that another process may
-    be writing.
+    An existing run is opened without a lock, because locking removes partial records, which another process may be
+    writing.
     """
     form = json.loads(json.dumps(plan.to_json()))
     for left in reversed(range(_STARTS)):
@@ -246,7 +246,7 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
 
 @contextmanager
 def _locked(run: RunFolder) -> Iterator[Journal]:
-    """Open the journal to write one line, while other processes wait."""
+    """Open the journal to write one line. Other processes wait in the meantime."""
     until = time.monotonic() + LOCK_PATIENCE_S
     while True:
         try:

@@ -1,4 +1,4 @@
-"""Warning for a run whose first trials all end with the same error."""
+"""Warning about a run whose first trials all end with the same error."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from betterbench.records import JournalEntry
 logger = logging.getLogger(__name__)
 
 FIRST_TRIALS = 5
-"""Number of trials at the beginning that must end with the same error; fewer could fail by chance."""
+"""Number of first trials that must end with the same error. Fewer could fail by chance."""
 
 
 class FailingStart:
     """Monitor that warns once if the first trials of a run all end with the same error.
 
-    The run continues, because a policy may indeed fail in every trial.
+    The run continues, because a policy may really fail in every trial.
     """
 
     def __init__(self, policy: str) -> None:
-        """Prepare; ``policy`` is the policy address, for the message."""
+        """Initialize the monitor. ``policy`` is the policy address for the message."""
         self._policy = policy
         self._reason: str | None = None
         self._alike = 0
@@ -30,7 +30,7 @@ class FailingStart:
         """Add the entry of a finished trial."""
         if self._over:
             return
-        # ignore numbers in a reason, which depend on the trial or the step
+        # ignore numbers, which depend on the trial or the step
         reason = None if entry.message is None else re.sub(r"\d+", "#", entry.message)
         if reason is None or self._reason not in (None, reason):
             self._over = True

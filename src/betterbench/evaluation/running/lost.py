@@ -1,4 +1,4 @@
-"""Detection of trials whose record or scene is missing, damaged or wrong, so that a resumed run repeats them."""
+"""Detection of finished trials without a usable record or scene, which a resumed run repeats."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ logger = logging.getLogger(__name__)
 
 
 def reopen_lost(run: RunFolder, journal: Journal) -> int:
-    """Mark finished trials with unusable files as not done in the journal, and return their number.
+    """Mark finished trials without usable files as unfinished in the journal, and return their number.
 
     Unusable files are moved to ``RUN/set-aside`` and never deleted. Raises OSError if moving fails.
     """

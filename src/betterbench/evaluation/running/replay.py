@@ -1,4 +1,4 @@
-"""Replay of a record: the actions are simulated again, and all results are compared bit for bit."""
+"""Replay of a record: its actions are simulated again, and all results are compared bit for bit."""
 
 from __future__ import annotations
 
@@ -23,25 +23,24 @@ VERDICTS = ("predicates", "subgoals", "goal", "forbidden")
 """Columns computed by the goal tracker."""
 
 MOST_DEVIATIONS = 6.0
-"""Maximum plausible noise on an executed action, in standard deviations."""
+"""Maximum plausible noise of an executed action [standard deviations]."""
 
 _NOT_DERIVED = ("package_version", "suite_version", "schema_version", "engine")
-"""Metadata fields that depend on installed versions; differences in these fields are reported as notes only."""
+"""Metadata fields that depend on installed versions. Their differences are only reported as notes."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayCheck:
-    """A replay's result.
+    """Result of a replay.
 
     Attributes:
-        rows: Rows compared.
+        rows: Number of compared rows.
         first_difference: First row whose state differs, or None if all are equal.
         largest_difference: Largest difference of a position or angle [m, rad].
-        verdict_agrees: Whether the goal tracker computes the same values again, and the outcome follows from those
-            values.
+        verdict_agrees: Whether the goal tracker computes the recorded values again, and the outcome follows from them.
         notes: Possible reasons for a difference.
-        differing: Fields that differ from the replay, by name, with both values for scalars.
-        fields: Number of fields compared.
+        differing: Fields that differ from the replay, with both values for scalars.
+        fields: Number of compared fields.
     """
 
     rows: int
@@ -54,15 +53,15 @@ class ReplayCheck:
 
     @property
     def identical(self) -> bool:
-        """Whether all states, predicates and other fields are equal."""
+        """Whether all states, predicates and other fields are identical."""
         return self.first_difference is None and self.verdict_agrees and not self.differing
 
 
 def check_record(path: Path) -> ReplayCheck:
-    """Simulate a record's actions again and compare all results.
+    """Simulate the actions of a record again, and compare all results.
 
-    The comparison covers all columns, the outcome, and the metadata except versions. A record in its run's folder
-    is also compared with the run's plan and journal.
+    The comparison includes all columns, the outcome, and the metadata except versions. A record in a run folder is also
+    compared with the plan and the journal of the run.
 
     Raises:
         RecordError: If the record or its scene cannot be read, or does not match the plan and the journal.
@@ -90,7 +89,7 @@ def check_record(path: Path) -> ReplayCheck:
 
 
 def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object]) -> Scene:
-    """Return the scene of a record, with the robot and render preset of the record or plan, or else matching ones."""
+    """Return the scene of a record, with robot and render preset of the record or plan, or matching ones if unknown."""
     meta, planned = record.metadata, plan.get("quality")
     named = meta.render_quality or (planned.get("name") if isinstance(planned, dict) else None)
     qualities = [named] if isinstance(named, str) and named in QUALITIES else [*QUALITIES]
@@ -118,7 +117,7 @@ def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object])
 
 
 def _run_of(path: Path, record: Record) -> RunFolder | None:
-    """Return the run of a record after checking the record against plan and journal; None for a record outside a run.
+    """Compare a record with plan and journal of its run, and return the run; None for a record outside a run.
 
     Raises RecordError if they differ or the record is not at its path in the run.
     """
@@ -140,7 +139,7 @@ def _run_of(path: Path, record: Record) -> RunFolder | None:
 def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[Record, Truth, int | None]:
     """Replay a record in a scene.
 
-    Return the new record, the last predicate values, and the first row with success, or None.
+    Returns the new record, the last predicate values, and the first row with success (or None).
     """
     meta = record.metadata
     tracker = GoalTracker(
@@ -156,7 +155,8 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
         camera_preset=meta.camera_preset,
         demonstrator=meta.demonstrator,
     )
-    # With noise, ``action`` is a demonstrator's label, and ``applied`` is the executed action, which is replayed.
+    # If noise was added, ``action`` is the demonstrator's label, and ``applied`` is the executed action, which is
+    # replayed.
     executed = record.action if meta.demonstrator is None or not meta.demonstrator.action_noise else record.applied
     builder = RecordBuilder(describe(scene, tracker, context))
     state = scene.reset()
@@ -164,7 +164,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
     met = 0 if truth.success else None
     append_row(builder, scene, state, truth, action=None, applied=None)
     for row in range(1, len(record)):
-        # reject actions that no policy may send, even if they are only labels
+        # also reject labels that are invalid actions
         scene.action_space.clip(record.action[row])
         applied = scene.step(executed[row])
         state = scene.state()
@@ -247,7 +247,7 @@ def _metadata(record: Record, again: Record) -> Iterator[str]:
     for field in fields(record.metadata):
         told, due = getattr(record.metadata, field.name), getattr(again.metadata, field.name)
         if field.name == "render_quality" and record.metadata.camera_preset is not None:
-            continue  # these are settings of the run
+            continue  # settings of the run
         if field.name not in _NOT_DERIVED and told != due:
             shown = [str(value) if len(str(value)) <= 60 else f"{str(value)[:57]}..." for value in (told, due)]
             yield f"metadata.{field.name} is {shown[0]} but the replay gives {shown[1]}"

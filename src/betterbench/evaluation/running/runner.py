@@ -1,4 +1,4 @@
-"""Execution of a plan: workers run trials, a journal lists finished trials, and the same command resumes the run."""
+"""Execution of a plan: workers run trials, and a journal of finished trials allows resuming the run."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 Engine = Literal["local", "ray"]
-"""Engine of the workers: processes on this machine, or actors on a Ray cluster."""
+"""Engine that runs the workers: processes on this machine, or actors on a Ray cluster."""
 
 MAX_WORKERS = 256
 
@@ -56,11 +56,11 @@ _TURN_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Progress of a run; ``started_with`` trials were done before this process, which has run ``elapsed_s`` [s].
+    """Progress of a run. ``started_with`` trials were done before this process started, ``elapsed_s`` ago [s].
 
     Attributes:
-        planned: Number of trials in the plan; for a run until decided, the maximum.
-        decisions: Decisions after the last round of a run until decided, or None.
+        planned: Number of trials in the plan, which is the maximum for a run with ``--until-decided``.
+        decisions: Decisions after the last round of a run with ``--until-decided``, or None.
     """
 
     done: int
@@ -86,13 +86,13 @@ def evaluate(
     on_progress: Callable[[Progress], None] | None = None,
     on_steps: Callable[[int], None] | None = None,
 ) -> RunFolder:
-    """Run every trial of a plan that is not in the journal; with ``until_decided``, only the required trials.
+    """Run all trials of a plan that are not in the journal, or with ``until_decided`` only the required ones.
 
-    Trials whose record is missing or damaged are run again. The policy's conventions are compared before anything
-    is written. Results do not depend on the engine or the number of workers and environments.
+    Trials with a missing or damaged record are run again. The conventions of the policy are checked before anything is
+    written. Results do not depend on the engine or on the number of workers and environments.
 
     Args:
-        plan: The same plan resumes an unfinished run.
+        plan: Plan of the run. The same plan resumes an unfinished run.
         out: Run folder.
         workers: Number of worker processes; with 1, the trials run in this process, except for a user's policy, which
             always runs in a separate process. None for one worker per CPU core of this machine or cluster, or for a
@@ -103,9 +103,9 @@ def evaluate(
         cluster: Cluster for the Ray actors.
         policy_timeout_s: Deadline for one answer of a policy in a worker process [s]; a late answer ends the trial.
         allow_changed_policy: True to resume with a policy whose declaration has changed since the start of the run.
-        repeats: Earlier run that must have the same policy, unless ``allow_changed_policy``; None for no comparison.
-        policies: Factory of a policy object without an address, for a single worker; None to use the plan's policy
-            address.
+        repeats: Earlier run that must have the same policy unless ``allow_changed_policy`` is set, or None.
+        policies: Factory of a policy object without an address, for a single worker; None to use the policy address of
+            the plan.
         on_progress: Called once at the start and after every trial.
         on_steps: Called about twice a second with the control steps of this session.
 
@@ -155,7 +155,7 @@ def evaluate(
 
 
 def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
-    """Log assumptions about a policy, and check that this machine can render images for it.
+    """Log assumptions about a policy, and check that this machine can render its images.
 
     Without this check, every trial would fail for the same reason.
     """
@@ -182,7 +182,7 @@ def _record(
     began: float,
     on_progress: Callable[[Progress], None] | None,
 ) -> None:
-    """Append entries to the journal as they arrive, and report progress."""
+    """Append entries to the journal when they arrive, and report progress."""
     plan = schedule.plan
     planned = len(plan.trials)
     done = started_with = sum(journal.is_done(t.id) for t in plan.trials)
@@ -206,20 +206,20 @@ def _record(
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """Properties of the policy that are known before the run."""
+    """Properties of the policy that are determined before the run."""
 
     info: PolicyInfo
     envs: int  # default number per worker
-    policies: PolicyFactory | None = None  # may contain the instance that was queried; None if a host has the policy
+    policies: PolicyFactory | None = None  # may contain the instance that was created; None if a host serves the policy
     host: Host | None = None  # process that serves the policy to all workers
     shared: bool = False  # one instance serves several workers
-    one_worker: bool = False  # more workers would each load the weights
+    one_worker: bool = False  # each additional worker would load the weights
 
 
 def _ask_policy(
     plan: Plan, stack: ExitStack, given: PolicyFactory | None, *, alone: bool, engine: Engine, timeout_s: float
 ) -> _Asked:
-    """Create the policy, or connect to it, and compare conventions. The stack closes the resources."""
+    """Create the policy or connect to it, and compare conventions. The stack closes the resources."""
     if given is not None:
         return _Asked(given.check(plan.action_space, plan.observation, rate_hz=plan.world.control_rate_hz), 1, given)
     address, world, rate_hz = plan.policy, plan.world.dialect, plan.world.control_rate_hz
@@ -230,8 +230,8 @@ def _ask_policy(
         info = policies.check(plan.action_space, plan.observation, rate_hz=rate_hz)
         return _Asked(info, usual_envs(policies), policies)
     with ExitStack() as own:
-        # A user's policy may load large weights. It is queried in a separate process, so that this process never
-        # loads them; that process ends before the workers load the weights.
+        # A user's policy may load large weights. It is created in a separate process, which ends before the workers
+        # load the weights, so that they are never loaded in this process.
         run = (plan.action_space, plan.observation)
         host = own.enter_context(Host(address, run=run, timeout_s=timeout_s, world=world, rate_hz=rate_hz))
         info, envs = host.info, USUAL_ENVS if host.takes_batches else 1
@@ -247,7 +247,7 @@ def _ask_policy(
 def _with_policy(
     settings: RunSettings, asked: _Asked, needs: PolicyNeeds, *, workers: int, envs: int | None
 ) -> RunSettings:
-    """Return settings with the facts about the policy and the number of environments, requested or chosen."""
+    """Return the settings with the properties of the policy and the number of environments."""
     first, most = (envs, envs) if envs else envs_between(asked.envs, workers, world=settings.world)
     return replace(
         settings,
@@ -263,7 +263,7 @@ def _engine_form(engine: Engine, settings: RunSettings) -> dict[str, str | int]:
     """Return the description of the engine for ``run.json``."""
     form: dict[str, str | int] = {"name": engine, "workers": settings.workers, "envs": settings.envs}
     if settings.most_envs > settings.envs:
-        form["most_envs"] = settings.most_envs  # a warm-up chooses the number, which is stored in the journal
+        form["most_envs"] = settings.most_envs  # chosen by a warm-up, and stored in the journal
     return form
 
 

@@ -1,4 +1,4 @@
-"""Trial counts of a run, and the policy's answer times."""
+"""Trial counts of a run, and response times of the policy."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from betterbench.tasks import Expected
 
 
 def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[str, dict[str, int]]:
-    """Return the numbers of trials, successes (training conditions and variations) and broken trials, as n and k.
+    """Return the numbers of trials, successes (for training conditions and variations) and trials with errors.
 
-    Ambiguous trials are neither successes nor failures and are counted separately. With ``seeds``, only trials with
-    these seeds are counted.
+    Ambiguous trials are counted separately. With ``seeds``, only trials with these seeds are counted.
     """
     counts = {"training": {"k": 0, "n": 0}, "variations": {"k": 0, "n": 0}, "errors": {"k": 0, "n": 0}}
     counts["ambiguous"] = {"n": 0}
@@ -40,26 +39,26 @@ def broken_trials(run: RunFolder) -> tuple[JournalEntry, ...]:
 
 
 def require_a_trial(run: RunFolder) -> None:
-    """Raise PolicyError with the first error if no trial of the run could be completed."""
+    """Raise PolicyError, with the first error, if no trial of the run could be completed."""
     broken = broken_trials(run)
     if broken and len(broken) == len(run.entries()):
         first = broken[0]
         counted = "the only trial" if len(broken) == 1 else f"all {len(broken)} trials"
         raise PolicyError(
-            f"{counted} broke down, so nothing was measured. {first.key}: {first.message or 'no message'}"
+            f"{counted} failed with an error, so nothing was measured. {first.key}: {first.message or 'no message'}"
         )
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyService:
-    """Answer times, concurrency and connection failures of a policy over several trials.
+    """Response times, concurrency and connection failures of a policy over several trials.
 
     Attributes:
-        p50_s: Median over the trials of the median answer time [s].
-        max_s: Maximum time of an answer [s].
+        p50_s: Median over all trials of the median response time [s].
+        max_s: Maximum response time [s].
         concurrency: Average number of pending requests.
-        retries: Number of repeated requests; None if the policy has no connection.
-        reconnects: Number of reconnections; None if the policy has no connection.
+        retries: Number of repeated requests; None for a policy without a connection.
+        reconnects: Number of reconnections; None for a policy without a connection.
     """
 
     p50_s: float
@@ -70,7 +69,7 @@ class PolicyService:
 
 
 def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyService | None:
-    """Return the policy's answer times over the trials of a session that took ``elapsed_s`` [s], or None if unknown."""
+    """Return the response times of the policy in a session of ``elapsed_s`` [s], or None if unknown."""
     walls = [entry.wall for entry in entries if "policy_latency_p50_s" in entry.wall]
     if not walls:
         return None
@@ -93,21 +92,21 @@ RunPart = Literal["policy", "simulation", "rendering", "wire"]
 """Parts of a run's duration."""
 
 WAITED = 0.2
-"""Share of the workers' time spent waiting above which the policy counts as the bottleneck."""
+"""Fraction of the workers' time spent waiting above which the policy is the bottleneck."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunTimes:
-    """Time by part, summed over all trials of a run, including earlier sessions.
+    """Time spent in each part, summed over all trials of a run, including earlier sessions.
 
     Attributes:
-        policy_s: Time from request to answer without ``wire_s`` [s]; the answers of several environments overlap.
+        policy_s: Time from request to reply without ``wire_s`` [s]. The requests of several environments overlap.
         simulation_s: Scenes, physics, privileged state and records [s].
         rendering_s: Observations, mostly images [s].
-        wire_s: CPU time that betterbench spends on messages: resizing, packing and sending images, reading answers [s].
-            Network latency counts as policy time.
+        wire_s: CPU time that betterbench spends on messages: resizing, packing and sending images, and reading replies
+            [s]. Network latency is part of the policy time.
         idle_s: Time during which workers only waited for the policy [s].
-        envs: Each worker's environments in the last trial, or None if the policy runs in the worker itself.
+        envs: Environments per worker in the last trial, or None if the policy runs in the worker itself.
     """
 
     policy_s: float
@@ -119,7 +118,7 @@ class RunTimes:
 
     @property
     def idle(self) -> float:
-        """Share of the workers' time spent waiting for the policy."""
+        """Fraction of the workers' time spent waiting for the policy."""
         worked = self.simulation_s + self.rendering_s + self.idle_s
         return self.idle_s / worked if worked > 0.0 else 0.0
 
@@ -151,7 +150,7 @@ class RunTimes:
 
 
 def run_times(entries: Iterable[JournalEntry]) -> RunTimes | None:
-    """Return the times of trials from the journal, or None if there are none."""
+    """Return the times of trials according to the journal, or None if there are none."""
     walls = [e.wall for e in entries if "simulation_s" in e.wall]
     if not walls:
         return None

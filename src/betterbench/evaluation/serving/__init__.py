@@ -1,1 +1,1 @@
-"""Policies served with the openpi protocol: server, sessions, policy host, and shadow simulations for experts."""
+"""Serving of policies with the openpi protocol: server, sessions, policy host, and shadow simulations for experts."""

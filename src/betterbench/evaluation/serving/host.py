@@ -1,4 +1,4 @@
-"""Host: process that serves a policy to all workers of a run over the openpi protocol.
+"""Policy host: process that serves a policy to all workers of a run with the openpi protocol.
 
 The policy itself runs in a child process of the host, so that a crash affects only the current trial.
 """
@@ -25,10 +25,10 @@ from betterbench.policies.factory import PolicyFactory
 logger = logging.getLogger(__name__)
 
 MAX_RESTARTS = 5
-"""Maximum restarts of a host that died."""
+"""Maximum number of restarts of a host."""
 
 HUNG = 75
-"""Exit status of a host whose policy hangs (``EX_TEMPFAIL`` in sysexits.h)."""
+"""Exit status of a host with a hanging policy (``EX_TEMPFAIL`` in sysexits.h)."""
 
 _POLL_S = 0.2
 _CLOSE_S = 5.0
@@ -36,11 +36,11 @@ _EXIT_DELAY_S = 1.0
 _GRACE_S = 30.0
 
 PATIENCE_S = 1800.0
-"""Time that a worker waits for a host to restart and load its weights again [s]."""
+"""Maximum time that a worker waits for a host to restart and load its weights [s]."""
 
 
 class Host:
-    """Host of one policy in a separate process, which this context manager starts and ends.
+    """Host of a policy in a separate process, which this context manager starts and ends.
 
     Attributes:
         takes_batches: Whether one instance serves all environments.
@@ -55,7 +55,7 @@ class Host:
         world: str = "",
         rate_hz: float = CONTROL_RATE_HZ,
     ) -> None:
-        """Prepare; ``run`` has the action space and observation preset for the comparison of conventions.
+        """Store the settings. ``run`` contains action space and observation preset, to compare conventions.
 
         ``world`` is the world whose conventions are used with a server, and ``rate_hz`` the control rate of the run
         [Hz].
@@ -88,11 +88,11 @@ class Host:
 
     @property
     def address(self) -> str:
-        """Policy address for workers. The server declares the execution of chunks."""
+        """Policy address for workers. Execution settings are declared by the server."""
         return run_address(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
-        """Restart a dead process at the same port; raise PolicyError if it died too often."""
+        """Restart a dead process at the same port. Raises PolicyError if it died too often."""
         if self._running is None or self._running.process.is_alive():
             return
         status = self._running.process.exitcode
@@ -109,17 +109,17 @@ class Host:
         self._start()
 
     def _start(self) -> None:
-        with interrupts_blocked():  # an interrupt here would leave a process that nothing ends
+        with interrupts_blocked():  # an interrupt here would leave a process running
             self._running = SpawnedProcess(
                 serve, self._policy, self._run, self._timeout_s, self._port, name="betterbench-policy"
             )
 
     def _greeting(self) -> tuple[PolicyInfo, bool, int]:
-        """Return the policy's declarations from the process, whether it accepts batches, and the port."""
+        """Return the policy's declarations sent by the process, whether it accepts batches, and the port."""
         if self._running is None:
             raise AssertionError("the host was not started")
         process, pipe = self._running.process, self._running.connection
-        # a child of a dead process may hold the pipe open
+        # a child of a dead process may keep the pipe open
         while not pipe.poll(_POLL_S) and process.is_alive():
             pass
         message: tuple[PolicyInfo, bool, int] | BetterError | None = None
@@ -133,7 +133,7 @@ class Host:
         )
 
     def _end(self) -> None:
-        """Let the process close its policy and end; kill a process that does not end."""
+        """Let the process close its policy and end, or kill it if it does not end."""
         running, self._running = self._running, None
         if running is not None:
             running.end(_CLOSE_S)
@@ -142,7 +142,7 @@ class Host:
 def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
     """Return the address of a policy served by the run, with options for workers.
 
-    An answer has a deadline of ``timeout_s`` [s], and workers wait up to ``patience_s`` [s] for a dead server.
+    Replies have a deadline of ``timeout_s`` [s], and workers wait up to ``patience_s`` [s] for a restarting server.
     """
     # The server enforces the deadline. The client's deadline is longer and only takes effect if the server fails. The
     # first answer may have to wait until the weights are loaded.
@@ -152,7 +152,7 @@ def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
 
 
 def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port: int, pipe: Connection) -> None:
-    """Serve a policy until this process is ended (main function of a host).
+    """Main function of a host process: serve a policy until the process is ended.
 
     ``run`` has the action space, the observation preset, the world whose conventions are used with a server, and the
     control rate [Hz]. A ``port`` of 0 means any free port. The policy's declarations and the port, or an error, are
@@ -171,7 +171,7 @@ def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port:
 
 
 def exit_hung() -> None:
-    """End this process, whose policy hangs, after notifying the clients. A hanging call cannot be ended otherwise."""
+    """Notify the clients and end this process, because a hanging call of a policy cannot be ended otherwise."""
     threading.Timer(_EXIT_DELAY_S, os._exit, (HUNG,)).start()
 
 

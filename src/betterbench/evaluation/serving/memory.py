@@ -1,4 +1,4 @@
-"""Function that returns freed memory to the system, for servers that run for weeks."""
+"""Release of freed memory, for servers that run for weeks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import gc
 
 
 def return_memory() -> None:
-    """Return freed memory to the system, which glibc's allocator would keep. Does nothing with other allocators."""
+    """Return freed memory to the system, which glibc's allocator would keep. Other allocators are not affected."""
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:

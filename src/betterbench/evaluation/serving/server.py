@@ -25,21 +25,21 @@ from betterbench.policies.process.policy_process import start_policy
 from betterbench.policies.serving.server import DEFAULT_PORT, LOOPBACK, MAX_CLIENTS, PolicyServer
 from betterbench.version import __version__
 
-if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
+if TYPE_CHECKING:  # keeps the import of tasks out of the host process
     from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)
 
 WHOLE_CHUNKS = Execution()
 DEFAULT_CHUNK = 8
-"""Number of actions per expert answer. openpi's own single-arm policies send 5 to 16, at 10 to 20 Hz."""
+"""Number of actions per reply of an expert. openpi's single-arm policies send 5 to 16, at 10 to 20 Hz."""
 MAX_CHUNK = 256
 MOST_CLIENTS = 10_000
 KEPT_INSTANCES = 1
-"""Number of idle policy instances kept for new clients; others are closed."""
+"""Number of idle policy instances that are kept for new clients."""
 _CLOSE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
-"""How a server detects the start of an episode, for which the protocol has no message."""
+"""Rule by which a server detects the start of an episode, for which the protocol has no message."""
 
 
 def open_server(
@@ -57,21 +57,21 @@ def open_server(
     made: Policy | None = None,
     deadline: Deadline | None = None,
 ) -> PolicyServer:
-    """Return a policy server that is bound to its port. It accepts requests after ``start``.
+    """Return a policy server that is bound to its port and accepts requests after ``start``.
 
     Args:
         policy: Policy address.
         host: Interface to listen on.
         port: Port to listen on; 0 for any free one.
-        chunk: Actions in one answer of an expert.
+        chunk: Number of actions per reply of an expert.
         batch: Maximum number of observations in one call to a policy that supports batches.
         clients: Maximum simultaneous clients, not counting a run's workers.
-        trial: Trial for clients that do not send one; if None, an expert finds the trial by the instruction.
+        trial: Trial for clients that do not send one. If None, an expert finds the trial by the instruction.
         robot: Robot of an expert's clients.
-        layout: Preset in which an expert reads requests and answers them; None for native and openpi's LIBERO layout.
+        layout: Preset of an expert's requests and replies; None for native and openpi's LIBERO layout.
         api_key: Key that clients must send, or None.
-        made: An existing policy, which the server will close, or None.
-        deadline: Deadline for an answer if the clients are workers of a run; None for other clients.
+        made: Existing policy that the server will close, or None.
+        deadline: Deadline of a reply if the clients are workers of a run; None for other clients.
 
     Raises:
         InvalidInputError: If an option is out of range, the policy cannot be served, a checkpoint is missing or
@@ -100,7 +100,7 @@ def open_server(
             f"{policy} is not an expert, so it supports only the layouts native and openpi_libero",
             "Leave it out",
         )
-    kind.describe(kind.parse(policy))  # report a missing checkpoint now, not to the first client
+    kind.describe(kind.parse(policy))  # report a missing checkpoint now instead of to the first client
     if needs.state:
         # with MuJoCo, which only an expert needs
         from betterbench.evaluation.serving.shadow import ShadowSimulations  # noqa: PLC0415
@@ -152,10 +152,10 @@ def _shadow_metadata(
 
 
 class SessionStore:
-    """Instances of a policy: one for all connections if it supports batches, otherwise one per connection.
+    """Instances of a policy: one for all connections if it supports batches, otherwise one for each.
 
     When a connection ends, its instance is reused for the next connection, so that weights are not loaded again when a
-    client reconnects. All idle instances but :data:`KEPT_INSTANCES` are closed. A new connection always begins with a
+    client reconnects. At most :data:`KEPT_INSTANCES` idle instances are kept. A new connection always begins with a
     reset.
     """
 
@@ -182,7 +182,7 @@ class SessionStore:
         )
 
     def session(self) -> PolicySession:
-        """Return the session that answers a new connection."""
+        """Return a session for a new connection."""
         within = self._deadline is not None
         if self._shares:
             return PolicySession(self._unused[0].seat(), self._trial, within=within)
@@ -205,7 +205,7 @@ class SessionStore:
         return_memory()
 
     def close(self) -> None:
-        """Free the unused instances. Sessions free their instances when they end."""
+        """Close the idle instances. Sessions close their instances when they end."""
         with self._lock:
             self._closed, unused = True, list(self._unused)
             self._unused = unused if self._shares else []
@@ -232,7 +232,7 @@ def declare(
     """
     return {
         "betterbench": {
-            **more,  # first, so that a policy's own metadata cannot override a convention
+            **more,  # first, so that the policy's metadata cannot override conventions
             "protocol": PROTOCOL,
             "preset": "native",
             "layouts": ["native", "openpi_libero"],

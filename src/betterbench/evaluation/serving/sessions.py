@@ -1,4 +1,4 @@
-"""Sessions of the server, each of which serves one connection to a policy that uses observations."""
+"""Sessions of the server, one per connection, for policies that use observations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.interface import EpisodeStart, Policy, episode_number
 from betterbench.interface.actions import action_space
 from betterbench.policies.conventions.request import Request, read_request
 
-if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
+if TYPE_CHECKING:  # keeps the import of tasks out of the host process
     from betterbench.tasks import TrialId
 
 
@@ -73,7 +73,7 @@ class PolicySession:
 
 
 class Counter:
-    """Counter of a client's control steps that also detects when an episode begins."""
+    """Counter of a client's control steps, which also detects the start of an episode."""
 
     def __init__(self) -> None:
         self._episode: object = None
@@ -81,7 +81,7 @@ class Counter:
         self.begins = False
 
     def step(self, request: Request, episode: object) -> int:
-        """Return the control step of a request, and set ``begins``; ``episode`` differs between episodes."""
+        """Return the control step of a request and set ``begins``. ``episode`` is different in each episode."""
         key = (episode, request.instruction)
         self.begins = key != self._episode or request.step == 0
         if self.begins:
@@ -91,7 +91,7 @@ class Counter:
         return self._next
 
     def answered(self, step: int, count: int) -> None:
-        """Record that ``count`` actions starting at ``step`` were sent; a client without steps executes all of them."""
+        """Note that ``count`` actions were sent from ``step`` on. A client without steps executes all of them."""
         self._next = step + count
 
 

@@ -35,10 +35,10 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 TOLERANCE = 1e-6
-"""Largest allowed difference between client and shadow: joint angles [rad], end effector [m] and gripper width [m]."""
+"""Maximum difference between client and shadow: joint angles [rad], end effector [m] and gripper width [m]."""
 KEPT = 64
-"""Maximum number of simulations per server, at 20 MB each. Beyond it, the oldest simulations are dropped, and repeated
-when needed.
+"""Maximum number of simulations per server, which take 20 MB each. The oldest ones are dropped, and repeated when
+needed.
 """
 SPARE = 4
 """Number of simulations kept for clients that reconnect, in addition to one per client."""
@@ -55,10 +55,10 @@ def require_within(trial: TrialId, step: int, step_limit: int) -> None:
 
 
 class ShadowSimulation:
-    """Simulation of one trial with one privileged policy, up to the last requested step."""
+    """Simulation of a trial with a privileged policy, up to the last requested step."""
 
     def __init__(self, policy: str, trial: TrialId, *, robot: str = USUAL_ROBOT) -> None:
-        """Build the scene and reset it. The policy answers in the robot's usual action space.
+        """Build and reset the scene. The policy uses the robot's usual action space.
 
         Raises:
             UnknownNameError: If no such policy, task or condition exists.
@@ -91,9 +91,9 @@ class ShadowSimulation:
     def actions(self, step: int, count: int, *, seen: Observation | None = None) -> np.ndarray:
         """Return the policy's actions from a control step on, (1 to ``count``, dim).
 
-        If the policy fails, only the actions before its failure are returned.
+        If the policy fails at a later step, only the actions before the failure are returned.
 
-        ``seen`` is the client's measurement at that step, for comparison.
+        ``seen`` contains the client's measurements at this step, for comparison.
 
         Raises:
             InvalidInputError: If the trial has ended by that step.
@@ -108,7 +108,7 @@ class ShadowSimulation:
             return np.array(self._actions[step : step + count])
 
     def observation(self, step: int) -> Observation:
-        """Return the observation at a control step, without images; raise the errors of :meth:`actions`."""
+        """Return the observation at a control step, without images. Raises the errors of :meth:`actions`."""
         require_within(self.trial, step, self.step_limit)
         with self._lock:
             self._advance(step)
@@ -129,8 +129,8 @@ class ShadowSimulation:
     def in_space(self, space: str, step: int, actions: np.ndarray) -> np.ndarray:
         """Convert ``ee_delta`` actions executed from a control step on, (n, 7), to another action space, (n, dim).
 
-        The converted actions command the same poses and joint angles one step later. Actions that are in this space
-        already are returned unchanged.
+        The converted actions command the same poses and joint angles one step later. Actions in the same space are
+        returned unchanged.
         """
         if space == self._scene.action_space.name:
             return actions
@@ -154,7 +154,7 @@ class ShadowSimulation:
     def _advance(self, until: int, *, needed: int | None = None) -> None:
         """Simulate until ``until`` actions are known.
 
-        If the policy fails earlier, raise its error only if action ``needed`` is missing, or for any missing action if
+        If the policy fails earlier, its error is raised only if action ``needed`` is missing, or any action if
         ``needed`` is None.
         """
         while len(self._actions) < until and self._end is None:
@@ -223,11 +223,11 @@ class ShadowSimulations:
         self.action_space = robot_space(robot)
         self._kept: OrderedDict[TrialId, ShadowSimulation] = OrderedDict()
         self._clients = 0
-        # lock, because building a scene fills caches shared by all scenes
+        # building a scene fills caches that all scenes share
         self._lock = threading.Lock()
 
     def of(self, trial: TrialId) -> ShadowSimulation:
-        """Return the shadow simulation of a trial, or a new simulation if it was dropped."""
+        """Return the shadow simulation of a trial, which is created if it does not exist."""
         with self._lock:
             shadow = self._kept.get(trial)
             if shadow is None:
@@ -237,12 +237,12 @@ class ShadowSimulations:
             return shadow
 
     def client_came(self) -> None:
-        """Count a new client."""
+        """Register a client."""
         with self._lock:
             self._clients += 1
 
     def client_left(self) -> None:
-        """Count a client that disconnected, and drop surplus simulations."""
+        """Unregister a client, and drop surplus simulations."""
         with self._lock:
             self._clients -= 1
             dropped = self._drop_oldest()

@@ -1,4 +1,4 @@
-"""Sessions of the server for clients of an expert, which gets the state from shadow simulations."""
+"""Sessions of the server for clients of an expert, which uses shadow simulations."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from betterbench.tasks import Condition, TrialId, all_tasks
 from betterbench.tasks.interventions import resolve_condition
 
 SAME_STATE = 2e-6
-"""Maximum difference between equal states [m, rad]; clients send float32, so equal states may differ slightly."""
+"""Maximum difference between equal states [m, rad], which may differ slightly because clients send float32."""
 ASTRAY = 1e-3
-"""Difference above which the client has not executed the actions it received [m, rad]."""
+"""Difference above which the client did not execute the actions it received [m, rad]."""
 
 States = list[tuple[StateRule, np.ndarray]]
 """States of a request, each as (size,)."""
 
 
 class ShadowSession:
-    """Session for a client of an expert, which identifies trial and step and gets actions from a shadow simulation."""
+    """Session for a client of an expert: identifies trial and step, and gets the actions from a shadow simulation."""
 
     def __init__(
         self, shadows: ShadowSimulations, chunk: int, trial: TrialId | None, layout: Adapter | None = None
@@ -42,7 +42,7 @@ class ShadowSession:
         Args:
             shadows: The simulations of all clients.
             chunk: Maximum actions in one answer.
-            trial: Trial for a client that does not send one, or None to find the trial by the instruction.
+            trial: Trial of a client that does not send one, or None to find the trial by the instruction.
             layout: Layout of requests and answers; None for native and openpi's LIBERO layout.
         """
         self._shadows, self._chunk, self._fixed, self._layout = shadows, chunk, trial, layout
@@ -59,7 +59,7 @@ class ShadowSession:
         if request.start is not None:
             check_space(request.start, self._shadows.action_space, "this expert")
         trial = request.trial or self._fixed or trial_of(request.instruction)
-        # check the message before building a scene, which takes a hundred times as long
+        # check the message first, because building a scene takes a hundred times as long
         found = resolve_condition(trial.task, trial.condition)
         instruction = found.condition.instruction.text
         if request.trial is not None and request.instruction != instruction:
@@ -85,10 +85,10 @@ class ShadowSession:
         self._shadows.client_left()
 
     def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
-        """Return a client's control step: as sent, the end of the last chunk, or an earlier step of this chunk.
+        """Return the control step of a client: as sent, the end of the last chunk, or an earlier step of this chunk.
 
-        Many clients execute only some of the received actions, or none before they repeat a request. For a client that
-        does not send its step, the state relative to the start of the episode determines the step in the chunk.
+        Many clients only execute some of the received actions, or repeat a request before executing any. For a client
+        that does not send its step, its state relative to the start of the episode determines the step in the chunk.
 
         Raises PolicyError if no step matches.
         """
@@ -116,9 +116,9 @@ class ShadowSession:
 
 
 def state_gap(states: States, seen: Observation, first: Observation, states_then: States, layout: Adapter) -> float:
-    """Return the difference between a client's states and an observation, both relative to the start of the episode.
+    """Return the difference between the states of a client and an observation, relative to the start of the episode.
 
-    This is the largest difference of all numbers [m, rad], with rotation vectors compared as rotations.
+    This is the maximum difference of all numbers [m, rad]. Rotation vectors are compared as rotations.
 
     Args:
         states: States sent by the client.
@@ -171,7 +171,7 @@ def trial_of(instruction: str) -> TrialId:
 
 
 def require_layout(layout: Adapter, robot: str, own_space: str) -> None:
-    """Raise InvalidInputError if a layout cannot represent actions in a robot's own action space."""
+    """Raise InvalidInputError if a layout does not support the robot's own action space."""
     space, spec = layout.answer.space, robot_named(robot)
     if space != own_space and (own_space != EE_DELTA.name or space not in spec.action_spaces):
         raise InvalidInputError(

@@ -1,4 +1,4 @@
-"""Policy instance passed by the caller of an evaluation, which runs in this process."""
+"""Evaluation of a policy instance that the caller passes, in this process."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from betterbench.policies.factory import PolicyFactory
 from betterbench.policies.kinds import PolicyKind, PolicyNeeds, find_kind
 
 CALLERS = PolicyNeeds(thread=True)
-"""Requirements of a policy passed by the caller: its own thread, because its latency is unknown."""
+"""Requirements of a policy instance: its own thread, because its latency is unknown."""
 
 
 class GivenPolicy(PolicyFactory):
-    """Policy factory that always returns the instance passed by the caller, under its declared name.
+    """Policy factory that always returns the caller's instance, under its declared name.
 
-    The instance answers one observation at a time, even if it supports batches. The caller closes it.
+    The instance gets one observation at a time, even if it supports batches. The caller closes it.
     """
 
     def __init__(self, policy: Policy) -> None:
@@ -47,11 +47,11 @@ class GivenPolicy(PolicyFactory):
 
 
 def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
-    """Return the kind of a policy passed by the caller. It is not registered: other processes cannot create the policy.
+    """Return the policy kind of a caller's instance. It is not registered, because other processes cannot create it.
 
     Args:
-        name: Name that the policy declares, limited to characters that are valid in addresses.
-        source: Returns name and SHA-256 of the policy's file, or "".
+        name: Name that the policy declares, with only characters that are valid in addresses.
+        source: Function that returns name and SHA-256 of the policy's file, or "".
     """
     form = AddressForm(scheme=name, example=name, target="none")
     return PolicyKind(
@@ -65,13 +65,13 @@ def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
 
 
 def needs_in_run(policy: str) -> PolicyNeeds:
-    """Return the requirements of a plan's policy. A name without a kind is a policy passed by the caller."""
+    """Return the requirements of a plan's policy. A name without a kind is a caller's instance."""
     kind = find_kind(policy)
     return CALLERS if kind is None else kind.needs_of(policy)
 
 
 class _Lent:
-    """Wrapper of a policy whose ``close`` method does nothing."""
+    """Wrapper of a policy that ignores ``close``."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy

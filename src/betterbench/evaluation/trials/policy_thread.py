@@ -1,4 +1,4 @@
-"""Thread that waits for a policy's answers while the simulation continues."""
+"""Thread that waits for a policy while the simulation continues."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from betterbench.interface.state import WorldState
 from betterbench.policies.factory import close_policy
 from betterbench.policies.process.policy_process import PolicyProcess
 
-if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
+if TYPE_CHECKING:  # keeps the import of tasks out of the host process
     from betterbench.tasks import TrialId
 
 
@@ -28,9 +28,9 @@ class Answered:
 
     Attributes:
         ticket: Number that :meth:`PolicyThread.ask` returned.
-        outcome: The reply, or the exception; None after a successful :meth:`PolicyThread.connect`.
-        figures: Counts for the policy's connection since the start of the episode (retries, reconnects), by name.
-        wire_s: CPU time of this process for messages: resizing, packing and sending images, reading the answer [s].
+        outcome: Reply or exception; None after a successful :meth:`PolicyThread.connect`.
+        figures: Counts of the policy's connection since the start of the episode (retries, reconnects), by name.
+        wire_s: CPU time of this process for messages: resizing, packing and sending images, and reading the reply [s].
     """
 
     ticket: int
@@ -40,9 +40,9 @@ class Answered:
 
 
 class PolicyThread:
-    """Separate thread that sends requests to one policy, one at a time.
+    """Thread that sends requests to a policy, one at a time.
 
-    The thread creates the policy at the first request, so the simulation does not wait for loading.
+    The thread creates the policy at the first request, so that loading does not block the simulation.
     """
 
     def __init__(
@@ -55,8 +55,8 @@ class PolicyThread:
     ) -> None:
         """Start the thread.
 
-        A failed ``make`` is called again at the next request. ``client`` means that the policy is one of our own
-        clients of a server; its requests are counted, and it gets the trial (sent only to an expert's server).
+        If ``make`` fails, it is called again at the next request. With ``client``, the policy is one of our own clients
+        of a server: its requests are counted, and it is told the trial, which is only sent to the server of an expert.
         """
         self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None
@@ -65,12 +65,12 @@ class PolicyThread:
             tuple[int, EpisodeStart | Observation | WorldState | None, TrialId | None] | None
         ]
         self._inbox = queue.SimpleQueue()
-        # a daemon thread, because a policy that hangs must not keep the process alive
+        # a daemon thread, so that a hanging policy does not keep the process alive
         self._thread = threading.Thread(target=self._work, name="policy", daemon=True)
         self._thread.start()
 
     def ask(self, seen: EpisodeStart | Observation | WorldState, trial: TrialId) -> int:
-        """Send a request and return the ticket of its answer in the outbox."""
+        """Send a request, and return the ticket of its reply in the outbox."""
         ticket = self._tickets()
         self._inbox.put((ticket, seen, trial))
         return ticket
@@ -90,12 +90,12 @@ class PolicyThread:
         return max(self._made_at, ready_at(self._policy))
 
     def distrust(self) -> None:
-        """Use a new process for the next episode after a failed trial, if the policy has its own process."""
+        """Use a new process for the next episode, if the policy has its own process. Called after a failed trial."""
         if isinstance(self._policy, PolicyProcess):
             self._policy.distrust()
 
     def dismiss(self) -> None:
-        """End the thread and close its policy after the current request."""
+        """End the thread and close the policy after the current request."""
         self._inbox.put(None)
 
     def cut(self) -> None:
@@ -134,30 +134,30 @@ class PolicyThread:
 
 
 def name_trial(client: object, trial: TrialId) -> None:
-    """Announce the next trial to one of our own clients; never call this for a user's policy."""
+    """Tell one of our own clients the next trial. Do not call this for a user's policy."""
     told = getattr(client, "name_trial", None)
     if callable(told):
         told(trial)
 
 
 def ready_at(policy: object) -> float:
-    """Return the time from which a policy is ready [s], as reported by a policy in a separate process."""
+    """Return the time from which a policy is ready, as reported by its process [s]."""
     told = getattr(policy, "ready_at", None)
     return told if isinstance(told, float) else -math.inf
 
 
 def shared_cost_s(policy: object) -> float:
-    """Return the CPU time that another thread has spent on messages of a shared policy [s]."""
+    """Return the CPU time that another thread spent on messages of a shared policy [s]."""
     cost = getattr(policy, "cost_s", 0.0)
     return cost if isinstance(cost, float) else 0.0
 
 
 def no_answer(limit_s: float) -> PolicyError:
-    """Return the error about a policy that did not answer within a deadline [s]."""
+    """Return the error for a policy that missed a deadline [s]."""
     return PolicyError(f"the policy did not answer within {limit_s:g} s. Raise --policy-timeout.")
 
 
 def figures_of(policy: object) -> Mapping[str, float]:
-    """Return the counts of a client's connection, by name, or an empty mapping for a policy without one."""
+    """Return the counts of a client's connection by name; empty for a policy without a connection."""
     figures = getattr(policy, "figures", None)
     return dict(figures) if isinstance(figures, Mapping) else {}

@@ -1,4 +1,4 @@
-"""Policy shared by many connections, which answers all pending requests in one batch and has a deadline."""
+"""Policy shared by many connections, with batched requests and a deadline."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.policies.batching import BatchCollector
 from betterbench.policies.factory import close_policy
 
 POLICY_TIMEOUT_S = 300.0
-"""Default deadline of one answer of a policy in this process [s]."""
+"""Default deadline of a reply of a policy in this process [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,15 +22,15 @@ class Deadline:
     """Deadline for a policy that the run itself serves."""
 
     limit_s: float
-    """Maximum time from request to answer [s]."""
+    """Maximum time from request to reply [s]."""
     on_hang: Callable[[], None]
-    """Function called when the deadline has passed; a hanging call can only be ended together with its process."""
+    """Function called when the deadline has passed. A hanging call can only be ended together with its process."""
 
 
 class SharedPolicy:
-    """Policy for all connections, which answers all pending requests in one batch.
+    """Policy for all connections, which processes all pending requests in one batch.
 
-    Only one thread calls the policy. A policy that does not support batches gets one observation at a time.
+    A single thread calls the policy. A policy without support for batches gets one observation at a time.
     """
 
     def __init__(
@@ -54,12 +54,12 @@ class SharedPolicy:
         return _SharedClient(self._policy, self._collector, self._deadline)
 
     def close(self, *, timeout_s: float | None = None) -> None:
-        """Stop the thread, within ``timeout_s`` [s] if given, and close the policy unless it still hangs."""
+        """Stop the thread, within ``timeout_s`` [s] if given, and close the policy unless it hangs."""
         if self._collector.close(timeout_s=timeout_s):
             close_policy(self._policy)
 
     def cut(self) -> None:
-        """Close the policy during a call, to end the call. Only a policy in a separate process supports this."""
+        """Close the policy during a call to end the call. Only a policy in a separate process supports this."""
         close_policy(self._policy)
         self._collector.close(timeout_s=0.0)
 
@@ -80,7 +80,7 @@ class SharedPolicy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Given:
-    """Answer, with its share of a batch's CPU time [s]."""
+    """Reply, with its share of the CPU time of the batch [s]."""
 
     actions: np.ndarray
     cost_s: float
@@ -91,7 +91,7 @@ _Asked = tuple[EpisodeStart | None, Observation]
 
 
 class _SharedClient:
-    """Shared policy as seen by one connection."""
+    """Client of a shared policy, for one connection."""
 
     def __init__(
         self, policy: Policy, collector: BatchCollector[_Asked, _Given], deadline: Deadline | None = None
@@ -108,11 +108,11 @@ class _SharedClient:
         return ready_at(self._policy)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Mark the start of an episode. The policy itself is reset when the first observation is sent."""
+        """Begin an episode. The policy itself is reset together with the first observation."""
         self._start = start
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the answer to one observation."""
+        """Return the actions for an observation."""
         start, self._start = self._start, None
         deadline = self._deadline
         try:
@@ -123,7 +123,7 @@ class _SharedClient:
             )
         except TimeoutError:
             if deadline is None:
-                raise  # the deadline of the policy itself
+                raise  # the policy itself has a deadline, too
             deadline.on_hang()
             raise no_answer(deadline.limit_s) from None
         self.cost_s += given.cost_s

@@ -1,4 +1,4 @@
-"""One trial in one worker: building the scene, running the episode and writing the record."""
+"""Execution of a trial in a worker: build the scene, run the episode and write the record."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from betterbench.tasks import Looks
 from betterbench.tasks.trial import Trial
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
-if TYPE_CHECKING:  # a plan imports statistics that a worker does not need
+if TYPE_CHECKING:  # importing a plan imports statistics, which a worker does not need
     from betterbench.evaluation.planning.plan import Plan
 
 logger = logging.getLogger(__name__)
@@ -42,27 +42,29 @@ logger = logging.getLogger(__name__)
 _SPARE_RENDERERS = 3
 
 TrialSteps = Generator[Question | None, Reply | None, JournalEntry]
-"""Generator that runs a trial: it yields whenever the policy must answer, like :data:`betterbench.episodes.Steps`, and
-returns the journal entry."""
+"""Generator that runs a trial. It yields requests to the policy, like :data:`betterbench.episodes.Steps`, and returns
+the journal entry.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class RunSettings:
-    """Settings shared by all trials of a run, small and picklable for sending to a worker.
+    """Settings of all trials of a run, picklable for sending to workers.
 
     Attributes:
         run: Run folder.
         policy: Policy address, as in the records.
-        envs: Number of environments that a worker keeps open, or the initial number.
+        envs: Number of environments of a worker, or the initial number.
         policy_timeout_s: Deadline for one answer of a policy in the worker process [s]; servers have their own
             deadline.
-        served_at: Address of the host process that runs the policy for all workers, or None.
+        served_at: Address of the host process that serves the policy to all workers, or None.
         task_files: User files that workers load first.
-        held: Parent folders of the run that the main process has locked.
+        held: Folders locked by the main process that contain the run.
         looks: Appearance of objects and rooms ("seen" or "unseen").
         known: Declaration of an external policy server at the start of the run; None without such a server.
         world: The world in which the trials are run.
-        most_envs: Maximum number of environments that a warm-up may choose; at most ``envs`` if the number is fixed.
+        most_envs: Maximum number of environments that a warm-up may choose. Not larger than ``envs`` if the number is
+            fixed.
         workers: Number of workers of the run, which share the machine's memory.
         trials: Maximum number of trials left when the run started; 0 if unknown.
         turn: Worker index, which determines the EGL device.
@@ -110,12 +112,12 @@ class RunSettings:
 
     @property
     def answer_limit_s(self) -> float:
-        """Deadline of one answer [s], from a server's address or for a policy of this run."""
+        """Deadline of a reply [s], from the address of a server or from the settings of this run."""
         return answer_limit_s(self.policy, self.policy_timeout_s)
 
 
 class TrialRunner:
-    """Runner of one worker's trials, with shared policies, observer and world processes."""
+    """Runner of the trials of a worker, which share policies, observer and world processes."""
 
     def __init__(
         self,
@@ -124,7 +126,7 @@ class TrialRunner:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Determine the policy's needs; raise a BetterError if this fails."""
+        """Determine the requirements of the policy. Raises a BetterError if this fails."""
         self.settings, self._on_step = settings, on_step
         load_sources(settings.task_files)
         self.run = RunFolder(Path(settings.run), {}, {})
@@ -143,7 +145,7 @@ class TrialRunner:
         self._processes = WorldProcesses(settings.world.command)
 
     def steps(self, trial: Trial) -> TrialSteps:
-        """Run one trial, write its record and (once) its scene, and pause whenever the policy must answer.
+        """Run a trial, write its record and (once) its scene, and yield requests to the policy.
 
         Yields like :func:`betterbench.episodes.episode_steps`, or nothing if the policy needs no thread. Returns the
         journal entry, which the caller writes, so that only one process appends.
@@ -204,11 +206,11 @@ class TrialRunner:
 
     @property
     def _shown_by(self) -> Observer | None:
-        """Renders observations, or None for a privileged policy, which gets the state."""
+        """Return the observer, or None for a privileged policy, which gets the state."""
         return None if self.policies.needs.state else self._observer
 
     def _run_here(self, scene: TrialScene, trial: Trial, context: TrialContext) -> tuple[EpisodeResult, dict[str, str]]:
-        """Run an episode with a policy that needs no thread; return the result and a faulty policy's ground truth."""
+        """Run an episode with a policy without a thread. Returns the result and the ground truth of a faulty policy."""
         policy: AnyPolicy = self.policies.policy(scene, trial)
         try:
             result = run_episode(scene, policy, context=context, observer=self._shown_by, on_step=self._on_step)
@@ -220,7 +222,7 @@ class TrialRunner:
     def _run_asking(
         self, scene: TrialScene, context: TrialContext
     ) -> Generator[Question | None, Reply | None, EpisodeResult]:
-        """Run an episode that pauses whenever its policy must answer; repeat if the policy's process was killed."""
+        """Run an episode that yields requests to its policy. It is repeated if the policy's process was killed."""
         for left in reversed(range(MAX_DEATHS)):
             try:
                 return (
@@ -262,12 +264,12 @@ class TrialRunner:
         return scene, context
 
     def _write(self, scene: TrialScene, result: EpisodeResult) -> tuple[str, str]:
-        """Write a trial's record and (once) its scene; return the record's SHA-256 and the scene's digest."""
+        """Write the record and (once) the scene of a trial, and return their digests."""
         with on_disk(self.run.path):
             path = self.run.write_record(result.record)
             return file_digest(path), self.run.keep_scene(scene)
 
 
 def broken_entry(trial: Trial, reason: str) -> JournalEntry:
-    """Return the journal entry for a trial that was lost together with its worker."""
+    """Return the journal entry of a trial that was lost together with its worker."""
     return JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, "error", reason, {})

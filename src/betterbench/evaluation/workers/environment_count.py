@@ -1,10 +1,10 @@
-"""Choice of the number of environments per worker, from measurements in a warm-up.
+"""Choice of the number of environments per worker by a warm-up.
 
 A worker with n environments is a closed queue: a chunk takes S seconds of the worker's time and L seconds of the
-policy's time. With fewer environments than the knee, (L + S) / S, the worker waits; near the knee, fluctuations still
-cost a quarter to a third of the throughput. More environments than the knee are therefore opened (:data:`KNEES`) if the
-policy's throughput increases. If a server answers one request at a time, more environments only lengthen its queue,
-which the measured throughput shows. Records do not depend on the number.
+policy's time. With fewer environments than the knee, (L + S) / S, the worker has to wait. Near the knee, fluctuations
+still cost a quarter to a third of the throughput. Therefore, more environments than the knee are opened (:data:`KNEES`)
+if this increases the throughput of the policy. If a server processes one request at a time, more environments only
+lengthen its queue, which the measured throughput shows. Records do not depend on the number.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from dataclasses import dataclass
 logger = logging.getLogger(__name__)
 
 KNEES = 2.5
-"""Number of opened environments, in multiples of the knee."""
+"""Number of environments to open, in multiples of the knee."""
 
 LONGEST_QUEUE_S = 10.0
-"""Maximum time until the last pending request is answered even if served one by one [s], a third of the usual
-deadline."""
+"""Maximum time until the last pending request is answered if they are processed one by one [s]. It is a third of the
+usual deadline.
+"""
 
 _ANSWERS = 16  # minimum number of answers in a measurement window
 _ANSWERS_PER_ENVIRONMENT = 2.0
@@ -39,13 +40,13 @@ _LONGEST_MEMORY = 64  # maximum number of answer times kept
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Measurements with one number of environments.
+    """Measurements with a given number of environments.
 
     Attributes:
-        envs: The number.
-        latency_s: Median time of an answer [s].
-        worker_s: Mean time that the worker spends on a chunk: physics, images and record [s].
-        rate: Answers per second, measured while no trial was being set up.
+        envs: Number of environments.
+        latency_s: Median latency of a reply [s].
+        worker_s: Mean time that the worker spends on a chunk (physics, images and record) [s].
+        rate: Replies per second, while no trial is being set up.
     """
 
     envs: int
@@ -55,21 +56,22 @@ class Window:
 
     @property
     def wanted(self) -> int:
-        """Smallest number of environments with which the worker never waits."""
+        """Smallest number of environments for which the worker never waits."""
         return math.ceil(KNEES * (self.latency_s + self.worker_s) / max(self.worker_s, 1e-6))
 
     @property
     def idle(self) -> float:
-        """Share of the worker's time spent waiting."""
+        """Fraction of the worker's time spent waiting."""
         return max(0.0, 1.0 - self.rate * self.worker_s)
 
 
 class EnvironmentCount:
-    """Controller for one worker's number of environments.
+    """Controller for the number of environments of a worker.
 
-    The number begins with ``first``. Requests before the first answer (when a server may compile its model) and answers
-    after a reconnection are ignored. After most environments have had an answer, a window of answers is measured and
-    the number is set. Another window shows whether this helped; if not, the previous number is restored.
+    The initial number is ``first``. Requests before the first reply (when a server may compile its model) and replies
+    after a reconnection are ignored. After most environments have received a reply, a window of replies is measured and
+    the number is set. Another window shows whether the throughput has improved. Otherwise, the previous number is
+    restored.
     """
 
     def __init__(
@@ -81,10 +83,10 @@ class EnvironmentCount:
         room: Callable[[int], int] = lambda _: 1_000_000,
         left: Callable[[], int] = lambda: 1_000_000,
     ) -> None:
-        """Prepare.
+        """Initialize the controller.
 
-        ``room`` maps the current number of environments to the number that fits into memory; ``left`` returns the
-        number of trials left for this worker, including running trials.
+        ``room`` maps the current number of environments to the number that fits into memory. ``left`` returns the
+        number of remaining trials of this worker, including running trials.
         """
         self.number = first
         self.settled = most <= first
@@ -92,7 +94,7 @@ class EnvironmentCount:
         self._room, self._left = room, left
         self._first_answer: float | None = None
         self._least_s = math.inf
-        self._answered: set[int] = set()  # environments answered since the number was set
+        self._answered: set[int] = set()  # environments that received a reply since the number was set
         self._before: Window | None = None
         self._open_window()
 
@@ -103,21 +105,21 @@ class EnvironmentCount:
         self._answered = set()
 
     def worked(self, seconds: float, *, on_setup: bool) -> None:
-        """Record the worker's time for setting up a trial or for a chunk [s]."""
+        """Add the time that the worker spent on setting up a trial or on a chunk [s]."""
         if on_setup:
             self._set_up_s += seconds
         else:
             self._worked_s += seconds
 
     def answered(self, environment: int, *, asked_at: float, now: float, took_s: float, clean: bool) -> None:
-        """Record an answer to an observation.
+        """Add a reply to an observation.
 
         Args:
             environment: Environment index.
             asked_at: Time of the request [s], from the same clock as ``now``.
-            now: Time of the answer [s].
-            took_s: Time from request to answer [s].
-            clean: Whether the answer came without a retry or a new connection.
+            now: Time of the reply [s].
+            took_s: Time from request to reply [s].
+            clean: Whether the reply arrived without a retry or a new connection.
         """
         if self.settled:
             return
@@ -141,22 +143,22 @@ class EnvironmentCount:
             self._open_window()
 
     def limit(self, most: int) -> None:
-        """Limit the number permanently, because the policy accepted no more connections."""
+        """Limit the number permanently, if the policy does not accept more connections."""
         self.number, self._most, self.settled = min(self.number, max(1, most)), max(1, most), True
 
     def _decide(self, window: Window) -> None:
         before, self._before = self._before, window
         if before is not None and window.rate < _GAIN * before.rate and window.idle > _IDLE:
-            # the worker still waits, but the policy's answers per second have not increased: the policy is saturated
+            # the policy is saturated: the worker still waits, but the number of replies per second has not increased
             self.number, self.settled = before.envs, True
             return
         goal, left = window.wanted, self._left()
         if window.latency_s > _UNHINDERED * self._least_s:
             goal = min(goal, _STEP * window.envs)  # the server may already have a queue
         if goal < left <= _LEFT_OVER * goal:
-            goal = left  # otherwise, a few trials would remain and run alone at the end
+            goal = left  # otherwise, a few trials would be left to run alone at the end
         goal = min(goal, self._most)
-        # if the server answers one question at a time, latency grows with the number
+        # if the server processes one request at a time, latency grows with the number
         goal = min(goal, int(window.envs * self._longest_queue_s / max(window.latency_s, 1e-6)))
         if goal > window.envs:
             goal = min(goal, self._room(window.envs))

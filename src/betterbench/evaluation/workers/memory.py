@@ -1,4 +1,4 @@
-"""Free memory of this machine or container, and memory used by this process and its children."""
+"""Free memory of this machine or container, and memory usage of this process and its children."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ PROC = Path("/proc")
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 
 _SHARE = 0.5
-"""Share of the free memory that further environments may take."""
+"""Fraction of the free memory that additional environments may use."""
 
 _LEAST_BYTES = 16 << 20
-"""Assumed minimum memory of an environment: its scene, its record and its connection [bytes]."""
+"""Assumed minimum memory usage of an environment (scene, record and connection) [bytes]."""
 
 _V2 = ("memory.max", "memory.current")
 _V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes")
@@ -24,7 +24,7 @@ _FILES_V2, _FILES_V1 = "inactive_file", "total_inactive_file"
 def free_bytes(*, proc: Path = PROC, groups: Path = CONTROL_GROUPS) -> int | None:
     """Return the memory that this process can still use, limited by the machine and by control groups [bytes].
 
-    Returns None if unknown. Unused files in a group's cache are free memory.
+    Returns None if unknown. Unused files in the cache of a control group count as free memory.
     """
     found = list(_machine_free(proc)) + list(_groups_free(proc, groups))
     return max(0, min(found)) if found else None
@@ -53,11 +53,11 @@ def room_for(envs: int, *, used_before: int, sharing: int, free: int | None = No
     """Return the number of environments that fit into memory if ``envs`` are open.
 
     Args:
-        envs: Environments that are open.
-        used_before: Memory that this process used before opening the first environment [byte].
+        envs: Number of open environments.
+        used_before: Memory usage of this process before the first environment was opened [byte].
         sharing: Number of workers on this machine that open environments at the same time.
         free: Free memory [byte]; determined from the system by default.
-        used: Memory that this process uses now [byte]; determined from the system by default.
+        used: Current memory usage of this process [byte]; determined from the system by default.
     """
     free = free_bytes() if free is None else free
     if free is None:

@@ -1,4 +1,4 @@
-"""Pool of worker processes on this machine, each of which gets as many trials over a pipe as it has environments."""
+"""Pool of worker processes on this machine, which get trials over pipes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from betterbench.tasks.trial import Trial
 logger = logging.getLogger(__name__)
 
 MAX_FAILED_STARTS = 3
-"""Maximum number of consecutive failed starts, after which the run continues with the existing processes."""
+"""Maximum number of consecutive failed starts. After that, the run continues with the existing processes."""
 
 _CURE = "Run the same command again with fewer --workers, or with 1 to see why."
 _TURN_S = 0.02
@@ -33,7 +33,7 @@ _END_S = 10.0
 
 
 class WorkerProcess(SpawnedProcess):
-    """Worker process as seen by the pool."""
+    """State of a worker process in the pool."""
 
     def __init__(self, settings: RunSettings) -> None:
         super().__init__(work, settings, name="betterbench-worker")
@@ -53,7 +53,7 @@ class OpenEnvironments:
 
 
 class WorkerPool:
-    """Pool that runs trials in worker processes and repeats a dead process's trials. A context manager."""
+    """Pool that runs trials in worker processes, and repeats the trials of dead processes. A context manager."""
 
     def __init__(
         self,
@@ -63,9 +63,9 @@ class WorkerPool:
         watch: Callable[[], None] | None = None,
         steps: StepCount | None = None,
     ) -> None:
-        """Prepare; processes start when there is work, and ``watch`` is called about twice a second.
+        """Store the settings. Processes start when there is work. ``watch`` is called about twice a second.
 
-        ``steps`` counts the control steps that the workers report.
+        ``steps`` counts the control steps reported by workers.
         """
         self._settings, self._workers, self._watch = settings, workers, watch
         self._steps = steps or StepCount()
@@ -80,7 +80,7 @@ class WorkerPool:
         self.close()
 
     def entries(self, rounds: Iterable[Iterable[Trial]]) -> Iterator[JournalEntry]:
-        """Yield the journal entry of every trial as it ends. A round is requested when the previous round has ended.
+        """Yield the journal entry of each trial when it ends. A round is requested when the previous round has ended.
 
         Raises:
             WorkerError: If workers keep dying.
@@ -108,7 +108,7 @@ class WorkerPool:
                 raise AssertionError("every trial has ended")
 
     def close(self) -> None:
-        """End all processes at once. Unfinished trials leave no files."""
+        """End all processes immediately. Unfinished trials leave no files."""
         processes, self._processes = self._processes, []
         for worker in processes:
             worker.process.kill()
@@ -119,7 +119,7 @@ class WorkerPool:
         """Return the processes that have sent a message or ended, waiting at most until the next call of ``watch``."""
         sources = {w.connection: w for w in self._processes} | {w.process.sentinel: w for w in self._processes}
         found = [sources[source] for source in wait(list(sources), timeout=_WATCH_S)]  # type: ignore[index]
-        # a child of a dead worker may hold its pipe and its sentinel open, which would hide the death
+        # a child of a dead worker may keep its pipe and sentinel open, which would hide the death
         found += [w for w in self._processes if not w.process.is_alive()]
         return dict.fromkeys(found)
 
@@ -132,7 +132,7 @@ class WorkerPool:
                 self._processes.append(WorkerProcess(replace(self._settings, turn=turn)))
 
     def _distribute(self) -> None:
-        """Distribute the trials evenly over the processes. A trial that may have killed a process runs alone."""
+        """Distribute the trials evenly. A trial that may have killed a process runs alone."""
         for worker in self._processes:
             if self._ledger.suspects and not worker.trials and not worker.lost:
                 worker.alone = True
@@ -150,7 +150,7 @@ class WorkerPool:
         try:
             worker.connection.send(trial)
         except OSError:
-            worker.lost = True  # the exit is handled in the next turn, and the trial is repeated
+            worker.lost = True  # the exit is handled in the next iteration, and the trial is repeated
 
     def _receive(self, worker: WorkerProcess) -> Iterator[JournalEntry]:
         """Yield the messages of a process."""
@@ -188,7 +188,7 @@ class WorkerPool:
             yield broken_entry(trial, self._ledger.reason(how))
 
     def _handle_failed_start(self, worker: WorkerProcess, how: str) -> None:
-        """Handle a process that died before it was ready; its trials are not suspected of having caused this."""
+        """Handle a process that died before it was ready, which no trial can have caused."""
         self._ledger.put_back(worker.trials.values())
         self._failed_starts += 1
         if self._failed_starts < MAX_FAILED_STARTS:
@@ -204,10 +204,9 @@ class WorkerPool:
 
 
 def work(settings: RunSettings, connection: Connection) -> None:
-    """Take trials from a pipe and send back journal entries (main function of a worker process).
+    """Main function of a worker process: receive trials from a pipe and send journal entries.
 
-    Receiving None means that there is no more work. Sending None means that the worker is ready; sending an error stops
-    the run.
+    None is received when there is no more work. None is sent when the worker is ready. Sending an error stops the run.
     """
     prepare_process(settings.held)
     take_device(settings.turn)
@@ -216,7 +215,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
             with Worker(settings, on_step=StepReport(lambda steps: _report(connection, steps))) as worker:
                 connection.send(None)
                 _take_and_send(worker, connection)
-        except PolicyProcessError as problem:  # fewer instances may fit into memory
+        except PolicyProcessError as problem:  # fewer workers may fit into memory
             logger.warning("%s", problem)
             raise SystemExit(1) from None
         except BetterError as problem:
@@ -224,7 +223,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
 
 
 def _report(connection: Connection, steps: int) -> None:
-    with contextlib.suppress(OSError):  # the run has ended; the worker notices at the end of its trial
+    with contextlib.suppress(OSError):  # the run has ended, which the worker notices at the end of its trial
         connection.send(StepsTaken(steps))
 
 

@@ -1,4 +1,4 @@
-"""Count of control steps over all workers of a run, to show progress before any trial has ended."""
+"""Count of control steps of all workers of a run, for progress before a trial has ended."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 REPORT_EVERY_S = 0.5
-"""Interval at which a worker reports its steps while trials run [s]."""
+"""Interval at which a worker reports its steps [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepsTaken:
-    """Message of a worker process: control steps since the last message."""
+    """Message of a worker process: number of control steps since the last message."""
 
     steps: int
 
 
 class StepReport:
-    """Counter of one worker's control steps. It is called after every step and reports at intervals."""
+    """Counter of a worker's control steps. It is called after every step and reports at intervals."""
 
     def __init__(self, hand_over: Callable[[int], None]) -> None:
-        """Prepare; ``hand_over`` gets the steps since its last call."""
+        """Start counting. ``hand_over`` is called with the number of steps since its last call."""
         self._hand_over, self._steps = hand_over, 0
         self._next_s = time.monotonic() + REPORT_EVERY_S
 
@@ -39,11 +39,11 @@ class StepCount:
     """Control steps of all workers of a run.
 
     Attributes:
-        steps: Number of reported steps.
+        steps: Number of steps reported so far.
     """
 
     def __init__(self, on_steps: Callable[[int], None] | None = None) -> None:
-        """Prepare; ``on_steps`` is called with the steps of all workers after each report."""
+        """Start counting. ``on_steps`` is called after each report with the steps of all workers."""
         self.steps, self._on_steps = 0, on_steps
 
     def add(self, steps: int) -> None:

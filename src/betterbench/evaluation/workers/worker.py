@@ -1,4 +1,4 @@
-"""Worker: thread that simulates and renders many trials while the policy answers in other threads."""
+"""Worker: simulates and renders many trials in one thread, while policies run in other threads."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from betterbench.tasks.trial import Trial
 logger = logging.getLogger(__name__)
 
 USUAL_ENVS = 8
-"""Initial number of environments per worker for a policy in another process: while some wait, the others are simulated.
+"""Initial number of environments per worker for a policy in another process. While some wait, others are simulated.
 
 A warm-up then chooses the number (:mod:`betterbench.evaluation.workers.environment_count`).
 """
@@ -41,11 +41,11 @@ A warm-up then chooses the number (:mod:`betterbench.evaluation.workers.environm
 MOST_WAITING = 32
 """Initial number of environments over all workers.
 
-A server that answers one request at a time in 0.3 s has then answered a full queue within 10 s, before the deadline.
+A server that processes one request at a time in 0.3 s then empties a full queue within 10 s, before the deadline.
 """
 
 MOST_CHOSEN = 96
-"""Maximum environments of all workers together after a warm-up. ``better serve`` accepts 128 connections."""
+"""Maximum number of environments of all workers after a warm-up. ``better serve`` accepts 128 connections."""
 
 MAX_ENVS = 256
 
@@ -58,7 +58,7 @@ LEAVE_S = 2.0
 def usual_envs(policies: PolicyFactory) -> int:
     """Return a worker's default number of environments.
 
-    The default is 1 for a policy that answers immediately, and for a Python policy that answers one observation at a
+    It is 1 for a policy that replies immediately. It is also 1 for a Python policy that processes one observation at a
     time, because each environment would have its own instance, possibly with large weights.
     """
     needs = policies.needs
@@ -68,15 +68,15 @@ def usual_envs(policies: PolicyFactory) -> int:
 
 
 def fair_envs(envs: int, workers: int) -> int:
-    """Return the initial environments per worker of several workers if a single worker would have ``envs``."""
+    """Return the initial number of environments per worker, if a single worker would have ``envs``."""
     return max(1, min(envs, MOST_WAITING // workers))
 
 
 def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[int, int]:
     """Return the initial and the maximum number of environments per worker, for a warm-up.
 
-    ``envs`` is the usual number of a single worker, which the ``world`` may change. A policy with one instance per
-    environment stays at 1, because instances may hold weights.
+    ``envs`` is the usual number for a single worker, which the ``world`` may change. For a policy with one instance per
+    environment it stays 1, because instances may be large.
     """
     if envs == 1:
         return 1, 1
@@ -85,10 +85,11 @@ def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[
 
 
 def even_share(left: int, workers: int, envs: int) -> int:
-    """Return the number of trials that a worker gets at once, so that all workers end at about the same time.
+    """Return the number of trials to give a worker at once, so that all workers end at about the same time.
 
-    Trials that begin together end together. With eight environments, twelve trials per worker are therefore given as
-    six and six, not as eight and four. ``left`` counts the trials that have not ended, including running trials.
+    Trials that begin together end at about the same time. With eight environments, twelve trials per worker are
+    therefore divided into six and six instead of eight and four. ``left`` is the number of trials that have not ended,
+    including running trials.
     """
     share = math.ceil(left / workers)
     return math.ceil(share / math.ceil(share / envs)) if share else 0
@@ -96,12 +97,12 @@ def even_share(left: int, workers: int, envs: int) -> int:
 
 @dataclass(slots=True, eq=False)
 class _Slot:
-    """Environment with the pending answer for its trial."""
+    """Environment with its trial and the pending reply."""
 
     thread: PolicyThread | None = None
     trial: TrialId | None = None
     steps: TrialSteps | None = None
-    ticket: int = -1  # ticket of the pending question, or -1
+    ticket: int = -1  # ticket of the pending request, or -1
     asked_at: float = 0.0
     question: Question | None = None  # the last outcome
     outcome: Reply | BaseException | None = None  # reply to the last question, until the trial consumes it
@@ -112,7 +113,7 @@ class _Slot:
 
 
 class Worker:
-    """Worker that runs several trials of a plan at once, in the calling thread.
+    """Worker that runs several trials of a plan at once in the calling thread.
 
     Physics and rendering run in this thread, the policy in other threads. Results do not depend on the order, because
     every trial is a pure function of scene and policy. A context manager that closes the worker.
@@ -125,7 +126,7 @@ class Worker:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Prepare, and determine the policy's needs. The worker closes ``policies``, or creates its own.
+        """Determine the requirements of the policy. The worker closes ``policies``, or creates its own.
 
         ``on_step`` is called after every control step of any trial.
         """
@@ -136,7 +137,7 @@ class Worker:
         needs = self._trial_runner.policies.needs
         self._threaded = needs.thread
         self._timed = needs.thread and not needs.server
-        # waiting ends early if the answer comes from another process
+        # waiting ends early if a reply arrives from another process
         self._cuts = needs.server or needs.process
         self._shared: SharedPolicy | None = None
         self._lock = threading.Lock()
@@ -167,7 +168,7 @@ class Worker:
 
     @property
     def envs(self) -> int:
-        """Number of open environments: fixed, or chosen by the warm-up."""
+        """Number of open environments, which is fixed or chosen by the warm-up."""
         return self._count.number
 
     @property
@@ -182,7 +183,7 @@ class Worker:
 
     @property
     def problem(self) -> BetterError | None:
-        """Error that the next call of :meth:`finished` will raise, available early because no trial may be left."""
+        """Error that the next call of :meth:`finished` will raise, for callers without remaining trials."""
         return self._stop
 
     def _open_trials(self) -> int:
@@ -204,7 +205,7 @@ class Worker:
         raise InvalidInputError("trial", "no environment of the worker is free", "Check `free` first")
 
     def finished(self, timeout_s: float) -> list[JournalEntry]:
-        """Run the trials until one has ended or ``timeout_s`` [s] has passed, and return the journal entries.
+        """Run the trials until at least one has ended or ``timeout_s`` [s] has passed, and return the journal entries.
 
         Raises:
             PremiseError: If a scene contradicts its instruction's premise.
@@ -233,7 +234,7 @@ class Worker:
         return ended
 
     def close(self) -> None:
-        """Drop unfinished trials, and close the policy unless it hangs."""
+        """Abandon unfinished trials, and close the policy unless it hangs."""
         threads, self._leaving = self._leaving, []
         for slot in self._slots:
             if slot.steps is not None:
@@ -255,7 +256,7 @@ class Worker:
         self._trial_runner.close()
 
     def _advance(self, slot: _Slot) -> JournalEntry | None:
-        """Continue one trial until it waits; return its journal entry if it has ended."""
+        """Continue a trial until it waits. Returns its journal entry if it has ended."""
         steps = slot.steps
         if steps is None:
             return None
@@ -290,7 +291,7 @@ class Worker:
         slot.steps, slot.ticket = None, -1
         self._ended += 1
         if entry.message is not None and slot.thread is not None:
-            slot.thread.distrust()  # the process may not know of the error, such as a wrong shape
+            slot.thread.distrust()  # the process does not know about errors such as a wrong shape
         self._stop = self._stop or stop
         if not self._threaded:
             return entry
@@ -314,7 +315,7 @@ class Worker:
             slot.ticket = slot.thread.connect()
 
     def _connected(self, slot: _Slot, outcome: Reply | BaseException | None) -> None:
-        """Start using a new environment, or keep the current number if the policy rejects the connection."""
+        """Start using a new environment, or limit the number if the policy rejects the connection."""
         slot.connecting = False
         if isinstance(outcome, BaseException):
             logger.warning(
@@ -328,7 +329,7 @@ class Worker:
             self._count.limit(sum(not s.connecting for s in self._slots))
 
     def _collect(self, timeout_s: float) -> None:
-        """Wait for an answer, collect all available ones, and mark the trials that can continue."""
+        """Wait for a reply, collect all available replies, and mark the trials that can continue."""
         now = time.perf_counter()
         if self._timed:
             timeout_s = min([timeout_s, *(max(0.0, self._due(s) - now) for s in self._slots if s.waits)])
@@ -357,7 +358,7 @@ class Worker:
                 if slot.waits:
                     self._ready.append(slot)
                 return
-        # otherwise, the trial of the question has ended, or its deadline has passed
+        # otherwise, the trial of the request has ended, or its deadline has passed
 
     def _count_answer(self, slot: _Slot, outcome: Reply | BaseException | None, *, clean: bool) -> None:
         if isinstance(outcome, Reply):
@@ -380,7 +381,7 @@ class Worker:
         return PolicyThread(make, self._outbox, lambda: next(self._numbers), client=client)
 
     def _share(self) -> Policy:
-        """Return the shared instance for one environment; called in the environments' threads."""
+        """Return the shared instance for an environment. Called in the threads of the environments."""
         with self._lock:
             if self._shared is None:
                 taken = self._trial_runner.policies.take()
@@ -392,13 +393,13 @@ class Worker:
     def _due(self, slot: _Slot) -> float:
         """Return a request's deadline, by ``time.perf_counter`` [s].
 
-        The deadline starts after loading, which has its own deadline.
+        It starts after loading, which has its own deadline.
         """
         ready_at = -math.inf if slot.thread is None else slot.thread.ready_at
         return max(slot.asked_at, ready_at) + self._settings.policy_timeout_s
 
     def _end_overdue(self) -> None:
-        """End the trials whose policy hangs, with the policy's process, and replace its thread."""
+        """End the trials of hanging policies together with the policy process, and replace the thread."""
         limit = self._settings.policy_timeout_s
         overdue = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() > self._due(s)]
         for slot in overdue:
@@ -418,4 +419,4 @@ class Worker:
                 slot.thread.cut()
                 slot.thread = None
             if slot.ticket >= 0 and slot.question is not None:
-                self._ask(slot, slot.question)  # ask again: the question was queued behind the batch that hung
+                self._ask(slot, slot.question)  # send the request again, because it was queued behind the hanging batch

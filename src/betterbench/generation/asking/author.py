@@ -1,4 +1,4 @@
-"""Author of scenarios that uses a language model: requests, checks, corrections and stored exchanges."""
+"""Scenario author based on a language model, with checks, corrections and stored exchanges."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from betterbench.vqa.llm import Message
 DEFAULT_TRIES, MOST_TRIES = 3, 20
 """Default and maximum number of requests per scenario."""
 _LONGEST_ECHO = 8_000
-"""Maximum number of characters of a rejected answer that are sent back."""
+"""Maximum length of a rejected answer that is sent back [characters]."""
 _MOST_PROBLEMS = 8
 """Maximum number of problems that are sent back at once."""
 _MOST_SHOWN = 50
@@ -33,12 +33,12 @@ _MOST_SHOWN = 50
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Scenario for which the model gave no valid answer.
+    """Scenario for which the model did not give a valid answer.
 
     Attributes:
         number: Number of the scenario, from 1.
-        tries: Number of answers.
-        problem: First problem of the last answer.
+        tries: Number of answers of the model.
+        problem: First problem in the last answer.
     """
 
     number: int
@@ -48,7 +48,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Scenarios by a model, by number from 1, and those without a valid answer."""
+    """Scenarios written by a model, by number from 1, and scenarios without a valid answer."""
 
     scenarios: Mapping[int, Scenario]
     refused: tuple[Refused, ...]
@@ -64,13 +64,13 @@ def ask_for_scenarios(
     vocabulary: Mapping[str, Sequence[str]] | None = None,
     on_progress: OnCount | None = None,
 ) -> Asked:
-    """Return different scenarios for a template, written by a model.
+    """Let a model write different scenarios for a template.
 
     Args:
         template: Name of the template.
-        chat: The model with its stored exchanges.
+        chat: Model with its stored exchanges.
         count: Number of scenarios.
-        tries: Maximum number of answers per scenario; the problems of a rejected answer are sent back.
+        tries: Maximum number of answers per scenario. The problems of a rejected answer are sent back to the model.
         sentence: Sentence of a user that each scenario must match.
         vocabulary: Allowed asset queries by group, or None for any.
         on_progress: Called with the number of finished scenarios and of all scenarios.
@@ -103,11 +103,11 @@ class Request:
     """Requirements of a scenario.
 
     Attributes:
-        template: Its template.
-        sentence: The user's request that it must fulfill; empty for none.
+        template: Template of the scenario.
+        sentence: Sentence of a user that the scenario must match; empty for none.
         vocabulary: Allowed asset queries by group, or None for any.
-        before: Earlier scenarios, whose sets of objects it must not repeat.
-        context: Its context; empty for any.
+        before: Earlier scenarios, whose sets of objects must not be repeated.
+        context: Required context; empty for any.
     """
 
     template: Template
@@ -120,7 +120,7 @@ class Request:
 def ask_for_scenario(
     request: Request, chat: KeptChat, number: int, *, tries: int = DEFAULT_TRIES
 ) -> tuple[Scenario | None, str]:
-    """Return a scenario written by a model, or None and the first problem in its last answer.
+    """Let a model write a scenario. Returns the scenario, or None and the first problem in the last answer.
 
     Raises:
         ModelError: If the model cannot be reached; earlier exchanges are kept.
@@ -139,7 +139,7 @@ def ask_for_scenario(
 def _corrected(
     chat: KeptChat, messages: list[Message], request: Request, tries: int, purpose: str
 ) -> tuple[Scenario | None, str]:
-    """Return a scenario, or None and the first problem of the last answer."""
+    """Request a scenario with corrections. Returns the scenario, or None and the first problem in the last answer."""
     problems: Sequence[str] = ()
     for attempt in range(1, tries + 1):
         answer = chat.ask(messages, f"{purpose}, try {attempt}")
@@ -170,7 +170,7 @@ def _checked(answer: str, request: Request) -> tuple[Scenario | None, Sequence[s
 
 
 def parsed_list(answer: str) -> list[Any]:
-    """Return the list of one scenario in an answer, without a code fence around the list.
+    """Parse an answer, which must be a JSON list of one scenario, without a code fence.
 
     Raises:
         InvalidInputError: If the answer is empty, is not JSON, or is not a list of one object.
@@ -215,7 +215,7 @@ def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[s
 
 
 def _sentence_problems(scenario: Scenario, request: Request) -> list[str]:
-    """Return the deviations from the user's sentence: missing objects and places, and different goals."""
+    """Return the deviations from the user's sentence: missing objects and places, and other goals."""
     if not request.sentence:
         return []
     asked = replace(scenario, instruction=request.sentence)
@@ -232,10 +232,10 @@ def _objects(scenario: Scenario) -> list[tuple[str, list[str]]]:
 
 
 def ask_for_template(sentence: str, chat: KeptChat, *, tries: int = DEFAULT_TRIES) -> str:
-    """Return the name of the template that a model chooses for a sentence.
+    """Let a model choose a template for a sentence, and return its name.
 
     Raises:
-        InvalidInputError: If the model chooses none, or gives no readable answer.
+        InvalidInputError: If the model chooses no template, or does not give a readable answer.
         ModelError: If the model cannot be reached.
     """
     require_between("--tries", tries, 1, MOST_TRIES)

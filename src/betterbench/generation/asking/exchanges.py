@@ -1,8 +1,8 @@
-"""Stored exchanges with a language model, which can be replayed without the model.
+"""Stored exchanges with a language model, for replay without the model.
 
-Each line of ``exchanges.jsonl`` has the messages, the answer and the verdict, and a link that reveals a changed line.
-A request whose answer is in the file is not sent again, so the same command resumes after an interruption. In another
-run, ``--replay`` takes the answers from this file instead of the model.
+Each line of ``exchanges.jsonl`` contains messages, answer and verdict, and a hash that reveals changed lines. A request
+whose answer is in the file is not sent again, so the same command resumes after an interruption. In another run,
+``--replay`` uses the answers in this file instead of a model.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ _CURE = "Restore the file from a copy, or choose another folder"
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """One request to a model, with the answer.
+    """Request to a model, with the answer.
 
     Attributes:
         prompt: Identifier of the prompt's wording.
         model: Name of the model.
         purpose: Purpose of the request ("scenario 3, try 2").
-        messages: The conversation.
+        messages: Messages of the conversation.
         answer: Text of the answer.
         verdict: "accepted", or the problems that were sent back.
-        asked_at: Time of the question, in UTC.
-        took_s: Duration until the answer [s].
+        asked_at: Time of the request, in UTC.
+        took_s: Time from request to answer [s].
     """
 
     prompt: str
@@ -68,7 +68,7 @@ def key_of(messages: Sequence[Message]) -> str:
 
 
 class ExchangeFile(LineJournal):
-    """File to which exchanges are appended, each on disk before the next request."""
+    """File to which exchanges are appended. Each is synced to disk before the next request."""
 
     def __init__(self, path: Path) -> None:
         self.known: dict[str, Exchange] = {}
@@ -96,10 +96,10 @@ def _parsed(path: Path, lines: list[bytes]) -> list[tuple[Exchange, str]]:
 
 
 def read_exchanges(path: Path) -> dict[str, Exchange]:
-    """Return the exchanges of a file by the digest of their question.
+    """Return the exchanges in a file by the digest of their messages.
 
     Raises:
-        InvalidInputError: If there is no such file, or it has no exchange.
+        InvalidInputError: If the file does not exist or contains no exchange.
         RecordError: If a line is corrupt or was changed.
     """
     if not path.is_file():
@@ -111,14 +111,14 @@ def read_exchanges(path: Path) -> dict[str, Exchange]:
 
 
 class KeptChat:
-    """Chat whose exchanges are stored or, without a model, replayed from storage.
+    """Chat that stores its exchanges, or replays stored exchanges if there is no model.
 
     See :class:`~betterbench.vqa.llm.Chat`.
 
     Args:
-        file: File of the exchanges; a request with an answer in this file is not sent again.
-        chat: The model, or None to answer only from stored exchanges.
-        kept: Exchanges of another run, copied into the file when they are used.
+        file: File of the exchanges. A request whose answer is in this file is not sent again.
+        chat: Model, or None to use only stored exchanges.
+        kept: Exchanges of another run, which are copied into the file when they are used.
     """
 
     def __init__(
@@ -138,10 +138,10 @@ class KeptChat:
         return self._chat.name if self._chat is not None else "replay"
 
     def ask(self, messages: Sequence[Message], purpose: str) -> str:
-        """Return the answer; :meth:`judge` must follow.
+        """Return the answer to a request. Call :meth:`judge` afterward.
 
         Raises:
-            ModelError: If the model gives no answer, or the stored exchanges contain none.
+            ModelError: If the model does not answer, or the stored exchanges contain no answer.
         """
         key = key_of(messages)
         self._open = self._file.known.get(key) or self._kept.get(key)
@@ -170,5 +170,5 @@ class KeptChat:
 
 
 def encoded(text: str) -> str:
-    """Return a text whose characters can all be stored; lone surrogates are replaced."""
+    """Replace lone surrogates, which cannot be stored, in a text."""
     return text.encode("utf-8", "replace").decode("utf-8")

@@ -1,7 +1,7 @@
-"""Prompt for scenarios, with the inputs and outputs of the paper's prompt (appendix B.1) but our own wording.
+"""Prompt for scenarios: inputs and outputs as in the paper (appendix B.1), with our own wording.
 
-Unlike the paper's prompt, this prompt requests one scenario at a time. A rejected scenario is therefore corrected in a
-separate conversation, and an answer is short enough to be complete.
+Unlike the paper's prompt, this prompt requests one scenario at a time, so that answers are short, and rejected
+scenarios are corrected in separate conversations.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from betterbench.tasks.authoring.template_form import template_to_json
 from betterbench.vqa.llm import Message
 
 PROMPT_ID = "betterbench-scenario-1"
-"""Identifier of this wording, stored with each exchange; change the identifier with every change of the wording."""
+"""Identifier of the wording, which is stored with each exchange. Change it whenever the wording changes."""
 
 MAX_TOKENS = 2048
-"""Maximum length of an answer [tokens]; a scenario takes about 600."""
+"""Maximum length of an answer [tokens]. A scenario takes about 600 tokens."""
 
 SYSTEM = f"""You write scenarios for a benchmark of robot manipulation in simulation. A robot arm with a two-finger
 gripper stands at a table. A template describes an abstract interaction; you fill it with an everyday situation and with
@@ -76,12 +76,12 @@ def scenario_messages(
 
     Args:
         template: Template to fill.
-        number: Number of the first of these scenarios, which makes the request unique.
+        number: Number of the first scenario, which makes the request unique.
         count: Number of scenarios to write.
-        sentence: Sentence of a user that the scenario must be about.
+        sentence: Sentence of a user that the scenario must match.
         context: Context that the scenario must have; empty for any.
         vocabulary: Allowed asset queries by group, for a closed vocabulary.
-        written: Scenarios that must not be written again.
+        written: Existing scenarios, which must not be repeated.
     """
     parts = [
         f"Template:\n{json.dumps(template_to_json(template), indent=1)}",
@@ -100,7 +100,7 @@ def scenario_messages(
 
 
 def written_lines(written: Sequence[Scenario]) -> str:
-    """Return the names and objects of scenarios, one line each."""
+    """List names and objects of scenarios, one line each."""
     return "\n".join(
         f"- {scenario.name}: {', '.join(o.asset_query for objects in scenario.groups.values() for o in objects)}"
         for scenario in written
@@ -129,5 +129,5 @@ def template_messages(sentence: str, templates: Sequence[Template]) -> list[Mess
 
 
 def _user(text: str) -> Message:
-    """Return a message as plain text, which text-only model servers also accept."""
+    """Return a user message with plain text content, which text-only model servers also accept."""
     return {"role": "user", "content": text}

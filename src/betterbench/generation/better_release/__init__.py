@@ -3,8 +3,8 @@
 - ``files``: the strict reader of the files of a task; ``resolved``: variations with inherited values.
 - ``matching``: categories of our library for its objects; ``layout``: positions on our table.
 - ``building``: the task in our form, with variations as operations on the nearest training condition.
-- ``sentence``: the objects that an instruction names; ``predicates``: relations in the initial scene.
-- ``audit``: findings on kinematic isolation and on the truth of the instruction, with numbers; ``pages``: the report.
+- ``sentence``: objects named in an instruction; ``predicates``: relations in the initial scene.
+- ``audit``: violations of kinematic isolation, and mismatches of instruction and scene; ``pages``: the report.
 """
 
 from betterbench.generation.better_release.audit import Audit, Finding, audit_release

@@ -1,6 +1,6 @@
-"""Audit of a release task: violations of kinematic isolation and untruthful instructions, with measured numbers.
+"""Audit of a release task: violations of kinematic isolation, and mismatches of instruction and scene.
 
-Distances refer to the poses of the release, before positions are moved to our table.
+Distances are those between the poses of the release, before positions are transferred to our table.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ CODES: Mapping[str, str] = {
     "stand_in": "An object is represented by an asset with another name.",
     "other_color": "An object is represented by an asset that does not have its color.",
 }
-"""Codes of findings and their meaning."""
+"""Meaning of each finding code."""
 
 REMARKS = frozenset(
     (
@@ -77,7 +77,7 @@ REMARKS = frozenset(
         ),
     )
 )
-"""Codes that concern the import, concern the file format or are undecided; all others are faults of the task."""
+"""Codes of remarks on the import, the file format or undecided cases. All others are faults of the task."""
 
 _SAME_POSE_M = 0.005
 _FOUND_BY = {"search": "found by its words", "class": "found by its class", "given": "given"}
@@ -85,13 +85,13 @@ _FOUND_BY = {"search": "found by its words", "class": "found by its class", "giv
 
 @dataclass(frozen=True)
 class Finding:
-    """Finding about a variation or about the whole task.
+    """Finding about a variation or the complete task.
 
     Attributes:
-        variation: Id of the variation, "" for the whole task.
+        variation: Id of the variation; "" for the complete task.
         code: Key of :data:`CODES`.
-        text: Description of the finding, one sentence.
-        numbers: Measured numbers by name, with the unit at the end ("nearest_own_cm").
+        text: Description of the finding in one sentence.
+        numbers: Measured values by name, which ends with the unit ("nearest_own_cm").
         objects: Ids of the objects.
     """
 
@@ -120,30 +120,30 @@ class Finding:
 
 @dataclass(frozen=True)
 class Audit:
-    """All findings on a task: first on the whole task, then by variation."""
+    """All findings about a task: those about the complete task, then those about each variation."""
 
     task: str
     findings: tuple[Finding, ...]
 
     def of(self, variation: str) -> tuple[Finding, ...]:
-        """Return the findings on a variation ("" for the whole task)."""
+        """Return the findings about a variation ("" for the complete task)."""
         return tuple(f for f in self.findings if f.variation == variation)
 
     @property
     def faults(self) -> tuple[Finding, ...]:
-        """The findings that are faults of the task."""
+        """Findings that are faults of the task."""
         return tuple(f for f in self.findings if f.level == "fault")
 
 
 def audit_release(
     task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match], built: Built
 ) -> Audit:
-    """Return the findings on a release task.
+    """Audit a release task.
 
     Args:
         task: The task.
         resolved: Its variations.
-        matches: Matched assets by object; their sizes are used where the release's files have none.
+        matches: Matched assets by object, whose sizes are used where the release does not contain any.
         built: The task in our form.
     """
     auditor = _Auditor(task, resolved, matches, built)
@@ -151,7 +151,7 @@ def audit_release(
 
 
 class _Auditor:
-    """Checks of one task."""
+    """Collector of the findings about a task."""
 
     def __init__(
         self, task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match], built: Built
@@ -168,7 +168,7 @@ class _Auditor:
                 yield from check(self, variation)
 
     def noun(self, name: str) -> str:
-        """Return a phrase for an object, with its id."""
+        """Describe an object by noun and id."""
         return f"{self.lexicon.noun(name)} ({name})" if name in self.task.instances else name
 
     def _of_task(self) -> Iterator[Finding]:
@@ -222,7 +222,7 @@ class _Auditor:
             yield Finding(variation.name, "disabled", "The field `enabled` is false.")
 
     def changes(self, variation: Resolved) -> Iterator[Finding]:
-        """Check that the changes of a variation have an effect, and that its groups fit the template."""
+        """Check that the changes of a variation have an effect, and that its groups match the template."""
         written = self.task.variations[variation.name]
         base = self.resolved_base()
         for group in GROUPS:
@@ -251,7 +251,7 @@ class _Auditor:
                     yield Finding(variation.name, "group_size", text, numbers)
 
     def resolved_base(self) -> Mapping[str, tuple[str, ...]]:
-        """Return the members of the groups in the base variation."""
+        """Return the group members in the base variation."""
         base = self.task.base
         return {
             group: (*(getattr(base, f"set_{group}_objects") or ()), *getattr(base, f"add_{group}_objects"))

@@ -44,7 +44,7 @@ _OF_RELATION: Mapping[str, tuple[str, Role]] = {
 """Template and target role for each of our relations."""
 
 _SIDES = {"left_of": "left", "right_of": "right", "behind": "behind"}
-"""Release relations covered by our relation "beside", with the region; ours additionally requires alignment."""
+"""Relations of the release that our relation "beside" covers, with the region. Ours additionally requires alignment."""
 
 _HYPOTHESES = {
     Axis.SPATIAL_LAYOUT_SHIFT: "Objects are found by what they are, not by where they lay in training.",
@@ -62,10 +62,10 @@ class Represented:
 
     Attributes:
         name: Name of the condition in our task ("train1", "O1"), None if the variation is not represented.
-        reasons: Reasons why the variation is not represented.
+        reasons: Reasons why the variation cannot be represented.
         left_out: Objects that are in the scene of the release but not in our condition, with the reason.
         predicates: Predicates that have no counterpart.
-        base: Training condition on which a variation is based.
+        base: Training condition from which a variation is derived.
         operations: Operations on the training condition, as text.
     """
 
@@ -114,7 +114,7 @@ def build_task(task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Map
 
 
 class _Maker:
-    """Builder of the conditions of one task, with the choices that they share."""
+    """Builder of the conditions of a task."""
 
     def __init__(self, task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match]) -> None:
         self.task, self.resolved, self.matches = task, resolved, matches
@@ -306,7 +306,7 @@ class _Maker:
             kinds.append(kind)
             count = kinds.count(kind)
             target = predicate.target_id
-            if relation == "layer":  # a stack: each layer is counted from the base
+            if relation == "layer":  # in a stack, each layer is counted from the base
                 target, region = variation.container, str(len(goals) + 1)
             name = f"{relation}_{kind.replace(' ', '_')}" + (f"_{count}" if count > 1 else "")
             word = next((n.text for n in nouns if predicate.subject_id in n.objects), kind.split()[-1])
@@ -369,9 +369,9 @@ def _from_below(predicates: Sequence[ReleasePredicate]) -> list[ReleasePredicate
 
 
 def operations_between(base: Condition, wanted: Condition, slots: Mapping[str, Slot]) -> tuple[Operation, ...] | None:
-    """Return the operations that turn a condition into another one, or None if there are none.
+    """Return the operations that convert a condition to another one, or None if this is not possible.
 
-    Replacements come first, then removals, moves and exchanges, additions, pre-placements and the instruction.
+    The order is: replacements, removals, moves and exchanges, additions, pre-placements, instruction.
     """
     found: list[Operation] = []
     now = base
@@ -440,7 +440,7 @@ def _arrange(
 
 
 def axis_of(operations: Sequence[Operation]) -> Axis:
-    """Return the axis of operations: object, else temporal, else layout, else instruction."""
+    """Return the axis of operations, the first that applies of object, temporal, layout and instruction."""
     names = {operation.name for operation in operations}
     if names & {"replace", "add", "remove"}:
         return Axis.ADVERSARIAL_OBJECT_PERTURBATION
@@ -450,7 +450,7 @@ def axis_of(operations: Sequence[Operation]) -> Axis:
 
 
 def _title(operations: Sequence[Operation]) -> str:
-    """Return a short description of the operations; many moves are given as a count."""
+    """Describe operations briefly. Many moves are summarized by their number."""
     moves = [operation for operation in operations if operation.name in ("move", "swap")]
     others = [_said(operation) for operation in operations if operation not in moves]
     count = sum(1 if operation.name == "move" else 2 for operation in moves)
@@ -459,7 +459,7 @@ def _title(operations: Sequence[Operation]) -> str:
 
 
 def _said(operation: Operation) -> str:
-    """Return a phrase for an operation ("apple moved to slot_3")."""
+    """Describe an operation ("apple moved to slot_3")."""
     arguments = {key: getattr(value, "kind", getattr(value, "name", "")) for key, value in operation.arguments.items()}
     match operation.name:
         case "swap":

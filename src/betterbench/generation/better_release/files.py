@@ -1,4 +1,4 @@
-"""Strict reader of a task folder of the BeTTER release.
+"""Strict reader for a task folder of the BeTTER release.
 
 A task is a folder with ``task.yaml``, ``base_variation.yaml``, ``object_universe.yaml``, ``asset_bindings.yaml`` (may
 be missing) and ``variations/ID.yaml``; its constraint template is in ``task_templates`` of the clone (may be missing).
@@ -71,13 +71,13 @@ _Count = Annotated[int, Field(ge=0, le=100)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ReleasePose:
-    """Start pose of an object.
+    """Initial pose of an object.
 
     Attributes:
-        position: In the world frame [m]: robot base at the origin, x away from it, y left, z up.
+        position: Position in the world frame [m]: robot base at the origin, x away from the robot, y left, z up.
         rotation: Quaternion (w, x, y, z).
-        scale: Factor of the asset's size along its axes.
-        selected_asset_id: Source id of the asset that is always used, or None for a seeded choice.
+        scale: Scale of the asset along its axes.
+        selected_asset_id: Source id of the asset, or None to choose an asset by seed.
     """
 
     position: tuple[_Number, _Number, _Number]
@@ -96,14 +96,14 @@ class ReleasePredicate:
     target_id: _Id
 
     def __str__(self) -> str:
-        """Return the form of a call."""
+        """Format the predicate as a call."""
         return f"{self.relation}({self.subject_id}, {self.target_id})"
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ChannelChange:
-    """Changes of the success or fail predicates that follow from the groups: replaced, appended and removed ones."""
+    """Changes of the success or fail predicates derived from the groups: replaced, appended and removed predicates."""
 
     replace: tuple[ReleasePredicate, ...] | None = None
     append: tuple[ReleasePredicate, ...] = ()
@@ -249,7 +249,8 @@ class TemplateSlot:
 class ReleaseTemplate:
     """A file of ``task_templates``.
 
-    The published templates write ``on`` without quotes, which YAML 1.1 reads as the boolean true; the audit lists it.
+    The published templates contain ``on`` without quotes, which YAML 1.1 parses as the boolean true. The audit reports
+    this.
     """
 
     template_id: _Id
@@ -324,9 +325,9 @@ def read_release_task(folder: Path, read_yaml: YamlReader) -> ReleaseTask:
         read_yaml: Function that reads a YAML file; the function must limit the size and the depth, and reject aliases.
 
     Raises:
-        InvalidInputError: If a file is missing, leads out of the folder by a link or is not YAML, if a field is
-            missing, unknown or of the wrong type, if a variation extends another variation than the base, or if the
-            registry and the files differ; the message names the file, the path of the field and the remedy.
+        InvalidInputError: If a file is missing, is a link out of the folder or is not YAML; if a field is missing,
+            unknown or of the wrong type; if a variation does not extend the base variation; or if registry and files
+            differ.
     """
 
     def read(adapter: TypeAdapter[FormT], *parts: str) -> FormT:
@@ -415,7 +416,7 @@ def _variation_files(folder: Path, task: TaskFileForm) -> list[str]:
 
 
 def _require_own_place(file: Path, name: str, variation: VariationFile, base: VariationFile) -> None:
-    """Check that a variation has the name of its file, and extends the base variation only."""
+    """Check that a variation has the name of its file and extends the base variation."""
     if variation.variation_id != name:
         problem = f"{variation.variation_id!r} is not the name of the file"
         _refuse(file, "variation_id", problem, f"Write {name!r}, or rename the file")

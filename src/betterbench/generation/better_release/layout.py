@@ -1,9 +1,9 @@
-"""Transfer of the release's start positions to our table.
+"""Transfer of the initial positions of the release to our table.
 
 Both world frames have the robot base at the origin, x away from the robot and y to the left, so positions are used
-unchanged. Positions within 2.5 cm of each other become one slot. A slot is then moved as little as necessary to be in
-reach and visible to the front camera, and to avoid overlaps of the objects of a scene at the sizes of our assets. The
-order of any two objects of a scene from left to right and from near to far is kept. Headings are not used, because our
+unchanged. Positions within 2.5 cm of each other become one slot. Each slot is then moved as little as necessary for it
+to be reachable, visible to the front camera, and free of overlaps of our assets in every scene. The order of two
+objects in a scene from left to right and from near to far is kept. Headings of the release are not used, because our
 assets have other axes. Instead, each slot has a heading at which the gripper can open.
 """
 
@@ -24,32 +24,34 @@ from betterbench.sim.assets import CollisionPart
 from betterbench.tasks import Slot, get_task, suite_tasks
 
 SAME_SLOT_M = 0.025
-"""Maximum distance between positions merged into one slot [m]: a jitter of 15 mm plus the precision of manual
-placement."""
+"""Maximum distance between positions that are merged into one slot [m]: jitter of 15 mm plus precision of manual
+placement.
+"""
 JITTER_M, TARGET_JITTER_M = 0.01, 0.005
 """Jitter of slots, and of slots of targets [m]."""
 GAP_M = 0.04
-"""Clearance between two objects [m]: room for a finger and the jitter of both."""
+"""Clearance between two objects [m]: a finger, plus the jitter of both."""
 TARGET_GAP_M = 0.05
-"""Clearance between an object and a target [m]: room for a finger and the palm next to a container wall."""
+"""Clearance between an object and a target [m]: finger and palm next to a container wall."""
 NEAR_X_M, FAR_X_M = 0.36, 0.69
 """Range of distances of the suite's pick slots from the robot base [m]."""
 FAR_TARGET_X_M = 0.60
-"""Largest distance of the center of a target from the robot base [m]."""
+"""Maximum distance of the center of a target from the robot base [m]."""
 SEEN_AT_0_M, SEEN_SLOPE = 0.36, 0.19
-"""The front camera shows |y| up to 0.36 - 0.19 x [m] with the margin of 8 mm, at all jitters of the camera and with
-1 cm for the jitter of the slot; a test compares this with the camera."""
+"""Limit of |y| in the front camera, 0.36 - 0.19 x [m], with a margin of 8 mm for all camera jitters and 1 cm for slot
+jitter. A test compares it with the camera.
+"""
 FRONT_CAMERA_M = (1.45, 0.0, 0.95)
-"""Position of the front camera, world frame [m]; a test compares it with the scene."""
+"""Position of the front camera in the world frame [m]. A test compares it with the scene."""
 _QUARTERS = (0.0, math.pi / 2, -math.pi / 2, math.pi)
 _ORDERED_M, _KEPT_M = 0.02, 0.004
 _ROUNDS, _MOST_STEPS = 900, 2_000_000
-"""Maximum number of rounds in which slots are pushed apart, and of pairs visited over all rounds."""
+"""Maximum number of rounds of pushing slots apart, and maximum total number of pairs."""
 _TINY, _ROUNDING_M = 1e-12, 1e-3
 
 
 def beyond_workspace_m(x: float, y: float) -> float:
-    """Return how far a position lies outside the reachable and visible part of our table [m], 0 inside."""
+    """Return the distance of a position from the reachable and visible part of our table, 0 inside [m]."""
     inside_x = min(max(x, NEAR_X_M), FAR_X_M)
     limit = SEEN_AT_0_M - SEEN_SLOPE * inside_x
     inside_y = min(max(y, -limit), limit)
@@ -58,7 +60,7 @@ def beyond_workspace_m(x: float, y: float) -> float:
 
 @dataclass
 class _Cluster:
-    """Positions that become one slot."""
+    """Positions that are merged into one slot."""
 
     name: str
     x: float
@@ -72,7 +74,7 @@ class _Cluster:
     def take_in(self, variation: str, name: str, match: Match) -> None:
         """Add an object of a variation to the cluster, and update the required room."""
         half_x, half_y = _half_extents(match, self.yaw)
-        if not self.is_target:  # its heading is not known yet
+        if not self.is_target:  # the heading is not known yet
             half_x = half_y = max(half_x, half_y)
         self.half_x, self.half_y = max(self.half_x, half_x), max(self.half_y, half_y)
         self.users.append((variation, name))
@@ -86,8 +88,8 @@ class PlacedSlots:
         slots: The slots by name.
         of: Slot name by variation and object.
         moved_m: Distance of each slot from its position in the release [m].
-        crowded: Pairs of slots used in one scene that could not be separated, with the missing distance [m].
-        hidden: By variation, the objects whose center the target hides from the front camera.
+        crowded: Pairs of slots of a scene that could not be separated, with the missing distance [m].
+        hidden: Objects whose center the target hides from the front camera, by variation.
     """
 
     slots: Mapping[str, Slot]
@@ -170,7 +172,7 @@ def _same_slot(
 def _open_yaw(
     name: str, variations: Iterable[Resolved], present: Mapping[str, tuple[str, ...]], matches: Mapping[str, Match]
 ) -> float:
-    """Return a heading of a target that hides few goal objects, preferably the heading used in the suite [rad]."""
+    """Return a heading of a target that hides few goal objects, preferably that of the suite [rad]."""
     if name not in matches:
         return 0.0
     usual = _usual_yaw(matches[name].category)
@@ -192,7 +194,7 @@ def _open_yaw(
 def _hides(target: Match, stand: Slot, match: Match, place: Slot) -> bool:
     """Return whether a target blocks the front camera's view of the center of an object.
 
-    The collision shapes of the target are replaced by their boxes.
+    The collision shapes of the target are approximated by their boxes.
     """
     frame = Pose((stand.x, stand.y, 0.0), from_yaw(stand.yaw)).inverse()
     eye, middle = frame.apply(FRONT_CAMERA_M), frame.apply((place.x, place.y, 0.5 * match.asset.size_m[2]))
@@ -219,7 +221,7 @@ def _crosses(part: CollisionPart, start: Vector, end: Vector) -> bool:
 
 @functools.cache
 def _usual_yaw(category: str) -> float:
-    """Return the heading with which the suite sets up targets of a category [rad], 0 if it has none."""
+    """Return the heading of targets of a category in the suite, or 0 if there are none [rad]."""
     yaws = Counter(
         task.slot(condition.layout[spec.name]).yaw
         for task in map(get_task, suite_tasks("better60"))
@@ -279,7 +281,7 @@ def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
 
 
 def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
-    """Return the missing clearance between two slots along x and y [m]; negative if there is more than enough."""
+    """Return the missing clearance between two slots along x and y, negative if there is enough [m]."""
     a, b = clusters[i], clusters[j]
     apart, gap = np.abs(places[i] - places[j]), _gap_m(a, b)
     return a.half_x + b.half_x + gap - float(apart[0]), a.half_y + b.half_y + gap - float(apart[1])
@@ -295,7 +297,7 @@ def _push_apart(places: np.ndarray, wished: np.ndarray, clusters: list[_Cluster]
         return
     axis = int(lacks[1] <= lacks[0])
     toward = 1.0 if wished[i, axis] >= wished[j, axis] else -1.0
-    # a target moves less than the objects around it
+    # a target is moved less than the objects around it
     share = 0.5 if clusters[i].is_target == clusters[j].is_target else 0.1 if clusters[i].is_target else 0.9
     places[i, axis] += toward * share * lacks[axis]
     places[j, axis] -= toward * (1.0 - share) * lacks[axis]

@@ -1,4 +1,4 @@
-"""Matching of the objects in a release task with categories of our library, by a catalogue search."""
+"""Matching of release objects with categories of our library by a catalogue search."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from betterbench.sim.assets.catalogue.terms import terms
 SOURCE = "procedural"
 _HITS = 40
 _LARGEST_ITEM_M = 0.17
-"""Maximum extent of a carried object [m], that of the library's plates, which are gripped at the rim."""
+"""Maximum extent of a carried object [m]: that of the library's plates, which are grasped at the rim."""
 _BY_CLASS = 0.25
-"""Score factor for an asset that only belongs to the same class ("fruit") as the object."""
+"""Score factor for an asset that only belongs to the same class as the object ("fruit")."""
 _OTHER_NOUN, _OTHER_COLOR, _SAME_CATEGORY, _SAME_ASSET = 0.6, 0.7, 0.7, 0.1
-"""Score factors for less suitable assets, which affect the choice but not the reported score."""
+"""Score factors for less suitable assets, which only affect the choice and not the reported score."""
 _LEAST_SCORE = 0.02
-"""Minimum weighted score of a match; below it, an object gets no asset."""
+"""Minimum weighted score of a match."""
 
 
 @dataclass(frozen=True)
 class Match:
-    """Asset that represents an object.
+    """Asset that represents an object of the release.
 
     Attributes:
         category: Asset category of betterbench.
-        color: Its color, or None for the default colors.
+        color: Color, or None for the default colors.
         score: Score of the search in [0, 1]; 1 for a category that the user has named.
-        how: "name", "search", "class" or "given": the noun of the object is the category, the search found it by words
-            or meaning, it only belongs to the same class, or the user has named it.
-        asset: The first look of the category, for sizes and regions.
+        how: "name" if the noun of the object is the category, "search" if the category was found by words or meaning,
+            "class" if it only belongs to the same class, "given" if the user named it.
+        asset: First appearance of the category, for sizes and regions.
         is_stand_in: Whether the noun of the object is not the category, so that the asset may look like another object.
     """
 
@@ -55,7 +55,7 @@ class Match:
 
 @contextmanager
 def library_catalogue(folder: Path | None = None) -> Iterator[Catalogue]:
-    """Open a catalogue of the library; without the text encoder, it is searched by words only.
+    """Open a catalogue of the library. Without the text encoder, it is only searched by words.
 
     Args:
         folder: Folder of an existing catalogue; None to index the built-in generators into a temporary one.
@@ -81,15 +81,15 @@ def library_catalogue(folder: Path | None = None) -> Iterator[Catalogue]:
 def match_instances(
     task: ReleaseTask, catalogue: Catalogue, *, given: Mapping[str, str] | None = None
 ) -> dict[str, Match]:
-    """Return the matched assets by object; objects without any similar asset are left out.
+    """Return the matched assets by object. Objects without a similar asset are left out.
 
-    Containers are matched with categories that have an inside, a stack or a marked region; other objects with
-    categories that can be grasped. No category is used twice while an unused one fits.
+    Containers are matched with categories that have an inside, a stack or a marked region, other objects with
+    categories that can be grasped. A category is only used twice if no unused one fits.
 
     Args:
         task: The task.
         catalogue: A catalogue that contains the procedural library.
-        given: Categories by object that the user has named.
+        given: Categories by object that the user named.
 
     Raises:
         UnknownNameError: If a given object or category does not exist.
@@ -106,7 +106,7 @@ def match_instances(
         raise InvalidInputError("--catalogue", "it does not contain the procedural library", cure)
     matches: dict[str, Match] = {}
     targets = _targets(task)
-    # exact names first, so that a stand-in does not take the category of another object
+    # exact names first, so that a substitute does not take the category of another object
     for only_exact in (True, False):
         for name, instance in task.instances.items():
             if name in matches:
@@ -145,7 +145,7 @@ def _match(category: str, color: str | None, score: float, how: str, *, is_stand
 def _found(
     catalogue: Catalogue, task: ReleaseTask, instance: ReleaseInstance, taken: Iterable[Match], *, is_target: bool
 ) -> Match | None:
-    """Return the best match for an object: by its query, else by its noun, else by a class that contains the noun."""
+    """Return the best match for an object by its query, by its noun, or by a class that contains the noun."""
     nouns = nouns_of(instance, task.names.get(instance.instance_id, ""))
     color, used = color_of(instance), {(m.category, m.color) for m in taken}
     queries = [(instance.retrieval_query, 1.0), (" ".join(nouns[0]), 1.0)]
@@ -171,7 +171,7 @@ def _found(
 def _suitability(
     hit: Hit, used: set[tuple[str, str | None]], nouns: Sequence[tuple[str, ...]], color: str | None
 ) -> float:
-    """Return the suitability factor of an asset, reduced for another noun or color, or a category already in use."""
+    """Return the suitability factor of an asset, reduced for another noun or color or a category that is in use."""
     exact = _noun_of(hit.entry.category) in nouns
     category, own = hit.entry.category, hit.entry.color
     taken = (category, own) in used or ((category, None) in used and own == colors(category)[0])
@@ -186,7 +186,7 @@ def _suitability(
 
 
 def _fits(hit: Hit, *, is_target: bool) -> bool:
-    """Return whether an asset can play the role: target, or carried object."""
+    """Return whether an asset is suitable as a target or as a carried object."""
     category = hit.entry.category
     asset = build_unpainted(category, look=looks(category)[0], color=hit.entry.color or colors(category)[0])
     regions = {region.name for region in asset.regions}

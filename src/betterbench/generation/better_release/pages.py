@@ -19,10 +19,10 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class Imported:
-    """Imported release task, with the results of its import.
+    """Imported release task, with match, audit and certification results.
 
     Attributes:
-        certificate: Results of the certificate by condition of our task; empty without certification.
+        certificate: Certification results by condition of our task; empty without certification.
     """
 
     release: ReleaseTask
@@ -43,7 +43,7 @@ class Imported:
 
 
 def certified_text(summary: Summary | None) -> str:
-    """Return a short text for a certificate result: "3/3", "0/3: (b)", or "" without one."""
+    """Format a certification result ("3/3", "0/3: (b)"); "" without a result."""
     if summary is None:
         return ""
     failed = [f"({letter})" for letter in CLAUSES if summary.clauses[letter] < summary.n]
@@ -51,7 +51,7 @@ def certified_text(summary: Summary | None) -> str:
 
 
 def certificate_notes(summary: Summary | None) -> tuple[str, ...]:
-    """Return one remark of a certificate per failed clause, with an example seed."""
+    """Return a remark per failed clause, with an example seed."""
     notes = () if summary is None else summary.notes
     firsts = (next((note for note in notes if note.startswith(f"({letter}) fails")), "") for letter in CLAUSES)
     return tuple(filter(None, firsts))
@@ -120,7 +120,7 @@ def counts_of(findings: Sequence[Finding]) -> tuple[int, int]:
 
 
 def audit_markdown(tasks: Iterable[Imported], *, suite: str | None) -> str:
-    """Return audits as Markdown; the arguments are the same as for :func:`audit_form`."""
+    """Format audits as Markdown. The arguments are those of :func:`audit_form`."""
     lines = ["# Audit of a BeTTER release", ""]
     if suite is not None:
         lines += [f"The tasks in our form are in {markdown_code(suite)}.", ""]

@@ -1,8 +1,8 @@
 """Evaluation of the release's relations in an initial scene.
 
 The release evaluates relations on axis-aligned boxes of its assets, whose sizes are not in the task files. Relations
-that depend on a size are therefore estimated with the matched assets of our library. A relation without a matched asset
-is undecided.
+that depend on sizes are therefore estimated with the matched assets of our library, and are undecided without a matched
+asset.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SYNONYMS = {"left": "left_of", "right": "right_of", "front": "front_of", "back":
 
 
 def box_of(pose: ReleasePose, size_m: Vector) -> Box:
-    """Return the box of an object at its position; rotations are ignored, so the narrower side is used for both."""
+    """Return the box of an object at its position. Rotations are ignored, so both sides are set to the narrower one."""
     side = min(size_m[:2])
     x, y, z = pose.position
     return (x - 0.5 * side, y - 0.5 * side, z), (x + 0.5 * side, y + 0.5 * side, z + size_m[2])
@@ -40,7 +40,7 @@ def box_of(pose: ReleasePose, size_m: Vector) -> Box:
 def holds_at_start(
     predicate: ReleasePredicate, poses: Mapping[str, ReleasePose], sizes_m: Mapping[str, Vector]
 ) -> bool | None:
-    """Return whether a predicate holds in the initial scene, None if this cannot be decided.
+    """Return whether a predicate holds in the initial scene, or None if this cannot be decided.
 
     Args:
         predicate: A predicate of the release.

@@ -45,13 +45,13 @@ class Resolved:
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Objects that the release puts into the scene: those with a pose or in a group, and the container."""
+        """Objects that are in the scene of the release: those with a pose or in a group, and the container."""
         grouped = (name for members in self.groups.values() for name in members)
         return tuple(sorted({*self.poses, *grouped, self.container}))
 
     @property
     def goals(self) -> tuple[str, ...]:
-        """Objects moved by a success predicate, sorted."""
+        """Objects that a success predicate requires to be moved, sorted."""
         return tuple(sorted({p.subject_id for p in self.success}))
 
     def xy(self, name: str) -> tuple[float, float] | None:
@@ -88,7 +88,8 @@ def _resolved(task: ReleaseTask, variation: VariationFile) -> Resolved:
         goal_relation=relation,
         groups=groups,
         poses={**base.pose_overrides, **variation.pose_overrides},
-        # The changes of a variation apply to what follows from its groups; those of the base are not inherited.
+        # The changes of a variation apply to the predicates derived from its groups. Those of the base are not
+        # inherited.
         success=_overridden(success, variation.policy_overrides.success),
         fail=_overridden(fail, variation.policy_overrides.fail),
     )
@@ -112,11 +113,11 @@ REPLACED_M = 0.06
 
 @dataclass(frozen=True, slots=True)
 class LeftBehind:
-    """Object that a variation replaces but leaves in the scene.
+    """Object that a variation replaces but does not remove.
 
     Attributes:
-        name: The replaced object, which is no longer in any group.
-        by: The replacement, which is not in the training variations.
+        name: Replaced object, which is in no group any more.
+        by: Replacement, which is not in the training variations.
         distance_m: Distance of their start positions [m].
     """
 

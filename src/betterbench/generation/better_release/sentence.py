@@ -1,7 +1,7 @@
-"""Conservative detection of the objects named in an instruction; unclear nouns are reported as undecided.
+"""Conservative detection of the objects named in an instruction. Unclear nouns are reported as undecided.
 
-Known nouns are the names of the objects of the task, the categories of our library and the words of the catalogue's
-word list, whose lines also say which objects a class such as "fruit" contains.
+Known nouns are the names of the task's objects, the categories of our library, and the words of the catalogue's word
+list, which also contains classes such as "fruit".
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ class Named:
 
     Attributes:
         text: The noun in the singular ("juice box", "fruit").
-        objects: Objects of the task to which it can refer, in the scene or not.
-        every: Whether it refers to all of them, as "the fruits" does; otherwise to one or more.
-        is_class: Whether it names a class of objects ("fruit") instead of the objects themselves.
+        objects: Objects of the task to which the noun can refer, in the scene or not.
+        every: Whether it refers to all of them, as "the fruits", or to one or more.
+        is_class: Whether it is a class of objects ("fruit").
         is_target: Whether it follows a preposition, as the container does.
     """
 
@@ -68,7 +68,7 @@ class Named:
 
 @dataclass(frozen=True, slots=True)
 class Sentence:
-    """Instruction with its known nouns, and the reasons why it is undecided (empty if it is not)."""
+    """Parsed instruction: known nouns, and reasons why the instruction is undecided (empty if it is not)."""
 
     text: str
     nouns: tuple[Named, ...]
@@ -76,10 +76,10 @@ class Sentence:
 
 
 class Lexicon:
-    """Lexicon of the nouns for the objects of a task.
+    """Nouns of the objects of a task.
 
     Args:
-        task: The task; every object of its universe has a noun, so that an absent object can be recognized.
+        task: Task. Objects that are not in the scene also have nouns, so that they can be recognized.
     """
 
     def __init__(self, task: ReleaseTask) -> None:
@@ -104,7 +104,7 @@ class Lexicon:
             yield from (other for other, _ in others)
 
     def parse(self, text: str) -> Sentence:
-        """Return the nouns of an instruction."""
+        """Parse an instruction."""
         raw = re.findall(r"[^\W_]+|[,.;]", text.lower())
         words = [(terms(word) or [word])[0] for word in raw]
         undecided = [f"the word {word!r} may change the meaning" for word in raw if word in _CHANGES_MEANING]
@@ -142,7 +142,7 @@ class Lexicon:
         return Sentence(text, tuple(nouns), tuple(dict.fromkeys(undecided)))
 
     def _longest(self, words: list[str], at: int) -> int:
-        """Return the number of words of the longest noun at a position, 0 if there is none."""
+        """Return the number of words of the longest noun at a position, or 0."""
         for length in range(min(4, len(words) - at), 0, -1):
             phrase = tuple(words[at : at + length])
             if phrase not in self._phrases or set(phrase) <= _PLAIN_WORDS | _VERBS | _ADJECTIVES:
@@ -179,8 +179,8 @@ def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:
     """Return the nouns of an object, the usual noun first: "juice box", "box".
 
     Args:
-        instance: The object. The nouns come from its semantic name, or else from its query and description.
-        name: Additional semantic name, as in the asset bindings.
+        instance: Object, whose nouns are taken from its semantic name, or from its query and description.
+        name: Additional semantic name from the asset bindings.
     """
     semantic = tuple(terms(instance.semantic_name or ""))
     described = tuple(filter(None, map(_head, (instance.retrieval_query, instance.description))))
@@ -194,7 +194,7 @@ def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:
 
 
 def _head(text: str) -> Noun:
-    """Return the head noun of a description ("lunchbox" of "an open lunchbox"), empty if there is none."""
+    """Return the head noun of a description ("lunchbox" of "an open lunchbox"); empty if there is none."""
     concepts = understood(text).concepts if text.strip() else ()
     return next((c.alternatives[0][0] for c in concepts if c.weight >= 1.0), ())
 
@@ -204,6 +204,6 @@ def _words_about(instance: ReleaseInstance) -> list[str]:
 
 
 def color_of(instance: ReleaseInstance) -> str | None:
-    """Return the only color in the description of an object apart from its nouns, or None."""
+    """Return the color in the description of an object, or None unless there is exactly one."""
     colors = {word for word in _words_about(instance) if word in COLORS} - {noun[0] for noun in nouns_of(instance)[:1]}
     return next(iter(colors)) if len(colors) == 1 else None

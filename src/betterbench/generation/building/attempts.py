@@ -1,4 +1,4 @@
-"""Building of one task: attempts until it is certified, each with the smallest change that may help.
+"""Attempts to build a certified task, each with the smallest change that may help.
 
 A task that fails its certificate is changed and examined again: first without the failing variations, then with more
 demonstrations, then with other slots, then with other assets.
@@ -40,7 +40,7 @@ class _Change:
         words: Description of the change.
         slots: Seed of the slots.
         assets: Number of the choice of assets.
-        demonstrations: Factor of the number of demonstrations.
+        demonstrations: Factor for the number of demonstrations.
     """
 
     words: str
@@ -90,7 +90,7 @@ def build_task(
     *,
     settings: Settings,
 ) -> Built:
-    """Return a certified task for a scenario, or the reason why every attempt failed.
+    """Build a certified task for a scenario, or return the reason why every attempt failed.
 
     A scenario whose groups differ from the template, or whose instruction states another goal, is rejected without an
     attempt.
@@ -120,10 +120,10 @@ def build_task(
                 attempts.append(Attempt(change.words, f"{lacking} ({reasons})" if reasons else lacking))
                 continue
             with provisional(task) as known:
-                task_to_json(known)  # a task that cannot be written is rejected before the long examination
+                task_to_json(known)  # reject a task that cannot be written before the long examination
                 bare = [
                     c for c in known.training if not c.preplaced
-                ]  # the other conditions start in the final states of demonstrations
+                ]  # conditions with pre-placed objects start in final states of demonstrations
                 unseen = badly_framed(known, bare, seeds=settings.seeds)
                 if unseen:
                     attempts.append(Attempt(change.words, _UNSEEN, unseen))
@@ -162,7 +162,7 @@ def _problem_of(scenario: Scenario) -> str:
 
 
 def _untrained(task: Task, failures: Sequence[Failure], unseen: Sequence[Failure]) -> str:
-    """Return why the training conditions of a task cannot be used, or an empty string."""
+    """Return the reason why the training conditions of a task cannot be used, or an empty string."""
     training = {c.name for c in task.training}
     if any(f.condition in training for f in failures):
         return "a training condition is not certified"
@@ -170,11 +170,11 @@ def _untrained(task: Task, failures: Sequence[Failure], unseen: Sequence[Failure
 
 
 def _lacking(task: Task) -> str:
-    """Return the unmet requirement for a test of several abilities, or an empty string."""
+    """Return the reason why the remaining variations are too few, or an empty string."""
     axes = {v.axis for v in task.variations}
     if len(task.variations) >= FEWEST_VARIATIONS and len(axes) >= FEWEST_AXES:
         return ""
     return (
-        f"{len(task.variations)} variations over {len(axes)} axes are left, and {FEWEST_VARIATIONS} over "
+        f"{len(task.variations)} variations over {len(axes)} axes are left, but {FEWEST_VARIATIONS} over "
         f"{FEWEST_AXES} are needed"
     )

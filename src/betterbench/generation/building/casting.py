@@ -1,7 +1,7 @@
 """Casting: choice of assets for the descriptions of a scenario, and of look-alikes for its items.
 
-Assets are found by searching the catalogue. A found asset must have what its group needs: a container needs the region
-for the relation of the template, an item a grasp that fits the gripper.
+Assets are found by searching the catalogue. An asset must meet the requirements of its group: a container needs the
+region for the template's relation, and an item needs a grasp that fits the gripper.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _BUILDABLE = Filters(license="any", source=NAME)
 _ALMOST = 0.8
 """Minimum score of an asset that counts as almost as good, relative to the best suitable asset."""
 _FIXED = ("on_ring", "in_hole", "closed")
-"""Relations whose target must be fixed, because objects are pushed into it."""
+"""Relations whose target must not move, because objects are pushed into it."""
 _ADJECTIVES = """
 big bright ceramic clean compact cylindrical dark deep empty flat folded fresh full glass glossy heavy juicy large
 leather light little long matte metal metallic modern narrow new old open ordinary paper plain plastic porcelain ripe
@@ -52,7 +52,7 @@ _COUNTS = frozenset({"both", "couple", "dozen", "five", "four", "pair", "several
 
 
 def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
-    """Return the reason why an asset cannot play the role of a group, or an empty string."""
+    """Return the reason why an asset is not suitable for a group, or an empty string."""
     regions = {region.name for region in asset.regions}
     relation = RELATIONS[template.relation]
     needed = relation.needs
@@ -63,7 +63,7 @@ def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
     if group.role in ("container", "fixture"):
         if "knob" in regions:
             return "it is a drawer"
-        # An anchor needs at least one of the regions (its sides); other groups need all of them ("ring" and "spout").
+        # An anchor needs at least one of the regions (sides). Other groups need all of them ("ring" and "spout").
         there = any(name in regions for name in needed) if len(needed) > 2 else set(needed) <= regions
         return "" if there else f"it has no region {' or '.join(map(repr, needed[:3]))}"
     if not asset.grasps:
@@ -82,7 +82,7 @@ def choices(scenario: Scenario, catalogue: Catalogue, *, attempt: int = 0) -> li
     Args:
         scenario: The scenario.
         catalogue: Catalogue of generators and imported assets.
-        attempt: Number of the attempt; almost equally good assets for a description take turns.
+        attempt: Number of the attempt. Among assets that are almost equally good, each attempt uses another one.
 
     Raises:
         InvalidInputError: If a description has no suitable asset; the message names the best search results.
@@ -112,7 +112,7 @@ def fitting(
     catalogue: Catalogue,
     taken: set[tuple[str, str]],
 ) -> tuple[list[Hit], list[str]]:
-    """Return the best suitable search results for a description, with the reasons why better ones were rejected."""
+    """Return the best suitable search results for a description, with the reasons for rejecting better ones."""
     wanted = _colors_in(described)
     query = f"{described.asset_query} {' '.join(wanted)}".strip()
     found = catalogue.search(query, limit=_SEARCHED, filters=_BUILDABLE)
@@ -122,7 +122,7 @@ def fitting(
     suiting: list[Hit] = []
     for hit in colored or hits:
         known = (hit.entry.category, hit.entry.color) in taken
-        problem = "it is in the scene already" if known else unsuitable(asset_of(hit.entry), group, template)
+        problem = "it is already in the scene" if known else unsuitable(asset_of(hit.entry), group, template)
         problem = name_problem(described.asset_query, hit.entry) or problem or _size_problem(described, hit.entry)
         if problem:
             passed.append(f"{hit.entry.id}: {problem}")
@@ -132,10 +132,10 @@ def fitting(
 
 
 def name_problem(query: str, entry: CatalogueEntry) -> str:
-    """Return a message if a non-adjective of a query matches neither the names nor the text of an asset."""
+    """Return a message if a noun of a query matches neither the names nor the text of an asset."""
     words = query.lower().split()
     if _COUNTS & set(words) or (words and is_plural(words[-1]) and not _is_word_of(words[-1], entry)):
-        return "it is one object, and the query is for several"
+        return "it is one object, but the query asks for several"
     known = set(terms(f"{entry.name} {' '.join(entry.tags)} {entry.description} {entry.color}"))
     uncolored = tuple(word for word in terms(query) if word not in COLORS) or tuple(terms(query))
     named = (*(word for word in uncolored[:-1] if word not in ADJECTIVES), *uncolored[-1:])
@@ -151,7 +151,7 @@ def name_problem(query: str, entry: CatalogueEntry) -> str:
 
 @functools.cache
 def _traits() -> frozenset[tuple[str, ...]]:
-    """Return the tags of the library that name a material, a place or a use, as terms: "glass" of a jar."""
+    """Return the tags of the library that name a material, a place or a use ("glass" of a jar)."""
     return frozenset(tuple(terms(tag)) for category in categories() for tag in build_unpainted(category).traits)
 
 
@@ -188,7 +188,7 @@ def _size_problem(described: DescribedObject, entry: CatalogueEntry) -> str:
 
 
 def cast_of(scenario: Scenario, catalogue: Catalogue, *, seed: int = 0, attempt: int = 0) -> tuple[Cast, list[Choice]]:
-    """Return the cast of a scenario, and how each asset was chosen.
+    """Cast a scenario, and return the choice of each asset as well.
 
     Args:
         scenario: The scenario.

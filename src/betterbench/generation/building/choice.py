@@ -1,4 +1,4 @@
-"""Assets chosen for descriptions."""
+"""Choices of assets for descriptions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Choice:
         described: The description.
         entry: Row of the catalogue.
         score: Score of the search in (0, 1].
-        passed_over: Better search results that were rejected for the group, with the reason.
+        passed_over: Better search results that are not suitable for the group, with the reason.
     """
 
     group: str

@@ -1,4 +1,4 @@
-"""Import of objects missing in the library, from a catalogue of meshes indexed by the user."""
+"""Import of objects that the library does not contain, from a user's catalogue of meshes."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.tasks.user_files import load_asset_folders
 
 IMPORTED = "imported"
-"""Folder for imported assets within a build folder; other subcommands load it with --asset-dir."""
+"""Folder of imported assets in a build folder, which other subcommands load with --asset-dir."""
 MOST_MESHES = 3
-"""Maximum number of meshes imported per description; successive attempts at a task use different meshes."""
+"""Maximum number of imported meshes per description. Successive attempts at a task use different meshes."""
 _SEARCHED = 20
 
 
@@ -31,7 +31,7 @@ class ImportedMeshes:
 
     Attributes:
         names: Categories of the imported assets.
-        refused: Rows of the catalogue that match but cannot be used, with the reason.
+        refused: Matching rows of the catalogue that cannot be used, with the reason.
     """
 
     names: tuple[str, ...] = ()
@@ -39,10 +39,10 @@ class ImportedMeshes:
 
 
 def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Catalogue, out: Path) -> ImportedMeshes:
-    """Import, certify and load meshes for the descriptions that no library object matches.
+    """Import, certify and load meshes for descriptions that match no library object.
 
-    Meshes are found by the words of the descriptions, and need a free license, the certificate of ``better assets
-    check`` and a name with these words. A repeated call keeps the imported assets.
+    Meshes are found by the words of a description. They must have a free license, pass ``better assets check``, and
+    contain these words in their name. Repeated calls keep the imported assets.
 
     Args:
         scenarios: Scenarios of the build.

@@ -1,4 +1,4 @@
-"""Resumable job that builds many scenarios and writes the certified tasks as a suite."""
+"""Resumable job that builds scenarios and writes the certified tasks as a suite."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from betterbench.tasks.user_files import COMPANION_SUFFIX
 from betterbench.version import __version__
 
 CATALOGUE, RESULTS = "catalogue", "built"
-"""Folders of a build: the searched catalogue, and one file per finished scenario."""
+"""Folders of a build: the asset catalogue, and one file per finished scenario."""
 _MOST_BYTES = 64 << 20
 _LONGEST_ID = 40
 _CURE = "Remove the file, and run the same command again"
@@ -96,7 +96,7 @@ def build_suite(
     """
     if not scenarios:
         raise InvalidInputError("scenarios", "the list is empty", "Give at least one scenario")
-    require_suite_name(name)  # before hours of work
+    require_suite_name(name)  # check before hours of work
     settings = settings or Settings()
     if meshes is not None:
         index_library(out)
@@ -118,9 +118,9 @@ def build_items(
     on_stored: Callable[[Result], object] = lambda _: None,
     on_progress: Callable[[JobProgress[Result]], None] | None = None,
 ) -> tuple[Result, ...]:
-    """Build and certify scenarios in a folder, and return their results in order. Stored results are not made again.
+    """Build and certify scenarios in a folder, and return their results in order. Stored results are reused.
 
-    ``on_stored`` is called for each of these, ``on_progress`` at the start and after every new result.
+    ``on_stored`` is called for each stored result, ``on_progress`` at the start and after every new result.
 
     Raises:
         InvalidInputError: If a stored result is damaged.
@@ -185,13 +185,13 @@ def _result(built: Built, key: str) -> Result:
         ),
         task=None if made is None else task_to_json(made.task),
         demonstrated=None if proof is None else proof.demonstrated,
-        # Leave out times, which differ from run to run: the same command must give the same bytes.
+        # Leave out durations, because the same command must give the same bytes.
         trials=() if proof is None else tuple(dataclasses.replace(t, expert_s=0.0, total_s=0.0) for t in proof.trials),
     )
 
 
 def write_suite(results: Sequence[Result], out: Path, name: str) -> Path | None:
-    """Write the folder of a suite with the demonstrations and the certificate of its tasks; return its path."""
+    """Write the folder of a suite, with demonstrations and certificate of its tasks, and return its path."""
     if not results:
         return None
     full, files = suite_files(name, {r.task_id: r.task for r in results if r.task is not None})
@@ -213,7 +213,7 @@ def write_suite(results: Sequence[Result], out: Path, name: str) -> Path | None:
 
 
 def _stored(out: Path, item: BuildItem, settings: Settings) -> Result | None:
-    """Return the stored result of a scenario, or None if there is none for these settings and versions.
+    """Return the stored result of a scenario with these settings and versions, or None.
 
     Raises:
         InvalidInputError: If the file was changed after it was written.
@@ -222,9 +222,7 @@ def _stored(out: Path, item: BuildItem, settings: Settings) -> Result | None:
     if not path.exists():
         return None
     form = open_seal(read_bounded(path, max_bytes=_MOST_BYTES, cure=_CURE), where=str(path), cure=_CURE)
-    if form.get("key") != _key(
-        item, settings
-    ):  # the result belongs to other settings or another version, so it may have another format
+    if form.get("key") != _key(item, settings):  # a result of other settings or another version may have another format
         return None
     return read_form(_RESULT, form, where=str(path), cure=_CURE)
 
@@ -241,7 +239,7 @@ def _key(item: BuildItem, settings: Settings) -> str:
 
 
 def new_task_id(name: str, taken: Counter[str]) -> str:
-    """Return a unique identifier for a scenario, from the letters and digits of its name, and reserve it."""
+    """Return and reserve a unique identifier for a scenario, made of the letters and digits of its name."""
     words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST_ID].strip("_")
     base = words if re.match(r"[a-z]", words) else f"task_{words}".strip("_")
     found, number = base, 1

@@ -1,4 +1,4 @@
-"""Look-alikes of the items of a cast: objects of other categories with the same color or shape."""
+"""Look-alikes of the items in a cast: objects of other categories with the same color or shape."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.tasks.condition import ObjectSpec
 
 _LOOK_ALIKES = 4
 _ALIKE_SIZE = 0.5
-"""Minimum ratio between the largest extents of an object and its look-alike."""
+"""Minimum ratio between the extents of an object and its look-alike."""
 
 
 def look_alikes_in(
@@ -57,9 +57,9 @@ def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[Cat
 
 
 def _most_alike(item: ObjectSpec, entries: Sequence[CatalogueEntry]) -> tuple[float, CatalogueEntry]:
-    """Return the similarity of the most similar row, in [0, 3], and the row.
+    """Return the similarity of the most similar row, from 0 to 3, and the row.
 
-    Returns 0 if neither color nor shape is shared.
+    The similarity is 0 if neither color nor shape is the same.
     """
     own = build_unpainted(item.category, color=item.color)
     best = (0.0, entries[0])

@@ -1,4 +1,4 @@
-"""Names of chosen objects in instructions: nouns, with colors where nouns are ambiguous."""
+"""Names of objects in instructions: nouns, with colors where nouns are ambiguous."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SYNONYMS = 2
 
 
 def kinds_of(chosen: Sequence[Choice]) -> list[str]:
-    """Return the noun phrase for each object, with colors where nouns do not distinguish objects."""
+    """Return a noun phrase for each object, with colors where nouns do not distinguish objects."""
     nouns = _nouns(chosen)
     kinds = []
     for i, choice in enumerate(chosen):
@@ -40,7 +40,7 @@ def kinds_of(chosen: Sequence[Choice]) -> list[str]:
 def _nouns(chosen: Sequence[Choice]) -> list[str]:
     """Return the noun of each object.
 
-    A noun that spells out the asset ("fries box") is replaced by the everyday noun ("fries"), unless the everyday noun
+    A noun that names the asset precisely ("fries box") is replaced by the common noun ("fries"), unless the common noun
     also fits another object.
     """
     nouns = []
@@ -56,13 +56,13 @@ def _nouns(chosen: Sequence[Choice]) -> list[str]:
 
 
 def answers_to(noun: str, entry: CatalogueEntry) -> bool:
-    """Return whether a noun may name an asset."""
+    """Return whether a noun can refer to an asset."""
     names = [set(terms(entry.name)), *(set(terms(tag)) for tag in entry.tags if tag not in COLORS)]
     concepts = understood(noun).concepts
     said = [[phrase for phrase, _ in concept.alternatives] for concept in concepts]
     if not said:  # the search ignores "can" as a verb
         said = [[tuple(terms(noun))]]
-    elif len(said) == 1:  # and leaves it out of "trash can"
+    elif len(said) == 1:  # and omits it in "trash can"
         said[0][0] = tuple(terms(noun))
     return all(any(set(phrase) <= name for phrase in phrases for name in names) for phrases in said)
 
@@ -70,7 +70,7 @@ def answers_to(noun: str, entry: CatalogueEntry) -> bool:
 def _noun(choice: Choice) -> str:
     """Return the noun of an object: words of its query without colors, or the asset's own noun.
 
-    If the instance name has only some of the words of the query, these words are used: "pepper jar" of "pepper spice
+    If the instance name contains only some words of the query, these words are used: "pepper jar" of "pepper spice
     jar".
     """
     entry, described = choice.entry, choice.described

@@ -1,4 +1,4 @@
-"""Measurement of demonstrations, and certification, for a task that has not been written to a file yet."""
+"""Measurement of demonstrations, and certification, of a task that has not been written to a file yet."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Proof:
 
 @contextmanager
 def provisional(task: Task) -> Iterator[Task]:
-    """Register a task within the context, under its id, so that conditions and trials can be looked up by name."""
+    """Register a task inside the context, so that conditions and trials can be looked up by name."""
     with registered_for_now(task) as known:
         resolve_condition.cache_clear()
         try:
@@ -63,13 +63,13 @@ def provisional(task: Task) -> Iterator[Task]:
 def prove(task: Task, seeds: int, demonstrations: int) -> Proof:
     """Run the demonstrations of a task and examine its trials.
 
-    If a training condition fails, the variations are not examined, because the task cannot be used. Conditions without
-    a solved demonstration are examined first; if they fail, no others are examined.
+    If a training condition fails, the variations are not examined, because the task cannot be used. Training conditions
+    without a solved demonstration are examined first, and if they fail, nothing else is examined.
 
     Args:
         task: The task, registered.
-        seeds: Trials of each variation, from seed 0. The trials are those of ``better eval --trials``: the training
-            conditions together have as many as the variations.
+        seeds: Number of trials per variation, from seed 0. As in ``better eval --trials``, the training conditions
+            together have as many trials as the variations.
         demonstrations: Number of demonstrations, at least one for each training condition.
     """
     first, later = planned_demonstrations(task, demonstrations)

@@ -18,8 +18,8 @@ class Settings:
     """Settings of a build.
 
     Attributes:
-        seeds: Trials of each variation that are certified, from seed 0.
-        demonstrations: Demonstrations that are measured; at least one for each training condition.
+        seeds: Number of certified trials per variation, from seed 0.
+        demonstrations: Number of measured demonstrations, at least one for each training condition.
     """
 
     seeds: int = 3
@@ -34,7 +34,7 @@ class Failure:
         condition: Name of the condition.
         seeds: Seeds that fail.
         clause: Letter of the first failed clause.
-        meaning: What the clause requires.
+        meaning: Requirement of the clause.
         text: Result of the clause for the first seed that fails.
     """
 
@@ -47,11 +47,11 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One attempt at a task.
+    """Attempt at a task.
 
     Attributes:
         change: Difference from the description ("other slots").
-        reason: Why the attempt failed; empty for a success.
+        reason: Reason why the attempt failed; empty for a success.
         failures: Conditions that failed a clause of the certificate.
     """
 

@@ -1,4 +1,4 @@
-"""Check of a task's scenes against the framing limits of the suite."""
+"""Check of a task's scenes for the framing limits of the suite."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.sim.scenes.stage import QUALITIES
 from betterbench.tasks import Condition, Task
 
 CLAUSE = "view"
-"""Name of this requirement on a page, where the clauses of the certificate have letters."""
+"""Name of this requirement on pages, on which the clauses of the certificate have letters."""
 MEANING = "the front camera shows every object of the instruction"
 
 

@@ -19,10 +19,10 @@ from betterbench.sim.assets.catalogue.terms import terms
 MOST_SCENARIOS = 10_000
 """Maximum number of scenarios per call."""
 _COMPARED = 400
-"""Number of candidates drawn from a theme; the one least similar to the earlier scenarios is used."""
+"""Number of candidates drawn from a theme, of which the one least similar to earlier scenarios is used."""
 
 GoalKey = tuple[tuple[str, tuple[Kind, ...]], ...]
-"""Unordered objects by group, which are equal for near-duplicates."""
+"""Unordered objects by group, equal for near-duplicates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Wanted:
     Attributes:
         group_id: Its group.
         kinds: Library kinds to which the noun may refer.
-        noun: The user's noun, with its color.
+        noun: Noun used by the user, with its color.
     """
 
     group_id: str
@@ -41,7 +41,7 @@ class Wanted:
 
 
 def grammar_of(template: str) -> Grammar:
-    """Return the grammar of a template; raise UnknownNameError if there is none."""
+    """Return the grammar of a template. Raises UnknownNameError if there is none."""
     if template not in GRAMMARS:
         raise UnknownNameError("template", template, GRAMMARS)
     return GRAMMARS[template]
@@ -63,16 +63,15 @@ def write_scenarios(
 ) -> tuple[Scenario, ...]:
     """Return different scenarios of a template.
 
-    The themes take turns, in an order drawn from the seed. Each theme contributes the scenario least similar to the
-    earlier ones, so categories change first, and colors if categories cannot. The first scenarios do not depend on
-    ``count``.
+    The themes are used in turn, in an order drawn from the seed. Each theme contributes the scenario that is least
+    similar to the earlier ones, so categories vary before colors do. The first scenarios do not depend on ``count``.
 
     Args:
         template: Name of the template.
         count: Number of scenarios.
         seed: Seed of all choices.
-        wanted: Objects that each scenario must have.
-        about: Words of the user; if themes share some of the words, only the themes that share the most are used.
+        wanted: Objects that each scenario must contain.
+        about: Words of the user. If themes contain some of them, only the themes with the most of them are used.
 
     Raises:
         UnknownNameError: If the template does not exist.
@@ -98,7 +97,7 @@ def write_scenarios(
 def _drawn(
     themes: Sequence[Theme], wanted: Sequence[Wanted], rng: np.random.Generator
 ) -> Iterator[tuple[Theme, Choice]]:
-    """Yield different choices, one theme after the other, until all are used up."""
+    """Yield different choices, one theme after the other, until no choice is left."""
     left = [_shuffled([c for c in theme.choices() if not wanted or _has(c, wanted)], rng) for theme in themes]
     turns = rng.permutation(len(themes)).tolist()
     keys: set[GoalKey] = set()
@@ -117,7 +116,7 @@ def _drawn(
 
 
 def _traits(choice: Choice) -> Iterator[tuple[object, int]]:
-    """Yield the features of a choice with the cost of repeating each, from categories (highest) to colors (lowest)."""
+    """Yield the features of a choice with their costs of repetition, highest for categories, lowest for colors."""
     for group, kinds in choice.items():
         yield (group, tuple(sorted(category for category, _ in kinds))), 100
         yield (group, tuple(sorted(kinds))), 20
@@ -129,7 +128,7 @@ def _shuffled(items: list[Choice], rng: np.random.Generator) -> list[Choice]:
 
 
 def _has(choice: Choice, wanted: Iterable[Wanted]) -> bool:
-    """Return whether a choice has a different object for each wanted one."""
+    """Return whether a choice contains a different object for each wanted object."""
     free = {group: list(kinds) for group, kinds in choice.items()}
     for want in sorted(wanted, key=lambda w: len(w.kinds)):
         found = next((kind for kind in free.get(want.group_id, []) if kind in want.kinds), None)
@@ -140,7 +139,7 @@ def _has(choice: Choice, wanted: Iterable[Wanted]) -> bool:
 
 
 def _themes_with(grammar: Grammar, wanted: Sequence[Wanted]) -> tuple[Theme, ...]:
-    """Return the themes that have the wanted objects, or a theme made for them."""
+    """Return the themes that contain the wanted objects, or a new theme for them."""
     if not wanted:
         return grammar.themes
     fitting = tuple(
@@ -152,7 +151,7 @@ def _themes_with(grammar: Grammar, wanted: Sequence[Wanted]) -> tuple[Theme, ...
 
 
 def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
-    """Return a theme with the wanted objects; other objects are added where the template needs more.
+    """Return a new theme with the wanted objects, and other objects where the template needs more.
 
     Raises:
         InvalidInputError: If a group has too many wanted objects.
@@ -183,13 +182,13 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
 
 
 def _with_receiver(grammar: Grammar, wanted: Sequence[Wanted]) -> list[Theme]:
-    """Return the themes that have the wanted container, fixture, base or anchor."""
+    """Return the themes that contain the wanted container, fixture, base or anchor."""
     receivers = [want for want in wanted if want.group_id not in ("items", "layers")]
     return [theme for theme in grammar.themes if all(_may_have(theme, want) for want in receivers)]
 
 
 def _may_have(theme: Theme, want: Wanted) -> bool:
-    """Return whether a pool of a theme contains a wanted object. Enumerating its thousands of choices would be slow."""
+    """Return whether a pool of a theme contains a wanted object, without enumerating thousands of choices."""
     group = theme.groups.get(want.group_id)
     return group is not None and any(
         kind in want.kinds for pool in group.pools for category in pool.categories for kind in pool.kinds(category)
@@ -199,7 +198,7 @@ def _may_have(theme: Theme, want: Wanted) -> bool:
 def _others(
     themes: Sequence[Theme], every: Sequence[str], group_id: str, named: set[str], least: int
 ) -> tuple[str, ...]:
-    """Return the categories that occur in a theme with the named ones, or all categories if these are too few."""
+    """Return the categories that occur together with the named ones in a theme, or all if these are too few."""
     found: dict[str, None] = {}
     for theme in themes:
         there = [category for pool in theme.groups[group_id].pools for category in pool.categories]
@@ -209,7 +208,7 @@ def _others(
 
 
 def _nearest(themes: tuple[Theme, ...], about: str) -> tuple[Theme, ...]:
-    """Return the themes that share the most words with a text, or all themes if none shares a word."""
+    """Return the themes with the most words in common with a text, or all themes if there are none."""
     words = set(terms(about))
     shared = [len(words & theme_words(theme)) for theme in themes]
     return tuple(theme for theme, count in zip(themes, shared, strict=True) if count == max(shared))
@@ -230,7 +229,7 @@ _SAY_LITTLE = frozenset(_SAY_LITTLE_WORDS.split())
 
 
 def scenario_of(template: str, theme: Theme, choice: Choice, rng: np.random.Generator) -> Scenario:
-    """Return a scenario of a theme with chosen objects and one of the theme's instruction wordings."""
+    """Return a scenario of a theme, with the chosen objects and one of the theme's instructions."""
     wording = theme.instructions[int(rng.integers(len(theme.instructions)))]
     firsts = {group: _named(kinds) for group, kinds in choice.items() if kinds}
     groups = {group: _with_names([described(*kind) for kind in kinds]) for group, kinds in choice.items()}

@@ -1,4 +1,4 @@
-"""Noun phrases for the categories of the library, and described objects with the sizes and masses of its assets."""
+"""Noun phrases for the categories of the library, and descriptions with sizes and masses of their assets."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Phrase:
     Attributes:
         short: Noun in an instruction, without a color ("mug").
         long: Description without an article; ``{color}`` stands for the color ("{color} coffee mug").
-        query: Words to search the catalogue for.
+        query: Search query for the catalogue.
     """
 
     short: str
@@ -94,7 +94,7 @@ _SPICES = {"white": "salt", "black": "pepper", "red": "paprika"}
 
 
 def phrase_of(category: str, color: str) -> Phrase:
-    """Return the phrase for a category; the color of a spice jar is that of its spice.
+    """Return the phrase for a category. The color of a spice jar is that of its spice.
 
     Raises:
         UnknownNameError: If the grammar has no phrase for the category.
@@ -114,7 +114,7 @@ def short_name(category: str, color: str, *, colored: bool = True) -> str:
 
 
 def described(category: str, color: str) -> DescribedObject:
-    """Return the description of an object, with mass and size over all looks of its category in the library.
+    """Return the description of an object, with the ranges of mass and size of its category.
 
     Its tags are the category and the color.
     """
@@ -133,7 +133,7 @@ def capitalized(text: str) -> str:
 
 
 def measured(category: str) -> Measures:
-    """Return the ranges of mass and size of a category, from ``measures.json`` or, for a user's category, measured."""
+    """Return the ranges of mass and size of a category from ``measures.json``, or measure a user's category."""
     return _stored().get(category) or measure(category)
 
 
@@ -143,9 +143,9 @@ Measures = tuple[tuple[float, float], tuple[float, float]]
 
 @functools.cache
 def measure(category: str) -> Measures:
-    """Return the ranges of mass and largest dimension of a category over all looks, rounded outward to 1 g and 1 mm.
+    """Measure the ranges of mass and largest dimension over all looks of a category, rounded outward to 1 g and 1 mm.
 
-    Building every look of every category takes a minute, so ``tools/grammar_measures.py`` stores the ranges.
+    Measuring all categories takes a minute, so ``tools/grammar_measures.py`` stores the ranges.
     """
     assets = [build_unpainted(category, look=look) for look in looks(category)]
     return _range([a.mass_kg for a in assets]), _range([max(a.size_m) for a in assets])

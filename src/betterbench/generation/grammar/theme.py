@@ -18,13 +18,13 @@ Choice = Mapping[str, tuple[Kind, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """Pool from which a scenario draws objects.
+    """Pool of objects for a scenario.
 
     Attributes:
         categories: Categories of the library.
         count: Number of objects drawn for a scenario.
         colors: Allowed colors; all colors of the category if empty.
-        by_color: Objects differ in color and may have the same category; otherwise they differ in category.
+        by_color: Whether objects differ in color and may have the same category. Otherwise, they differ in category.
         only: Allowed kinds; all if empty.
     """
 
@@ -57,7 +57,7 @@ class Group:
 
     Attributes:
         pools: Pools that contribute the objects.
-        colors_differ: Whether all objects must have different colors; otherwise, they must only not be identical.
+        colors_differ: Whether all objects must have different colors. Otherwise, they must only not be identical.
         follows: Group whose color the objects share, such as the cabinet for its drawers.
     """
 
@@ -78,7 +78,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Theme:
-    """A context of a template.
+    """Theme: a context of a template.
 
     Attributes:
         name: Name of its scenarios ("Packing a picnic").
@@ -107,7 +107,7 @@ class Theme:
 
 @dataclass(frozen=True, slots=True)
 class Grammar:
-    """The themes of a template.
+    """Themes of a template.
 
     Attributes:
         requested: Name for scenarios whose user-named objects fit no theme.

@@ -1,4 +1,4 @@
-"""Difficulty of a certified task, measured by the expert's time."""
+"""Difficulty of a certified task, measured by the time that the expert takes."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Difficulty(StrEnum):
 EASY_BELOW_S, HARD_FROM_S = 10.0, 17.0
 """Median times of the expert that separate the levels [s].
 
-Tasks of the seven templates have 7 to 8 s (one mug or plate), 14 to 16 s (two items, spices or desk objects), and
-18 to 21 s (drawers and stacks of layers); the levels lie between these groups.
+Tasks of the seven templates take 7 to 8 s (one mug or plate), 14 to 16 s (two items, spices or desk objects), or 18 to
+21 s (drawers and stacks of layers). The limits lie between these groups.
 """
 
 
 def median_s(trials: Iterable[TrialCertificate]) -> float:
-    """Return the expert's median time in variation trials that require an action [s], 0 without any."""
+    """Return the expert's median time in variation trials that require an action, 0 without such trials [s]."""
     steps = [trial.steps for trial in trials if not trial.training and not trial.watched]
     return statistics.median(steps) / CONTROL_RATE_HZ if steps else 0.0
 

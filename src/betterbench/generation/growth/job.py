@@ -1,8 +1,8 @@
 """Resumable job that fills a suite with certified tasks under quotas.
 
-Scenarios are drawn in rounds. The draws of a round depend on the seed, on the accepted tasks of earlier rounds and on
-the round's earlier draws, never on workers or times, and each is stored before it is built. The same command therefore
-continues after an interruption, and ends with the same files.
+Scenarios are drawn in rounds. Each draw depends on the seed, the accepted tasks of earlier rounds and the earlier draws
+of its round, but not on workers or timing, and is stored before it is built. The same command therefore resumes after
+an interruption, and produces the same files.
 """
 
 from __future__ import annotations
@@ -43,12 +43,13 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import Chat
 
 ROUND = 32
-"""Maximum number of scenarios drawn before earlier results are taken into account. It is independent of the number of
-workers, so that more workers give the same suite."""
+"""Number of scenarios per round, after which results are taken into account. It does not depend on the number of
+workers, so neither does the suite.
+"""
 ATTEMPTS_PER_TASK = 3
-"""Default of the largest number of built scenarios, per requested task."""
+"""Default maximum number of built scenarios per requested task."""
 GROWTH_NAME = "growth.json"
-"""File with the outcome."""
+"""Name of the file with the outcome."""
 MOST_TASKS = 10_000
 """Maximum number of tasks of a suite."""
 
@@ -59,12 +60,12 @@ class GrowSettings:
 
     Attributes:
         until: Number of certified tasks.
-        author: Template, model, seed and vocabulary. An empty target stands for all templates.
+        author: Template, model, seed and vocabulary. An empty target means all templates.
         build: Seeds and demonstrations.
         quotas: Quotas.
-        distinct: Difference required between two tasks that are not near-duplicates.
+        distinct: Minimum difference between two tasks that are not near-duplicates.
         unlike: Suites whose near-duplicates are left out: "better60", or folders.
-        max_attempts: Maximum number of scenarios that are built; None for three per task.
+        max_attempts: Maximum number of built scenarios; None for three per task.
         name: Name of the suite, without its digest.
     """
 
@@ -84,11 +85,11 @@ class GrowSettings:
 
     @property
     def attempts(self) -> int:
-        """Maximum number of scenarios that are built."""
+        """Maximum number of built scenarios."""
         return ATTEMPTS_PER_TASK * self.until if self.max_attempts is None else self.max_attempts
 
     def to_json(self) -> dict[str, object]:
-        """Return the settings that determine the draws, except those that a later command may raise."""
+        """Return the settings that determine the draws, except those that a later command may increase."""
         author = self.author
         form: dict[str, object] = {
             "schema_version": 1,
@@ -112,7 +113,7 @@ class GrowProgress:
     Attributes:
         accepted: Number of certified tasks, including those of the current round.
         refused: Number of scenarios that could not be certified.
-        left_out: Number of proposals that were not built.
+        left_out: Number of proposed scenarios that were not built.
         last: Last result; None while scenarios are drawn.
         proposed: Number of the last proposal.
     """
@@ -133,7 +134,7 @@ class PreparedGrowth:
 
     Attributes:
         settings: The settings.
-        known: Names of the tasks of other suites by their key.
+        known: Names of tasks in other suites, by key.
         offline: The grammar as an author; None if a model is used.
     """
 
@@ -143,7 +144,7 @@ class PreparedGrowth:
 
 
 def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
-    """Check settings before any work.
+    """Check the settings.
 
     Raises:
         InvalidInputError: If a number is out of range, the quotas contradict each other, or the grammar has too few
@@ -172,7 +173,7 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
 
 
 class _UnlimitedSupply:
-    """Supply of scenarios by a model before any request, which is assumed to be unlimited."""
+    """Assumed supply of a model, which is unlimited."""
 
     def __init__(self, templates: Sequence[str]) -> None:
         self.templates = templates
@@ -240,7 +241,7 @@ def grow_suite(
 
 
 class _Growing:
-    """The job with its state: proposals, and results in their order."""
+    """State of the job: proposals and results, in order."""
 
     def __init__(
         self,
@@ -264,7 +265,7 @@ class _Growing:
         self._finished: list[Result] = []
 
     def run(self, on_round: Callable[[Growth], None] | None) -> Stop:
-        """Draw and build in rounds until the requested number is reached or no scenario is left."""
+        """Draw and build scenarios in rounds, until the requested number is reached or no scenario is left."""
         while self._steering.left > 0:
             attempts_left = self._settings.attempts - len(self.tasks) - len(self.refused)
             size = min(ROUND, self._steering.left, attempts_left)
@@ -289,7 +290,7 @@ class _Growing:
         return "reached"
 
     def _drawn(self, size: int) -> list[Proposal]:
-        """Return the next scenarios to build: stored ones of one round, then new ones if none is stored."""
+        """Return the scenarios of the next round: stored ones, or new ones if none are stored."""
         drawn: list[Proposal] = []
         self._round = self._waiting[0].round if self._waiting else self._round + 1
         while self._waiting and self._waiting[0].round == self._round and len(drawn) < size:

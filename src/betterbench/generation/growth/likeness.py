@@ -1,4 +1,4 @@
-"""Detection of near-duplicates: tasks with the same template and the same object categories have the same key."""
+"""Detection of near-duplicates by a key of template and object categories."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.tasks.condition import Role
 
 Distinct = Literal["categories", "colors"]
-"""Difference required between two tasks that are not near-duplicates: another category, or another category or
-color."""
+"""Minimum difference between two tasks that are not near-duplicates: a category, or a category or color."""
 
 _RECEIVERS: tuple[Role, ...] = ("container", "fixture")
 
@@ -24,8 +23,8 @@ _RECEIVERS: tuple[Role, ...] = ("container", "fixture")
 def key_of(template: str, kinds: Iterable[tuple[Role, Kind]], distinct: Distinct = "categories") -> str:
     """Return the key of objects, "loose_packing: apple, lemon, orange; lunchbox".
 
-    The key has the categories of the items and of the container, anchor or fixture, each once. Looks, names, numbers,
-    sides, object order, distractors and drawers do not affect it.
+    The key contains the distinct categories of the items and of the container, anchor or fixture. Looks, names,
+    numbers, sides, order, distractors and drawers do not affect it.
 
     Args:
         template: Name of the template.
@@ -48,7 +47,7 @@ def key_of_choice(template: str, choice: Mapping[str, Iterable[Kind]], distinct:
 
 
 def key_of_scenario(scenario: Scenario, catalogue: Catalogue, distinct: Distinct = "categories") -> str:
-    """Return the key of a scenario, from the assets that its descriptions find first.
+    """Return the key of a scenario, computed from the best search results for its descriptions.
 
     Raises:
         InvalidInputError: If a description has no suitable asset.

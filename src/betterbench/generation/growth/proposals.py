@@ -1,4 +1,4 @@
-"""Journal of the scenarios proposed for a growing suite, in order."""
+"""Journal of the scenarios proposed for a growing suite."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FILE_NAME = "proposals.jsonl"
 _CURE = "Restore the file from a copy, or choose another folder"
 
 Outcome = Literal["drawn", "near_duplicate", "refused"]
-"""Outcome of a proposal: built, same goal as an earlier one, or implausible."""
+"""Outcome of a proposal: drawn (to be built), same goal as an earlier task, or implausible."""
 
 
 @strict_form
@@ -30,14 +30,15 @@ class Proposal:
 
     Attributes:
         number: Number of the proposal, from 1.
-        round: Number of the round of building to which it belongs, from 1.
+        round: Number of its round, from 1.
         template: Requested template.
-        context: Requested context, empty for any.
-        outcome: Whether it is built.
+        context: Requested context; empty for any.
+        outcome: Outcome of the proposal.
         key: Key that near-duplicates share; empty if it is unknown.
-        task_id: Identifier of the task, if it is built.
+        task_id: Identifier of the task, if the proposal is built.
         scenario: Scenario in its stored form; None if the answer had none.
-        problem: Reason why it is not built: the earlier task with this goal, or the first problem in the last answer.
+        problem: Reason why it is not built: the earlier task with the same goal, or the first problem in the last
+            answer.
     """
 
     number: Annotated[int, NO_TRUTH, Field(ge=1)]
@@ -68,7 +69,7 @@ _PROPOSAL = TypeAdapter(Proposal)
 
 
 class ProposalFile(LineJournal):
-    """File to which proposals are appended, each on disk before the next one.
+    """File to which proposals are appended. Each is synced to disk before the next one.
 
     Raises:
         RecordError: If a line was changed.

@@ -20,7 +20,7 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 
 Kind = Literal["template", "axis", "context", "difficulty"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""Properties that can have quotas. Axes are counted in variations, the others in tasks."""
+"""Properties that can have quotas. Axes are counted in variations, all others in tasks."""
 
 AXIS_NAMES: Mapping[str, Axis] = {
     "spatial": Axis.SPATIAL_LAYOUT_SHIFT,
@@ -37,7 +37,7 @@ _EXAMPLE = "Write PROPERTY=VALUE:AMOUNT, such as template=loose_packing:20%, con
 
 @dataclass(frozen=True, slots=True)
 class Quota:
-    """Minimum and maximum amount of one value of a property.
+    """Minimum and maximum amount of a value of a property.
 
     Attributes:
         kind: Property.
@@ -78,10 +78,10 @@ class Quota:
 def parse_quota(text: str, *, where: str = "--quota") -> Quota:
     """Read a quota such as ``template=loose_packing:20%``, ``context=kitchen:3-5`` or ``axis=temporal:15%``.
 
-    A single amount is the minimum; two amounts are the minimum and maximum.
+    A single amount is the minimum. Two amounts are minimum and maximum.
 
     Raises:
-        InvalidInputError: If the text has another form, or the amounts contradict each other.
+        InvalidInputError: If the text is malformed, or the amounts contradict each other.
         UnknownNameError: If the property or its value does not exist.
     """
     found = re.fullmatch(r"([^=]+)=(.+):([^:]+)", text.strip())
@@ -182,21 +182,21 @@ def quotas_from_form(form: Mapping[str, Any], *, where: str) -> tuple[Quota, ...
 
 
 class Supply(Protocol):
-    """Scenarios that an author can write."""
+    """Supply of scenarios that an author can write."""
 
     @property
     def templates(self) -> Sequence[str]:
         """Templates of the scenarios."""
 
     def contexts(self) -> Collection[str] | None:
-        """Return the contexts of the scenarios, None for any."""
+        """Return the contexts of the scenarios, or None for any."""
 
     def goals(self, templates: Collection[str], context: str | None = None) -> int | None:
-        """Return the number of scenarios without near-duplicates, None if it is not limited."""
+        """Return the number of scenarios without near-duplicates, or None if it is unlimited."""
 
 
 def require_consistent(quotas: Sequence[Quota], until: int, supply: Supply, *, best_share: Mapping[str, float]) -> None:
-    """Check before any work that quotas do not contradict each other, the number of tasks or the author.
+    """Check that quotas are consistent with each other, with the number of tasks and with the author.
 
     Args:
         quotas: The quotas.
@@ -237,7 +237,7 @@ def _require_known_to(supply: Supply, quotas: Sequence[Quota]) -> None:
 
 
 def _require_room(kind: Kind, quotas: Sequence[Quota], until: int, supply: Supply) -> None:
-    """Check the totals of one property, whose values are mutually exclusive."""
+    """Check the totals of a property, whose values are mutually exclusive."""
     listed = ", ".join(map(str, quotas))
     if kind == "axis":
         total, unit = 100, "% of the variations"

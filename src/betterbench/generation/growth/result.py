@@ -11,7 +11,8 @@ from betterbench.generation.growth.proposals import Proposal
 
 Stop = Literal["reached", "exhausted", "attempts"]
 """Reason why the growth stopped: the number is reached, no scenario is left, or the maximum number of attempts is
-made."""
+reached.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,14 +69,14 @@ class Growth:
 
     Attributes:
         until: Requested number of tasks.
-        stop: Why it stopped.
+        stop: Reason why it stopped.
         tasks: Certified tasks, in order; those with a ``set_aside`` reason are not part of the suite.
         refused: Results of scenarios that could not be certified.
         proposals: All proposals; those whose outcome is not "drawn" were not built.
         quotas: State of the quotas.
         goals: Number of different goals of the author, None if it is not known.
-        near_duplicates: Number of scenarios of the author that were left out as near-duplicates.
-        known_goals: Number of goals left out because another suite has them.
+        near_duplicates: Number of scenarios that were left out as near-duplicates.
+        known_goals: Number of goals that were left out because another suite contains them.
         suite: Folder of the suite; None if no task was accepted.
     """
 
@@ -113,12 +114,12 @@ class Growth:
             case "reached":
                 text = f"{number} tasks are certified."
             case "exhausted":
-                text = f"{number} of {self.until} tasks are certified, and no new scenario is left for the others."
+                text = (
+                    f"{number} of {self.until} tasks are certified, and no new scenario is left for the remaining ones."
+                )
             case _:
                 built = len(self.tasks) + len(self.refused)
-                text = (
-                    f"{number} of {self.until} tasks are certified after {built} attempts, the largest number allowed."
-                )
+                text = f"{number} of {self.until} tasks are certified after {built} attempts, which is the maximum."
         if self.open_quotas:
             listed = ", ".join(f"{q.quota} (has {q.have:.3g})" for q in self.open_quotas)
             text += f" Open quotas: {listed}."

@@ -23,15 +23,15 @@ from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 SAMPLED = 48
-"""Number of color choices of a goal that are compared; the one with the least used colors is taken."""
+"""Number of compared color choices of a goal, of which the one with the least used colors is used."""
 COMPARED = 400
-"""Number of goals of a context that are compared; the one least similar to earlier ones is taken."""
+"""Number of compared goals of a context, of which the one least similar to earlier goals is used."""
 PATIENCE = 5
-"""Number of consecutive model answers without a new scenario after which a template counts as exhausted."""
+"""Number of consecutive answers without a new scenario after which a template counts as exhausted."""
 
 
 class Cell(NamedTuple):
-    """Template and context of a scenario; an empty context stands for any."""
+    """Template and context of a scenario. An empty context means any."""
 
     template: str
     context: str
@@ -42,10 +42,10 @@ class Proposed:
     """Proposal by an author.
 
     Attributes:
-        outcome: Whether the scenario can be built.
+        outcome: Outcome of the proposal.
         scenario: The scenario; None if the author wrote none.
         key: Key that near-duplicates share; empty if it is unknown.
-        problem: Why it cannot be built.
+        problem: Reason why it cannot be built.
     """
 
     outcome: Outcome
@@ -68,17 +68,17 @@ class Source(Protocol):
         """Return the number of different goals, or None if it is unlimited."""
 
     def cells(self) -> Sequence[Cell]:
-        """Return the templates and contexts that may still yield a new scenario, in a fixed order."""
+        """Return the templates and contexts for which a new scenario may be left, in a fixed order."""
 
     def propose(self, cell: Cell, number: int) -> Proposed:
-        """Return the next scenario of a template and a context. The number makes the proposal unique."""
+        """Return the next scenario of a template and context. The number makes the proposal unique."""
 
     def take(self, proposal: Proposal) -> None:
-        """Note a proposal, new or stored."""
+        """Register a new or stored proposal."""
 
 
 class OfflineSource:
-    """The grammar as an author; each goal is used once, those with the least used categories first.
+    """Author that uses the grammar. Each goal is used once, and goals with the least used categories come first.
 
     Args:
         templates: Templates of the scenarios.
@@ -170,7 +170,7 @@ def _choices_of(template: str, distinct: Distinct) -> Mapping[tuple[Cell, str], 
 
 
 class ModelSource:
-    """A language model as an author.
+    """Author that uses a language model.
 
     Args:
         templates: Templates of the scenarios.
@@ -218,7 +218,7 @@ class ModelSource:
         return [Cell(template, context) for template in left for context in ("", *self._contexts)]
 
     def propose(self, cell: Cell, number: int) -> Proposed:
-        """Ask for a scenario.
+        """Let the model write a scenario.
 
         Raises:
             ModelError: If the model cannot be reached; earlier exchanges are kept.
@@ -237,7 +237,7 @@ class ModelSource:
         return Proposed("drawn", scenario, key)
 
     def take(self, proposal: Proposal) -> None:
-        """Register a proposal: later ones must differ from it, and consecutive misses exhaust its template."""
+        """Register a proposal. Later ones must differ from it, and consecutive failures exhaust its template."""
         self._misses[proposal.template] = 0 if proposal.is_drawn else self._misses[proposal.template] + 1
         if proposal.scenario is not None:
             self._written[proposal.template].append(proposal.read())

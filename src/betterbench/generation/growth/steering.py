@@ -1,6 +1,6 @@
-"""Choice of the next template and context so that open quotas are filled, and acceptance of certified tasks.
+"""Choice of the next template and context to fill open quotas, and acceptance of certified tasks.
 
-All choices are functions of the accepted tasks and of the drawn scenarios, so they do not depend on workers or times.
+All choices depend only on the accepted tasks and the drawn scenarios, and not on workers or timing.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from betterbench.generation.growth.sources import Cell
 from betterbench.tasks import Axis
 
 _LIKELY = 0.5
-"""Share of a template's tasks above which the next one is expected to have that level of difficulty."""
+"""Fraction of a template's tasks with a level of difficulty above which the next task is expected to have this level.
+"""
 _TASK_KINDS: tuple[Kind, ...] = ("template", "context", "difficulty")
 
 
@@ -42,7 +43,7 @@ _EXPECTED: Mapping[str, tuple[str, str]] = {
     "precision_insertion": ("LLROT", "medium"),
     "recursive_stacking": ("LLROTT", "easy"),
 }
-"""Measured axes and difficulty of one task per template, used as initial estimates."""
+"""Measured axes and difficulty of one task per template, as initial estimates."""
 
 
 class _Mix:
@@ -56,7 +57,7 @@ class _Mix:
         self._levels = {d.value: (1.0 if d.value == level else 0.0) if level else share for d in Difficulty}
 
     def add(self, traits: Traits) -> None:
-        """Take a task into account."""
+        """Add a task."""
         self._number += 1
         self._axes.update(traits.variations)
         self._levels[traits.difficulty] += 1.0
@@ -123,7 +124,7 @@ class _Tally:
 
 
 class Steering:
-    """State of a growing suite: the accepted tasks, and the expectations per template.
+    """State of a growing suite: accepted tasks, and expected tasks per template.
 
     Args:
         quotas: The quotas.
@@ -139,22 +140,23 @@ class Steering:
 
     @property
     def left(self) -> int:
-        """Number of tasks that are missing."""
+        """Number of missing tasks."""
         return self._until - self._tally.tasks
 
     def note(self, cell: Cell) -> None:
-        """Register a proposed scenario; templates and contexts without a quota take turns."""
+        """Register a proposed scenario, so that templates and contexts without a quota are used in turn."""
         self._drawn.update([f"template {cell.template}", f"context {cell.context}"])
 
     def choose(self, cells: Iterable[Cell], pending: Sequence[Cell]) -> Cell | None:
-        """Return the template and context of the next scenario, or None if none can serve the open quotas.
+        """Return the template and context of the next scenario, or None if none helps to fill the open quotas.
 
-        The first criterion is the number of open quotas that a task would serve; then the least drawn template and
-        context are taken. While the missing tasks are all needed for the minimums of a property, only these are drawn.
+        The choice with the largest number of open quotas that a task would help to fill is used, and among equal ones
+        the least used template and context. If all missing tasks are needed for the minimums of a property, only these
+        values are drawn.
 
         Args:
-            cells: Templates and contexts that have a scenario.
-            pending: Those of the scenarios that are being built; each counts as a task.
+            cells: Templates and contexts with a remaining scenario.
+            pending: Templates and contexts of the scenarios that are being built, each of which counts as a task.
         """
         tally = self._tally.copy()
         for cell in pending:
@@ -184,7 +186,7 @@ class Steering:
         )
 
     def _need(self, tally: _Tally, kind: Kind, value: str) -> float:
-        """Return the number of tasks of a value that its quota still needs."""
+        """Return the number of tasks that are missing for the quota of a value."""
         for quota in self._quotas:
             if quota.kind == kind and quota.value == value:
                 return max(0.0, quota.least_of(self._until) - tally.of(kind, value))
@@ -194,7 +196,7 @@ class Steering:
         return sum(self._need(tally, kind, q.value) for q in self._quotas if q.kind == kind)
 
     def _served(self, cell: Cell, tally: _Tally) -> float:
-        """Return the expected number of open quotas that a task would serve."""
+        """Return the expected number of open quotas that a task would help to fill."""
         mix, found = self._mixes[cell.template], 0.0
         for quota in self._quotas:
             match quota.kind:
@@ -208,7 +210,7 @@ class Steering:
         return round(found, 9)
 
     def _served_axis(self, quota: Quota, mix: _Mix, tally: _Tally) -> float:
-        """Return how far a task moves the share of an axis toward its quota, 1 for the best template."""
+        """Return the contribution of a task to the quota of an axis, 1 for the best template."""
         best = max(m.share(quota.value) for m in self._mixes.values()) or 1.0
         share = 100.0 * tally.of("axis", quota.value) / tally.variations if tally.variations else 0.0
         if share < quota.least:
@@ -218,7 +220,7 @@ class Steering:
         return 0.0
 
     def take(self, traits: Traits) -> str:
-        """Accept a certified task, or return the reason why the quotas exclude it."""
+        """Accept a certified task, or return the reason why a quota excludes it."""
         self._mixes[traits.template].add(traits)
         after = self._tally.copy()
         after.add(traits)
@@ -238,7 +240,7 @@ class Steering:
         return ""
 
     def _is_reachable(self, quota: Quota, tally: _Tally, places: int) -> bool:
-        """Return whether the share of an axis can still be reached if the best template fills the remaining places."""
+        """Return whether the share of an axis can still be reached if all remaining tasks are of the best template."""
         low, high = quota.least / 100.0, 1.0 if quota.most is None else quota.most / 100.0
         number, total = tally.of("axis", quota.value), tally.variations
         surplus = max(m.variations(quota.value) - low * m.total for m in self._mixes.values())
@@ -250,7 +252,7 @@ class Steering:
         return {axis.value: max(mix.share(axis.value) for mix in self._mixes.values()) for axis in Axis}
 
     def standing(self) -> list[tuple[Quota, float, bool]]:
-        """Return each quota with its count of tasks, or its percentage of the variations, and whether it is open."""
+        """Return the state of each quota."""
         found = []
         for quota in self._quotas:
             have = self._tally.of(quota.kind, quota.value)

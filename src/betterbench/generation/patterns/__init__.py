@@ -1,8 +1,7 @@
-"""Patterns: one file per template, which turns a cast into a task with training conditions and variations.
+"""Patterns: one file per template, which converts a cast to a task with training conditions and variations.
 
-A pattern chooses slots that are in reach and in view, writes the training conditions with their confounds, derives the
-variations that the template allows on the four axes, and lists balanced conditions. New files in this folder are found
-automatically.
+A pattern chooses reachable and visible slots, creates training conditions with confounds, derives the variations that
+the template allows on the four axes, and lists balanced conditions. New files in this folder are found automatically.
 """
 
 import importlib

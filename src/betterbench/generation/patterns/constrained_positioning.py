@@ -1,6 +1,6 @@
-"""Constrained positioning: the named cup or mug goes onto the marked ring of a fixture.
+"""Constrained positioning: the named cup or mug is put on the marked ring of a fixture.
 
-Words that name an object occur in training only in the first layout, words that name a place only in the second.
+In training, words that name an object only occur in the first layout, and words that name a place only in the second.
 """
 
 import itertools
@@ -23,14 +23,14 @@ IN_FRONT = a.Slot("in_front", 0.71, 0.0, yaw=-1.5708)
 ASIDE = a.Slot("aside", 0.72, -0.19)
 
 PLACES = {FAR.name: "top", NEAR.name: "bottom", MIDDLE.name: "middle"}
-"""Words for the slots as seen in the front camera image, in which the far slot is at the top."""
+"""Words for the slots in the front camera image, in which the far slot is at the top."""
 
 HALF_HAND_M = 0.0325
-"""Half the thickness of the gripper [m]: it must stay in front of the head of the fixture."""
+"""Half the thickness of the gripper [m], which must stay in front of the head of the fixture."""
 MARGIN_M = 0.004
 """Clearance between the head of the fixture and an object or the gripper [m]."""
 LONGEST_M = 0.13
-"""Maximum length of an object in a slot [m]; the handle points away from the other slots."""
+"""Maximum length of an object in a slot [m]. The handle points away from the other slots."""
 
 PLACE_WORD = "A position word is understood although training never used it in this layout."
 KIND_WORD = "A word for an object means the object, not the slot where that object stood in training."
@@ -39,7 +39,7 @@ DONE = "The policy sees what is done already and does nothing again."
 
 @pattern(a.CONSTRAINED_POSITIONING)
 def constrained_positioning(cast: Cast) -> GeneratedTask:
-    """Make a task of two or three cups or mugs and a fixture with a ring.
+    """Make a task with two or three cups or mugs and a fixture with a ring.
 
     In the twins of L1 to L4, the instruction names another item of the same scene.
 
@@ -72,7 +72,7 @@ class _Positioning:
         self.layouts = tuple({**self._in_slots(order), **around} for order in orders)
 
     def _in_slots(self, order: tuple[a.ObjectSpec, ...]) -> dict[a.ObjectSpec, a.Slot]:
-        """Return the items' slots; the items stand in this order in the near, the far and the middle slot."""
+        """Return the slots of the items, which are in this order in the near, the far and the middle slot."""
         return {item: self.slots[order.index(item)] for item in self.items}
 
     def named(self, item: a.ObjectSpec) -> a.Instruction:
@@ -155,10 +155,11 @@ class _Positioning:
         raise AssertionError("two items are requested in every layout")
 
     def _balanced(self) -> list[Condition]:
-        """Return each word with all items and another object, then each item alone or with another item's look-alike.
+        """Return balanced conditions: each word with all items and another object, and scenes with a single item.
 
-        The additional object distinguishes these scenes from tests, and only the words determine the target. With the
-        item's own look-alike, the scene would be a test.
+        A single item is alone or with the look-alike of another item. The additional object distinguishes these scenes
+        from tests, and only the words determine the target. With the look-alike of the item itself, the scene would be
+        a test.
         """
         words = [*map(self.named, self.items), *(self.placed(s) for s in sorted(self.slots, key=lambda s: s.x))]
         around = {self.fixture: STAND, **dict.fromkeys(self.bystanders, ASIDE)}
@@ -185,7 +186,7 @@ class _Positioning:
         return dict(self.alike) or {"": a.distractor("toy_block", "toy block", "block")}
 
     def _orders(self) -> list[tuple[a.ObjectSpec, ...]]:
-        """Return the cyclic rotations of the items; each item is in each slot once."""
+        """Return the cyclic rotations of the items, in which each item is in each slot once."""
         n = len(self.items)
         return [tuple(self.items[(i + turn) % n] for i in range(n)) for turn in range(n)]
 

@@ -1,4 +1,4 @@
-"""Container loading: the named object goes into the named drawer, and the drawer is closed.
+"""Container loading: the named object is put into the named drawer, and the drawer is closed.
 
 In training, each object goes into its own drawer of the cabinet, and each position of the cabinet has its own layout.
 """
@@ -41,9 +41,12 @@ WALL_M = 0.005
 LONGEST_M = 0.14
 """Maximum length of an object in a slot [m]."""
 TURNED = CABINET_BACK.yaw
-"""Heading of the slots if an object has corners that would touch the walls of a drawer [rad]: that of the cabinet."""
+"""Heading of the slots for an object whose corners would touch the walls of a drawer, equal to that of the cabinet
+[rad].
+"""
 CORNER_M = 0.005
-"""Distance by which corners may extend beyond half the length of an object [m]; the expert keeps this gap."""
+"""Distance by which corners may extend beyond half the length of an object [m], which is the gap that the expert keeps.
+"""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 BY_CABINET = "A drawer is found where the cabinet is, not where it was."
@@ -54,7 +57,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 
 @pattern(a.CONTAINER_LOADING)
 def container_loading(cast: Cast) -> GeneratedTask:
-    """Make a task of two objects and a cabinet with an upper and a lower drawer.
+    """Make a task with two objects and a cabinet with an upper and a lower drawer.
 
     While the upper drawer is open, nothing can be put into the lower one.
 
@@ -104,7 +107,7 @@ class _Loading:
             goals.append(a.subgoal(f"load_{item.name}", a.INSIDE, item, into, word=item.kind))
             region = into.mount.region if into.mount is not None else ""
             goals.append(a.subgoal(f"close_{into.name}", a.CLOSED, into, self.cabinet, region, word=into.kind))
-        # "it" could mean the object, "the drawer" could mean either drawer of two
+        # "it" could refer to the object, and "the drawer" to either of two drawers
         shut = "it" if len(steps) == 1 else "both"
         return a.Instruction(f"Put {' and '.join(parts)}, then close {shut}.", tuple(goals))
 
@@ -160,9 +163,10 @@ class _Loading:
         return in_order(found), tuple(unbuilt)
 
     def _balanced(self) -> list[Condition]:
-        """Return four layouts, each with one object per drawer, the drawer closed or open, and the objects exchanged.
+        """Return balanced conditions in four layouts, with each object in each drawer, and the drawer closed or open.
 
-        The first object in the lower drawer alone is a test instruction, so it occurs here only with the second object.
+        Only the first object into the lower drawer is the instruction of a test, so it occurs here together with the
+        second object.
         """
         (first, second), upper, lower = self.items, self.upper, self.lower
         back, front = {self.cabinet: CABINET_BACK}, {self.cabinet: CABINET_FRONT}

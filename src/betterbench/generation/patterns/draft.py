@@ -1,4 +1,4 @@
-"""Draft of a generated task: training conditions, variations numbered per axis, and balanced conditions."""
+"""Draft of a generated task: training conditions, variations numbered by axis, and balanced conditions."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ LEAST_VARIATIONS, LEAST_AXES = 4, 3
 
 @dataclass
 class Draft:
-    """Task under construction; :meth:`finish` checks it.
+    """Task under construction, checked by :meth:`finish`.
 
     Attributes:
-        training: Training conditions, named train1, train2 and so on.
+        training: Training conditions, which are named train1, train2 and so on.
         variations: Variations so far.
         unbuilt: Variations that could not be derived.
     """
@@ -94,7 +94,7 @@ class Draft:
         self.unbuilt.append(Unbuilt(axis, title, reason))
 
     def _problem(self, variation: a.Variation) -> str | None:
-        """Return the reason why a variation is impossible or not a test, or None."""
+        """Return the reason why a variation is impossible or does not test anything, or None."""
         try:
             condition = self._carried_out(variation)
         except BetterError as error:
@@ -122,10 +122,10 @@ class Draft:
         fixed: Mapping[ObjectSpec, Slot],
         asked: Sequence[a.Instruction],
     ) -> tuple[Condition, ...]:
-        """Return balanced conditions: every order of up to three movers in the slots, with every instruction.
+        """Return balanced conditions: every order of up to three movable objects in the slots, with every instruction.
 
-        More movers rotate through the slots instead. One condition in four lacks a mover that is not requested, and so
-        does every condition that would be a test.
+        More movable objects are rotated cyclically. In one of four conditions, and in every condition that would be a
+        test, an object that is not requested is missing.
         """
         turned = ((*slots[i:], *slots[:i]) for i in range(len(slots)))
         orders = tuple(itertools.permutations(slots)) if len(slots) <= 3 else tuple(turned)
@@ -151,7 +151,7 @@ class Draft:
     ) -> GeneratedTask:
         """Return the task.
 
-        A balanced condition with the initial scene and the instruction of a test is left out.
+        Balanced conditions with the initial scene and the instruction of a test are left out.
 
         Raises:
             InvalidInputError: If a condition breaks the template, its objects may touch, or variations are missing.
@@ -188,7 +188,7 @@ Choice = TypeVar("Choice")
 
 
 def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], GeneratedTask]) -> GeneratedTask:
-    """Return the task for the first choice that has enough room.
+    """Return the task for the first choice with enough room.
 
     Raises:
         InvalidInputError: The error of the last choice, if no choice has enough room.
@@ -203,7 +203,7 @@ def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], Generat
 
 
 def in_order(variations: Iterable[a.Variation]) -> tuple[a.Variation, ...]:
-    """Return variations in the order of their axes: layout, recomposition, object, time."""
+    """Sort variations by axis: layout, recomposition, object, time."""
     return tuple(sorted(variations, key=lambda variation: "LROT".index(variation.name[0])))
 
 

@@ -1,4 +1,4 @@
-"""Logical assembly: layers go onto a base in a strict order, as in the task cheeseburger."""
+"""Logical assembly: layers are put on a base in a strict order, as in the task cheeseburger."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TABLE = Table(
 """Table of the suite's cheeseburger."""
 
 _TALLEST_M = 0.15
-"""Maximum height of a stack above its base [m], over which the arm carries the last layer."""
+"""Maximum height of a stack above its base over which the arm can carry the last layer [m]."""
 
 BY_KIND = "Layers are found by what they are, not by where they lay in training."
 WITHOUT_FIRST = "Known steps are combined in a new way, without the step that always came first."
@@ -44,7 +44,7 @@ AGAIN = "A known step is repeated as often as the instruction asks."
 
 @dataclass(frozen=True, slots=True)
 class _Stack:
-    """Base, the three layers that vary, and the layer that always comes last (or none)."""
+    """Base, three layers that vary, and optionally a layer that always comes last."""
 
     base: ObjectSpec
     layers: tuple[ObjectSpec, ObjectSpec, ObjectSpec]
@@ -70,14 +70,14 @@ class _Stack:
 
 @pattern(a.LOGICAL_ASSEMBLY)
 def logical_assembly(cast: Cast) -> GeneratedTask:
-    """Return a task in which a base gets the first layer, one of two others and, with four layers, a last one.
+    """Return a task in which the first layer, one of two others and, with four layers, a last one are put on a base.
 
     Distractors are not used: the layers occupy all slots.
 
     Raises:
         InvalidInputError: If there are not three or four layers, a layer cannot be grasped or cannot carry the next
-            one, the fingers would touch the rim of the base, a stack would be too high, or a layer of a test would be
-            released at a height that training lacks.
+            one, the fingers would touch the rim of the base, a stack would be too high, or a test would release a layer
+            at a height that does not occur in training.
     """
     (base,) = in_role("container", (cast.one("base"),))
     layers = in_role("item", cast.groups.get("layers", ()))
@@ -177,7 +177,10 @@ def _title(stack: _Stack, *things: ObjectSpec) -> str:
 
 
 def _add_look_alike(draft: Draft, cast: Cast, stack: _Stack, starts: dict[ObjectSpec, Slot]) -> None:
-    """Add a look-alike in the slot of a requested layer, which moves to the slot of a layer that is not requested."""
+    """Add a look-alike in the slot of a requested layer.
+
+    The layer is moved to the slot of a layer that is not requested.
+    """
     one, two, three = stack.layers
     for spec, goes, base in ((two, three, "train1"), (three, two, "train2"), (one, three, "train1")):
         for other in look_alikes_of(cast, spec):

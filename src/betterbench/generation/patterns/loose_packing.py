@@ -1,4 +1,4 @@
-"""Loose packing: the first item and another one go into a container, as in the tasks fruit_lunch and fast_food."""
+"""Loose packing: the first item and another one are put into a container, as in the tasks fruit_lunch and fast_food."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ OPEN_TABLES = tuple(
     Table(starts, (stand,))
     for starts, stand in ((_FOUR, _ACROSS), (_FOUR, _FLOOR), (_THREE, _FLOOR), (_THREE, _ACROSS))
 )
-"""Tables for containers without a lid: that of fast_food in the suite, that with the container position of tidy_desk,
-and one with three wider slots."""
+"""Tables for containers without a lid: that of fast_food, the same with the container position of tidy_desk, and one
+with three wider slots.
+"""
 LID_TABLES = (Table(_THREE, (_STAND,)),)
 """Table of fruit_lunch in the suite, for containers with a raised lid, which points away from the arm."""
 TABLES = (*OPEN_TABLES, *LID_TABLES)
@@ -41,7 +42,7 @@ _LID_M = 0.10
 """Minimum height of a container above the depth of its inside that indicates a raised lid [m]."""
 
 _ROOM_M = 0.005
-"""Clearance that the expert keeps between an item and the walls [m]; see the relation ``inside``."""
+"""Clearance that the expert keeps between an item and the walls [m], see the relation ``inside``."""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 NEW_ORDER = "Known steps are combined in a new way, without the step that always came first."
@@ -56,11 +57,11 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 def loose_packing(cast: Cast) -> GeneratedTask:
     """Return a task in which the first item and then another one are packed.
 
-    Three or four items are required. Distractors are used only as far as there are free slots.
+    Three or four items are required. Distractors are only used if slots are free.
 
     Raises:
-        InvalidInputError: If there are too few or too many items, an item cannot be grasped, does not fit into the
-            container, or the slots are too close for the objects.
+        InvalidInputError: If there are too few or too many items, an item cannot be grasped or does not fit into the
+            container, or the slots are too close together.
     """
     (container,) = in_role("container", (cast.one("container"),))
     items = in_role("item", cast.groups.get("items", ()))
@@ -83,9 +84,9 @@ def _has_lid(container: ObjectSpec) -> bool:
 
 
 def _holds_three(container: ObjectSpec, items: Sequence[ObjectSpec]) -> bool:
-    """Return whether three items fit into a container whose demonstrations show only two items at a time.
+    """Return whether three items fit into the container, although demonstrations only put two items into it.
 
-    With a lid, there is room for two. Otherwise the items lie side by side, or on each other and below the rim.
+    With a lid, there is room for two. Otherwise, the items may lie side by side, or stacked below the rim.
     """
     room = footprint(container.category).inside_m
     if room is None or _has_lid(container):
@@ -167,7 +168,7 @@ def _packed(cast: Cast, container: ObjectSpec, items: Sequence[ObjectSpec], tabl
 
 
 def _pack(container: ObjectSpec, words: dict[str, str], *things: ObjectSpec) -> a.Instruction:
-    """Return the instruction to pack these objects one after the other; two equal ones are packed first, as a pair."""
+    """Return the instruction to pack objects one after the other. Two equal ones are packed first, as a pair."""
     kinds = [thing.kind for thing in things]
     if kinds[:1] == kinds[1:2]:
         parts = [f"both {plural(kinds[0])}", *(f"the {kind}" for kind in kinds[2:])]
@@ -190,7 +191,7 @@ def _pack(container: ObjectSpec, words: dict[str, str], *things: ObjectSpec) -> 
 def _add_look_alikes(
     draft: Draft, cast: Cast, first: ObjectSpec, third_one: ObjectSpec, starts: dict[ObjectSpec, Slot]
 ) -> None:
-    """Add a look-alike in the slot of the first item: without that item, and with it in the slot of another one."""
+    """Add a look-alike in the slot of the first item: without the item, and with the item in another slot."""
     for other in look_alikes_of(cast, first):
         before = len(draft.variations)
         alike = f"{other.kind} where the {first.kind} stood"
@@ -205,7 +206,7 @@ def _add_look_alikes(
 
 
 def _add_repeated(draft: Draft, items: Sequence[ObjectSpec], asked: functools.partial[a.Instruction]) -> None:
-    """Add two equal objects to be packed: the first countable item, the second one in the slot of another item."""
+    """Add two equal objects to be packed. The second one is in the slot of another item."""
     repeated = next((o for o in items[:3] if is_countable(o.kind)), None)
     if repeated is None:
         draft.leave_out("T", "two equal objects to be packed", "no item has a plural")

@@ -1,4 +1,4 @@
-"""The registry of patterns."""
+"""Registry of patterns."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ class Unbuilt:
 
     Attributes:
         axis: Letter of the axis ("O").
-        title: Difference from training in a few words.
-        reason: Reason why it could not be derived, and a remedy.
+        title: Short description of the difference from training.
+        reason: Reason why it could not be derived, with a remedy.
     """
 
     axis: str
@@ -30,12 +30,12 @@ class GeneratedTask:
     """Task derived from a cast by a pattern.
 
     Attributes:
-        task: Task with its training conditions and variations; it has no ``id`` yet.
-        confounds: Deliberate regularities of the training conditions, one sentence each.
-        balanced: Training conditions without these regularities.
-        crossed: Factors that are crossed in ``balanced``, one line each.
+        task: Task with training conditions and variations, without an ``id``.
+        confounds: Deliberate confounds of the training conditions, one sentence each.
+        balanced: Training conditions without these confounds.
+        crossed: Factors that vary independently in ``balanced``, one line each.
         unbuilt: Variations that could not be derived.
-        aside: Slots that only conditions of ``balanced`` use; nothing is picked from these slots.
+        aside: Slots that are only used in ``balanced``, and from which nothing is picked.
     """
 
     task: Task
@@ -47,7 +47,7 @@ class GeneratedTask:
 
 
 Pattern = Callable[[Cast], GeneratedTask]
-"""Function that makes a task from a cast, and raises InvalidInputError with the reason if the objects do not fit."""
+"""Function that makes a task from a cast, or raises InvalidInputError if the objects do not fit."""
 
 PATTERNS: dict[str, Pattern] = {}
 """Patterns by the name of their template."""

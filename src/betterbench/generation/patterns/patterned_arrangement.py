@@ -1,4 +1,4 @@
-"""Patterned arrangement: items go to sides of an anchor, as in the tasks desk_meeting and breakfast_table."""
+"""Patterned arrangement: items are put at sides of an anchor, as in the tasks desk_meeting and breakfast_table."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ _DESKS = tuple(
 )
 """Tables of desk_meeting in the suite: six slots in front, three for each position of the anchor.
 
-The anchor has less jitter than in the suite, so that no exchange of objects causes contact. The anchor is as far
-from the robot as the objects in front allow: the nearer the anchor, the less space behind a laptop is in reach."""
+The anchor has less jitter than in the suite, so that objects do not touch after an exchange. It is as far from the
+robot as the objects in front of it allow. If it were nearer, less space behind a laptop would be reachable."""
 
 _SETTING = Table(
     starts=(
@@ -57,17 +57,19 @@ _SETTING = Table(
     ),
     besides=(a.Slot("front_left", 0.69, -0.17), a.Slot("back", 0.29, 0.24), a.Slot("back_left", 0.32, -0.15)),
 )
-"""Table of the suite's breakfast_table: two long pieces lie at the edges, a compact one stands in front."""
+"""Table of the suite's breakfast_table: two long pieces at the edges, and a compact one in front."""
 TABLES = (*_DESKS, _SETTING)
 
 _FRONT_M = 0.070
-"""Largest radius of an object in a front slot [m]; longer objects extend beyond the view of the front camera."""
+"""Maximum radius of an object in a front slot [m]. Longer objects extend beyond the view of the front camera."""
 _NARROW_M = 0.072
-"""Largest width of an object behind an anchor [m], where the gripper has little room and a mug's handle has none."""
+"""Maximum width of an object behind an anchor [m], where there is little room for the gripper and none for the handle
+of a mug.
+"""
 _WIDE_M = 0.115
-"""Largest width of an object at another side [m]."""
+"""Maximum width of an object at another side [m]."""
 _CUTLERY_M = 0.09
-"""Largest radius of a piece at the edge of the table [m]."""
+"""Maximum radius of a piece at the edge of the table [m]."""
 _TRIED_LAST = ("behind", "upper_right")
 """Sides with little room, in the order of preference for the third item."""
 
@@ -86,7 +88,7 @@ class _Plan:
 
     Attributes:
         anchor: Object with the sides.
-        steps: Three items, each with its side.
+        steps: Three items, each with its side in training.
         layouts: Start slots for the first and the second position of the anchor.
         pairs: Trained pairs of steps.
     """
@@ -97,20 +99,20 @@ class _Plan:
     pairs: tuple[tuple[Step, Step], ...]
 
     def put(self, *steps: Step) -> a.Instruction:
-        """Return the instruction to put objects to sides of the anchor."""
+        """Return the instruction to put objects at sides of the anchor."""
         return a.arranged(self.anchor, *steps, close=_is_round(self.anchor))
 
 
 @pattern(a.PATTERNED_ARRANGEMENT)
 def patterned_arrangement(cast: Cast) -> GeneratedTask:
-    """Return a task in which two of three items go to their sides of the anchor.
+    """Return a task in which two of three items are put at their sides of the anchor.
 
-    Two long pieces and a compact one are laid around a round anchor as in a place setting; other items start in front
-    of the anchor. Distractors are used only around a place setting, as far as there is room.
+    Two long pieces and a compact one are put around a round anchor as in a place setting. Other items start in front of
+    the anchor. Distractors are only used around a place setting, if there is room.
 
     Raises:
         InvalidInputError: If the anchor has fewer than three sides, there are not three items, an item cannot be
-            grasped or is too large, or none fits to the side with the least room.
+            grasped or is too large, or no item fits at the side with the least room.
     """
     (anchor,) = in_role("fixture", (cast.one("anchor"),))
     items = in_role("item", cast.groups.get("items", ()))
@@ -133,9 +135,9 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
 
 
 def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, Slot]]:
-    """Yield the slots of distractors around a place setting, more of them first.
+    """Yield choices of slots for distractors around a place setting, the largest number first.
 
-    The first of them exchanges its slot with the compact item.
+    The first distractor exchanges its slot with the compact item.
     """
     slots = _SETTING.besides
     for count in range(min(len(slots), len(distractors) - 1), -1, -1):
@@ -246,9 +248,9 @@ def _draft(cast: Cast, plan: _Plan, table: Table) -> Draft:
 
 
 def _add_moved_anchor(draft: Draft, plan: _Plan) -> None:
-    """Move the anchor, for a pair that does not begin with the object in the first slot by name.
+    """Add a variation with the anchor moved, for a pair that does not begin with the object in the first slot by name.
 
-    Otherwise, a policy that always begins in its favorite slot would pass.
+    Otherwise, a policy that always begins at its favorite slot would succeed.
     """
     layout = plan.layouts[0]
     favorite = min(slot.name for o, slot in layout.items() if o is not plan.anchor)
@@ -264,7 +266,7 @@ def _add_recomposed(draft: Draft, plan: _Plan, steps: tuple[Step, Step], base: t
 
 
 def _add_look_alike(draft: Draft, spec: ObjectSpec, room: Sequence[Operation], slot: Slot, base: str) -> bool:
-    """Add a look-alike of an object in its slot, after the operations that make room; return whether one fits."""
+    """Add a look-alike of an object in its slot, after operations that make room. Returns whether one fits."""
     for other in look_alikes_of(draft.cast, spec):
         if draft.vary("O", [*room, a.add(other, slot)], f"{other.kind} where the {spec.kind} stood", LOOK_ALIKE, base):
             return True
@@ -299,7 +301,7 @@ def _finish(draft: Draft, plan: _Plan, balanced: Sequence[Condition]) -> Generat
 
 
 def _new_pairs(draft: Draft, plan: _Plan) -> Iterator[tuple[Step, Step]]:
-    """Yield the pairs of steps with different objects and sides, without pairs that occur only in tests."""
+    """Yield the pairs of steps with different objects and sides, without pairs that only occur in tests."""
     sides = [side for _, side in plan.steps]
     trained = {frozenset(pair) for pair in plan.pairs}
     given = [o.arguments.get("instruction") for v in draft.variations for o in v.interventions]
@@ -410,8 +412,8 @@ def _setting_balanced(
 
 
 def _is_blocked(steps: Sequence[Step], side: str, piece: ObjectSpec) -> bool:
-    """Return whether the second step picks a piece next to the object that the first step has placed.
+    """Return whether the second step picks a piece next to the object that the first step placed.
 
-    The piece starts at the edge where the anchor leaves little room.
+    The piece is at the edge where the anchor leaves little room.
     """
     return steps[0][1] == side and steps[1][0] is piece

@@ -1,6 +1,6 @@
-"""Precision insertion: the named jars go into the named holes of a rack.
+"""Precision insertion: the named jars are put into the named holes of a rack.
 
-In training, each jar has its slot and its hole.
+In training, each jar has a fixed slot and a fixed hole.
 """
 
 import itertools
@@ -30,12 +30,12 @@ FIRST, SECOND, THIRD = a.Slot("first", 0.42, -0.22), a.Slot("second", 0.60, -0.2
 STAND = a.Slot("stand", 0.52, 0.13, jitter_m=0.0, yaw_jitter=0.0)
 ASIDE = a.Slot("aside", 0.71, -0.10)
 HOLES = {"hole_1": "left", "hole_2": "middle", "hole_3": "right"}
-"""Words for the holes as seen in the front camera image."""
+"""Words for the holes in the front camera image."""
 
 LEAST_CLEARANCE_M, MOST_CLEARANCE_M = 0.002, 0.003
-"""Allowed clearance of a jar in its hole on each side [m]; the template requires 3 mm or less."""
+"""Allowed clearance of a jar in its hole on each side [m]. The template requires 3 mm or less."""
 HELD_M = 0.015
-"""Minimum height of the grasp above the top of a hole [m]; the pads extend 9 mm below its center."""
+"""Minimum height of the grasp above the top of a hole [m]. The finger pads extend 9 mm below the grasp."""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 BY_HOLE = "A hole is found by its position in the rack, whatever the other holes hold."
@@ -46,7 +46,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 
 @pattern(a.PRECISION_INSERTION)
 def precision_insertion(cast: Cast) -> GeneratedTask:
-    """Make a task of three jars and a rack with three holes.
+    """Make a task with three jars and a rack with three holes.
 
     Raises:
         InvalidInputError: If an object does not fit, naming it.
@@ -151,7 +151,7 @@ class _Insertion:
     def _plain(self, item: a.ObjectSpec) -> a.ObjectSpec | None:
         """Return the version of a jar that differs from the others only by its label, or None.
 
-        By convention its category is "plain_" and the kind, with underscores ("plain_salt_jar").
+        By convention, its category is "plain_" followed by the kind, with underscores ("plain_salt_jar").
         """
         category = f"plain_{item.kind.replace(' ', '_')}"
         if category == item.category or category not in categories():
@@ -159,9 +159,9 @@ class _Insertion:
         return replace(item, name=f"plain_{item.name}", category=category, color=colors(category)[0])
 
     def _balanced(self) -> list[Condition]:
-        """Return each jar alone into each hole, and each ordered pair into two holes, each in three cyclic layouts.
+        """Return balanced conditions: each jar into each hole, and each ordered pair into two holes, in three layouts.
 
-        An instruction therefore does not determine the slots of its jars.
+        The instruction therefore does not determine the slots of the jars.
         """
         holes, jars = tuple(HOLES), self.items
         found = []
@@ -177,7 +177,7 @@ class _Insertion:
 
 
 def _ordered(items: tuple[a.ObjectSpec, ...], stated: Mapping[str, str]) -> tuple[a.ObjectSpec, ...]:
-    """Return the items in the order of their holes, first those in the instruction, then the others."""
+    """Return the items in the order of their holes, beginning with those in the instruction."""
     placed = {stated[item.name]: item for item in items if item.name in stated}
     others = iter([item for item in items if item.name not in stated])
     return tuple(placed[hole] if hole in placed else next(others) for hole in HOLES)

@@ -1,4 +1,4 @@
-"""Recursive stacking: plates go onto plates, as in the task dinner_plates."""
+"""Recursive stacking: plates are put on plates, as in the task dinner_plates."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _STAND_MIDDLE = a.Slot("stand_middle", 0.37, 0.0, jitter_m=0.010)
 TABLE = Table((_LEFT_BACK, _LEFT_FRONT, _RIGHT_BACK, _RIGHT_FRONT), (_STAND_RIGHT, _STAND_MIDDLE))
 """Table of the suite's dinner_plates: two slots for each position of the lowest plate.
 
-The front slots are 2 cm farther from the robot, so that plates of any size stay clear of one another."""
+The front slots are 2 cm farther from the robot, so that plates of any size do not touch."""
 
 BY_KIND = "Plates are found by what they are, not by where they stood in training."
 BY_TARGET = "A plate is put where the lowest one stands, not where it stood."
@@ -36,7 +36,7 @@ DONE = "The policy sees what is done already and finishes the stack."
 
 @dataclass(frozen=True, slots=True)
 class _Plates:
-    """The lowest plate, and the two plates that are stacked on it."""
+    """Lowest plate, and the two plates that are stacked on it."""
 
     base: ObjectSpec
     middle: ObjectSpec
@@ -54,12 +54,12 @@ class _Plates:
 def recursive_stacking(cast: Cast) -> GeneratedTask:
     """Return a task in which each of two plates is put on the widest one, or the second on the first.
 
-    If the instruction of the scenario puts one plate on another, so does training. The plate with a look-alike is the
-    middle plate of the whole stack. Distractors are not used, because the plates fill the table.
+    If the instruction of the scenario puts one plate on another, training does so too. The plate with a look-alike is
+    the middle plate of the complete stack. Distractors are not used, because the plates fill the table.
 
     Raises:
         InvalidInputError: If there are not three plates, a plate cannot be grasped at its rim, or a plate does not fit
-            onto another.
+            on another.
     """
     plates = in_role("item", cast.groups.get("plates", ()))
     if len(plates) != 3:
@@ -150,10 +150,10 @@ def _add_look_alike(draft: Draft, cast: Cast, plates: _Plates, near: dict[Object
 
 
 def _balanced(plates: _Plates, near: dict[ObjectSpec, Slot]) -> Iterator[Condition]:
-    """Yield each instruction with its plate in each slot, for both positions of the lowest plate.
+    """Yield conditions for each instruction with its plate in each slot, for both positions of the lowest plate.
 
-    If the lowest plate is in the right position, there is no room for other plates on the right, so only the left
-    slots are used.
+    With the lowest plate in the right position, only the left slots are used, because there is no room for other plates
+    on the right.
     """
     base, middle, top = plates.base, plates.middle, plates.top
     on_base = {o: plates.onto((o, base)) for o in (middle, top)}

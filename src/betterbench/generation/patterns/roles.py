@@ -17,7 +17,7 @@ BYSTANDER_M = 0.10
 _LONGEST_M = 0.14
 """Maximum footprint of a look-alike in a fixture slot [m]."""
 _FALLBACK = "block"
-"""Category with the most colors, whose objects resemble other objects only by color."""
+"""Category with the most colors, whose objects only resemble other objects by color."""
 
 
 def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) -> tuple[ObjectSpec, ...]:
@@ -53,8 +53,8 @@ def look_alikes_of(cast: Cast, spec: ObjectSpec) -> tuple[ObjectSpec, ...]:
 def standing_look_alikes(cast: Cast, items: tuple[ObjectSpec, ...]) -> Mapping[str, ObjectSpec]:
     """Return a distractor that looks like each item, by the item's name.
 
-    It is the first look-alike of the cast that is narrow enough to stand in a slot, otherwise a toy block of the item's
-    color, unless the cast has a block. An item without either is left out.
+    It is the first look-alike in the cast that is narrow enough for a slot. If there is none, it is a toy block of the
+    item's color, unless the cast contains a block. Items without either are left out.
     """
     found: dict[str, ObjectSpec] = {}
     taken = {spec.name for specs in cast.groups.values() for spec in specs}

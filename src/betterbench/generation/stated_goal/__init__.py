@@ -1,12 +1,12 @@
-"""Goal stated in an instruction, and its parts that the template's pattern does not support.
+"""Goal stated in an instruction, and the parts that the pattern of the template does not support.
 
 An instruction may state more than the objects: a side of the laptop, a hole of the rack, a number, an order.
-:func:`stated_goal` reads these parts. The supported parts are stored in :class:`StatedGoal`, from which the patterns
-take sides, drawers, holes and plates. For everything else, a problem with the unsupported word is reported, so every
-accepted instruction states exactly the goal of the task.
+:func:`stated_goal` parses these parts. Supported parts are stored in :class:`StatedGoal`, from which the patterns take
+sides, drawers, holes and plates. For each unsupported part, a problem with its words is reported. Every accepted
+instruction therefore states exactly the goal of the task.
 
-- ``relations``: the words that are read.
-- ``reading``: nouns with the objects that they mean, and relations between them.
+- ``relations``: the vocabulary.
+- ``reading``: nouns with the objects they refer to, and relations between them.
 - ``held``: relations that each pattern supports. ``demands``: negations, numbers, orders and poses, which no pattern
   supports.
 """
@@ -44,9 +44,9 @@ class StatedGoal:
     """Parts of a stated goal that the patterns support.
 
     Attributes:
-        regions: Side, drawer ("upper") or hole ("hole_1") by the ``instance_name`` of an item.
-        onto: Pairs of plates by ``instance_name``: the upper and the lower one.
-        problems: Words for unsupported parts, with the reason.
+        regions: Side, drawer ("upper") or hole ("hole_1"), by ``instance_name`` of an item.
+        onto: Pairs of an upper and a lower plate, by ``instance_name``.
+        problems: Words of unsupported parts, with the reason.
     """
 
     regions: Mapping[str, str] = field(default_factory=dict)
@@ -55,7 +55,7 @@ class StatedGoal:
 
     @property
     def placed(self) -> frozenset[str]:
-        """Names of the objects with a stated place."""
+        """Names of the objects with a stated target region."""
         return frozenset(self.regions) | frozenset(name for pair in self.onto for name in pair)
 
     @property
@@ -65,7 +65,7 @@ class StatedGoal:
 
 
 def goal_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
-    """Yield the words of an instruction that state an unsupported goal, as problem and remedy."""
+    """Yield a problem and a remedy for each unsupported part of the goal in an instruction."""
     for word, reason in stated_goal(scenario).problems:
         can = _CAN.get(template.name, template.description)
         cure = f"Write a sentence such as {example_about(scenario)!r}" if template.name in _CAN else "Leave it out"
@@ -73,7 +73,7 @@ def goal_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str,
 
 
 def stated_goal(scenario: Scenario) -> StatedGoal:
-    """Read the goal that the instruction of a scenario states."""
+    """Parse the goal that the instruction of a scenario states."""
     if scenario.template not in _CAN or not scenario.groups:
         return StatedGoal()
     reader = Reader(scenario)

@@ -1,4 +1,4 @@
-"""Detection of words in an instruction that state a negation, a choice, an order, a pose or a different number."""
+"""Detection of negations, choices, orders, poses and numbers in instructions."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _UNLESS_DESCRIBED = (
 
 
 def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
-    """Yield the words for a negation, a choice, an order, a pose or a number without objects, with the reason."""
+    """Yield the words that state a negation, choice, order, pose or number without objects, with the reason."""
     described = frozenset().union(*map(words_of_object, r.objects.values()))
     items = [m for m in r.mentions.values() if r.is_item(m)]
     for i, word in enumerate(r.tokens):
@@ -55,7 +55,7 @@ def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
 
 
 def _closing(r: Reader, at: int) -> str:
-    """Return a reason if a word asks to close something other than a drawer, or a drawer into which nothing is put."""
+    """Return a reason if a word asks to close an object other than a drawer, or a drawer into which nothing is put."""
     if r.tokens[at] not in ("close", "shut") or r.tokens[at + 1 : at + 2] == ["to"]:
         return ""
     if r.scenario.template != "container_loading":
@@ -64,7 +64,7 @@ def _closing(r: Reader, at: int) -> str:
 
 
 def _returning(r: Reader, at: int) -> str:
-    """Return a reason if an object goes "back" or "away" and no target follows."""
+    """Return a reason if an object is to be put "back" or "away" without a target."""
     if r.tokens[at] not in ("back", "away") or not any(r.is_item(m) and m.end == at for m in r.mentions.values()):
         return ""
     is_last = not r.tokens[at + 1 :] or r.tokens[at + 1] in (",", ".", "and")
@@ -72,7 +72,7 @@ def _returning(r: Reader, at: int) -> str:
 
 
 def _result(r: Reader, at: int) -> str:
-    """Return a reason if the layers do not make the named result, or make only one of several."""
+    """Return a reason if the layers do not make the named result, or only one instead of several."""
     if r.scenario.template != "logical_assembly" or r.tokens[at] not in RESULTS:
         return ""
     if number_before(r.raw, at) or r.raw[at] != r.tokens[at]:
@@ -82,23 +82,23 @@ def _result(r: Reader, at: int) -> str:
 
 
 def _number(r: Reader, at: int) -> str:
-    """Return a reason if a word is a number beyond that of any scene, or a number without objects."""
+    """Return a reason if a word is a number that is too large for a scene, or a number without objects."""
     raw = r.raw[at]
     if raw in NUMBERS:
-        return "" if _counts_a_noun(r, at) else "it is the number of nothing in the goal"
+        return "" if _counts_a_noun(r, at) else "it does not refer to objects of the goal"
     if raw.isdigit() or r.tokens[at] in COUNTS:
-        return "a scene has up to four objects of a kind, and their number must be said"
+        return "a scene has up to four objects of a kind, and their exact number must be stated"
     return ""
 
 
 def _counts_a_noun(r: Reader, at: int) -> bool:
-    """Return whether a number belongs to a noun of objects or holes."""
+    """Return whether a number refers to a noun for objects or holes."""
     counted = (m.at for m in r.mentions.values() if m.at - 4 <= at < m.at)
     return any(number_before(r.raw, i) for i in counted) or "hole" in r.tokens[at + 1 : at + 3]
 
 
 def _order_is_held(r: Reader, at: int, items: Sequence[Mention]) -> bool:
-    """Return whether the pattern enforces an order, that of the first two objects or of closing a drawer."""
+    """Return whether the pattern supports an order: that of the first two objects, or of closing a drawer."""
     word = r.tokens[at]
     if r.scenario.template == "container_loading":
         return word == "then" and bool({"close", "shut"} & set(r.tokens[at + 1 : at + 3]))

@@ -1,4 +1,4 @@
-"""Direction of cutlery in an instruction, the only direction that a goal has."""
+"""Direction of cutlery in an instruction, which is the only direction in a goal."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _CLAUSE = re.compile(
 
 
 def without_direction(text: str) -> str:
-    """Return an instruction without clauses such as "with its handle to the front", said of cutlery.
+    """Remove clauses about cutlery such as "with its handle to the front" from an instruction.
 
-    Every arranged piece of cutlery points this way next to a plate, so the clause adds nothing to the goal. It stays in
-    the text if it is said of another object, which has no direction, or states another direction.
+    All cutlery points in this direction next to a plate, so the clause adds nothing to the goal. Clauses about other
+    objects or other directions are not removed.
     """
     return _CLAUSE.sub(lambda found: "" if _is_of_cutlery(found) else found[0], text)
 
 
 def read_text(scenario: Scenario) -> str:
-    """Return the part of a scenario's instruction that is read word by word."""
+    """Return the part of a scenario's instruction that is parsed word by word."""
     text = scenario.instruction
     return without_direction(text) if scenario.template == ARRANGED else text
 

@@ -1,4 +1,4 @@
-"""Relations supported by each template's pattern, with the reasons why others are unsupported."""
+"""Relations that the pattern of each template supports, and reasons for rejecting others."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from betterbench.generation.stated_goal.relations import HOLES, RING, SIDES
 
 
 def _item(r: Reader, said: Said, regions: Mapping[str, str]) -> tuple[str, str]:
-    """Return the single item to which a relation refers, or the reason why there is none."""
+    """Return the single item that a relation is about, or the reason why there is none."""
     named = [m for m in said.subjects if r.is_item(m)]
     if len(named) != 1 or named[0].number > 1:
         count = "no" if not named else "more than one"
-        return "", f"it is said of {count} item, and each place takes one"
+        return "", f"it refers to {count} item, but each target takes one"
     items = [n for n in named[0].objects if r.role_of[n] == "item"]
     free = [n for n in items if n not in regions]
     return (free or items or [""])[0], ""
@@ -23,11 +23,11 @@ def _enter(r: Reader, said: Said, region: str, regions: dict[str, str]) -> Itera
     """Record the target region of an item, or yield the reason why it is impossible."""
     name, reason = _item(r, said, regions)
     if reason or not name:
-        yield reason or "it is said of no item"
+        yield reason or "it does not refer to an item"
     elif regions.get(name, region) != region:
-        yield "the item has another place already"
+        yield "the item already has another target"
     elif any(taken == region and other != name for other, taken in regions.items()):
-        yield "another item has this place already"
+        yield "another item already has this target"
     else:
         regions[name] = region
 
@@ -48,7 +48,7 @@ def _arranged(r: Reader, said: Said, regions: dict[str, str], _onto: object) -> 
     elif said.meaning in ("beside", "around") and on_anchor:
         yield r.moved(said)
     elif said.meaning in ("beside", "around", *SIDES) and said.target is not None:
-        yield f"places are beside the anchor, and not beside the {r.raw[said.target.end - 1]}"
+        yield f"targets are beside the anchor and not beside the {r.raw[said.target.end - 1]}"
     else:
         yield "this is not part of the goal"
 
@@ -80,7 +80,7 @@ def _positioned(r: Reader, said: Said, _regions: object, _onto: object) -> Itera
     if not held:
         yield "this is not part of the goal"
     elif sum(map(r.is_item, said.subjects)) > 1:
-        yield "one item goes there"
+        yield "only one item is put there"
     else:
         yield r.moved(said)
 
@@ -109,9 +109,12 @@ def _assembled(r: Reader, said: Said, _regions: object, _onto: object) -> Iterat
     if said.meaning == "on" and r.receiver(said):
         alone = said.subjects[0] if len(said.subjects) == 1 else None
         last = alone is not None and r.tokens[alone.at : alone.end] == ["top", "bun"]
-        yield "a top bun lies on other layers" if last else r.moved(said)
+        yield "a top bun is put on other layers" if last else r.moved(said)
     elif said.meaning == "on" and said.target is not None:
-        yield f"the order of the layers is drawn, so nothing is sure to lie on the {r.raw[said.target.end - 1]}"
+        yield (
+            f"the order of the layers is random, so it is unknown which layer is put on the "
+            f"{r.raw[said.target.end - 1]}"
+        )
     else:
         yield "this is not part of the goal"
 
@@ -141,7 +144,7 @@ def _stacked(r: Reader, said: Said, _regions: object, onto: list[tuple[str, str]
         if (lower, upper) in onto:
             yield "a plate cannot be above and below another"
         elif sum(r.objects[upper].size_m) > sum(r.objects[lower].size_m):
-            yield "a plate goes on one that is at least as wide"
+            yield "a plate is only put on one that is at least as wide"
         onto.append((upper, lower))
 
 
@@ -164,5 +167,5 @@ def read_goal(r: Reader) -> tuple[dict[str, str], tuple[tuple[str, str], ...], l
     for said in r.relations():
         read = _RULES[r.scenario.template]
         problems += [(said.words, reason) for reason in read(r, said, regions, onto) if reason]
-    positions = [(r.raw[i], "it is the position of nothing in the goal") for i in r.positions]
+    positions = [(r.raw[i], "it does not refer to a position in the goal") for i in r.positions]
     return regions, tuple(onto), [*problems, *positions]

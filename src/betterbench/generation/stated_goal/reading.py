@@ -1,4 +1,4 @@
-"""Parsing of an instruction: the objects to which its nouns refer, and the relations between them."""
+"""Parser of instructions: objects that the nouns refer to, and relations between them."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ class Mention:
     """Noun in an instruction.
 
     Attributes:
-        at: Place of its first word among the tokens.
-        end: Place after its last word.
-        objects: Names of the objects that the noun may mean.
+        at: Index of its first token.
+        end: Index after its last token.
+        objects: Names of the objects that the noun may refer to.
         number: Stated number of objects, 2 for a plural without a number, otherwise 0.
     """
 
@@ -59,10 +59,10 @@ class Said:
     """Relation stated in an instruction.
 
     Attributes:
-        words: Its words ("to the left of").
-        meaning: Its meaning ("left").
-        subjects: Nouns before the relation that have no relation yet.
-        target: Noun after the relation, None for a place or without a target.
+        words: Words of the relation ("to the left of").
+        meaning: Meaning of the relation ("left").
+        subjects: Preceding nouns without a relation.
+        target: Noun after the relation; None for a place or without a target.
         place: Place after the relation ("table", "ring"), or "it" for a pronoun; empty if there is none.
         position: Word before "hole" ("left"), or a part of the target ("ring").
     """
@@ -76,14 +76,14 @@ class Said:
 
 
 class Reader:
-    """Words of an instruction, with the objects to which they refer.
+    """Parsed words of an instruction, with the objects they refer to.
 
     Attributes:
         objects: Objects of the scenario by name, and ``role_of`` their roles.
-        surfaces: Places on which all objects stand.
-        raw: Words as written, in lower case, and ``tokens`` in the singular.
-        mentions: Nouns by the place of their first word; ``taken`` are the places of all their words.
-        positions: Places of words such as "left" that belong to no relation; :meth:`relations` finds them.
+        surfaces: Surfaces on which all objects stand.
+        raw: Words in lower case; ``tokens`` are the words in the singular.
+        mentions: Nouns by the index of their first token; ``taken`` are the indices of all their tokens.
+        positions: Indices of words such as "left" without a relation, set by :meth:`relations`.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -116,14 +116,14 @@ class Reader:
                 yield Mention(at, end, self._meant(at, noun), number)
 
     def _number(self, at: int, end: int) -> int:
-        """Return the stated number of objects, 2 for a plural without a number, and 0 if nothing is stated."""
+        """Return the stated number of objects, 2 for a plural without a number, or 0 if no number is stated."""
         said = number_before(self.raw, at)
         if said:
             return NUMBERS[said]
         return 2 if is_plural_form(self.raw[end - 1]) else 0
 
     def _meant(self, at: int, noun: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the objects to which a noun may refer: first those with this name, then those described with it."""
+        """Return the objects that a noun may refer to: those with this name, or else those described with it."""
         alias = {"top": "upper", "bottom": "lower"} if noun[-1] == "drawer" else {}
         words = [alias.get(word, word) for word in noun]
         last, color = words[-1], color_before(self.tokens, at)
@@ -143,20 +143,20 @@ class Reader:
         return tuple(found)
 
     def _members(self, noun: str) -> list[str]:
-        """Return the items covered by a collective noun, such as the jars for "spices"."""
+        """Return the items that a collective noun refers to, such as the jars for "spices"."""
         members = collective(noun)
         items = (o for name, o in self.objects.items() if self.role_of[name] == "item")
         return [o.instance_name for o in items if members & {*head_nouns(o.asset_query), *head_nouns(o.description)}]
 
     def _of_type(self, noun: tuple[str, ...]) -> list[str]:
-        """Return the container, fixture or drawers of the type that a noun names (the waste bin for "trash can")."""
+        """Return the container, fixture or drawers of the type that a noun names (a waste bin for "trash can")."""
         groups = TEMPLATES[self.scenario.template].groups
         receivers = [group for group in groups if group.role in ("container", "fixture", "drawer")]
         named = [g.group_id for g in receivers if any(noun in nouns_of(allowed) for allowed in g.allowed_types)]
         return [o.instance_name for group_id in named for o in self.scenario.groups.get(group_id, ())]
 
     def relations(self) -> Iterator[Said]:
-        """Yield the relations, each with the preceding objects that have no relation yet."""
+        """Yield the relations, each with the preceding nouns that have no relation."""
         pending: list[Mention] = []
         at = 0
         while at < len(self.tokens):
@@ -192,7 +192,7 @@ class Reader:
         return next((n for n in free if tuple(self.tokens[at : at + n]) in RELATIONS), 0)
 
     def _side_at(self, at: int) -> tuple[str, int] | None:
-        """Return the side that follows in "next to the plate on the left", with its end, or None."""
+        """Return the side in "next to the plate on the left" with the index after it, or None."""
         length = self._relation_length(at)
         meaning = RELATIONS[tuple(self.tokens[at : at + length])] if length else ""
         if meaning not in SIDES or self._target(at + length)[:2] != (None, ""):
@@ -200,12 +200,12 @@ class Reader:
         return meaning, at + length
 
     def _is_idiom(self, at: int, meaning: str, place: str) -> bool:
-        """Return whether the words of a relation have an idiomatic meaning: "to go", "in one pile"."""
+        """Return whether the words of a relation are an idiom ("to go", "in one pile")."""
         following = self.tokens[at + 1] if at + 1 < len(self.tokens) else ""
         return (self.tokens[at] == "to" and following == "go") or (meaning == "in" and place in GATHERED)
 
     def _target(self, at: int) -> tuple[Mention | None, str, str, int]:
-        """Return the target after a relation: its object, its place, a position before "hole", and its end."""
+        """Return the target after a relation: object, place, position before "hole", and index after it."""
         position = place = ""
         i = at
         while i < len(self.tokens):
@@ -240,7 +240,7 @@ class Reader:
         return any(self.role_of[name] in ("item", "distractor") for name in mention.objects)
 
     def is_on_surface(self, said: Said) -> bool:
-        """Return whether a relation only states that something is on the table."""
+        """Return whether a relation only states that an object is on the table."""
         return said.target is None and said.place in self.surfaces and said.meaning in ("on", "in", "at", "from")
 
     def receiver(self, said: Said) -> bool:
@@ -252,12 +252,12 @@ class Reader:
         )
 
     def moved(self, said: Said) -> str:
-        """Return a reason if the relation would move an object that is not an item."""
+        """Return a reason if a relation would move an object that is not an item."""
         wrong = [m for m in said.subjects if m.objects and not self.is_item(m)]
-        return f"the {self.raw[wrong[0].end - 1]} stays where it is" if wrong else ""
+        return f"the {self.raw[wrong[0].end - 1]} is not moved" if wrong else ""
 
     def sides(self) -> tuple[str, ...]:
-        """Return the sides of the anchor, all if its category is not known before an asset is chosen."""
+        """Return the sides of the anchor, or all sides if its category is not known yet."""
         (anchor,) = self.scenario.groups["anchor"] or (None,)
         category = "_".join(anchor.tags[0].split()) if anchor is not None and anchor.tags else ""
         offered = footprint(category).regions if category in categories() else frozenset(SIDES)

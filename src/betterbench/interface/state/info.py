@@ -11,7 +11,7 @@ from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Named box or disc in an object's frame to which tasks refer, such as an opening, ring, handle or top surface.
+    """Named region of an object, a box or disc such as an opening, ring, handle or top surface.
 
     Attributes:
         name: Kind of the region ("inside", "ring", "handle", "top").
@@ -33,19 +33,19 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class ObjectInfo:
-    """Constant properties of one scene object: its kind, asset, looks and size.
+    """Constant properties of a scene object: kind, asset, appearance and size.
 
     Attributes:
-        name: Name in the scene ("burger_1"); verdicts do not depend on it.
-        kind: Noun for the object in instructions ("burger"); objects of the same kind are interchangeable.
+        name: Name in the scene ("burger_1"), which does not affect verdicts.
+        kind: Noun for the object in instructions ("burger"). Objects of the same kind are interchangeable.
         asset: Identity of the asset ("burger#3").
         color: Color word ("red").
-        shape: Coarse shape word ("round", "cylinder", "box"), compared when a look-alike is grasped.
+        shape: Coarse shape ("round", "cylinder", "box"), which is compared if a similar object is grasped.
         role: "item", "distractor", "container" or "fixture".
-        size_m: Bounding box extents in the object frame [m]; the origin is the center of the bottom face.
+        size_m: Bounding box extents in the object frame [m], whose origin is the center of the bottom face.
         slot: Name of the object's start slot, or None.
-        source: Origin of the asset, with its author; empty for the procedural library.
-        license: License of the asset, empty in the same case.
+        source: Source and author of the asset; empty for the procedural library.
+        license: License of the asset; empty for the procedural library.
         keeps_upright: Whether the object, such as a drink, must not lie on its side in a container.
     """
 
@@ -67,7 +67,7 @@ class ObjectInfo:
 
     def region(self, name: str) -> Region:
         """Return a region by name. Raises UnknownNameError if it does not exist."""
-        for region in self.regions:  # takes half the time of find_named, at every control step
+        for region in self.regions:  # twice as fast as find_named, and called at every control step
             if region.name == name:
                 return region
         return find_named(f"region of {self.name}", name, self.regions)
@@ -80,8 +80,8 @@ class SlotInfo:
     Attributes:
         position: Center on the table [m], world frame.
         yaw: Nominal heading of an object in the slot [rad].
-        trained_kinds: Object kinds in this slot in the training distribution.
-        picked_kinds: Object kinds picked from this slot in the training distribution.
+        trained_kinds: Kinds of objects in this slot in the training distribution.
+        picked_kinds: Kinds of objects picked from this slot in the training distribution.
     """
 
     name: str
@@ -112,7 +112,7 @@ class SceneInfo:
         self._index.update({o.name: i for i, o in enumerate(self.objects)})
 
     def index(self, name: str) -> int:
-        """Return an object's index in the lists of a state. Raises UnknownNameError if it does not exist."""
+        """Return the index of an object in the lists of a state. Raises UnknownNameError if it does not exist."""
         try:
             return self._index[name]
         except KeyError:
@@ -127,7 +127,7 @@ class SceneInfo:
         return name in self._index
 
     def of_kind(self, kind: str) -> tuple[ObjectInfo, ...]:
-        """Return all objects to which ``kind`` in an instruction can refer."""
+        """Return all objects of a kind named in an instruction."""
         return tuple(o for o in self.objects if o.kind == kind)
 
     def slot(self, name: str) -> SlotInfo:
@@ -138,7 +138,7 @@ class SceneInfo:
         """Return a JSON-serializable dict."""
         objects = [{**_form(o), "regions": [_form(region) for region in o.regions]} for o in self.objects]
         for form in objects:
-            if not form["source"]:  # of the procedural library
+            if not form["source"]:  # empty for the procedural library
                 del form["source"], form["license"]
             if not form["keeps_upright"]:
                 del form["keeps_upright"]
@@ -148,5 +148,5 @@ class SceneInfo:
 
 
 def _form(value: Region | ObjectInfo | SlotInfo | SceneInfo) -> dict[str, Any]:
-    """Return the fields of a value by name; ``asdict`` takes ten times as long because it copies every number."""
+    """Return the fields of a dataclass by name. ``asdict`` takes ten times as long because it copies every number."""
     return {f.name: getattr(value, f.name) for f in fields(value)}

@@ -1,4 +1,4 @@
-"""Objects in a camera image: the visible part and image position of each, computable from a record and the model."""
+"""Visible objects in a camera image: visible fraction and image position, computed from a record and the model."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class SeenObject:
 
     Attributes:
         box: The smallest box around all its visible pixels.
-        fraction: Visible pixels divided by the pixels that the object would have without occlusion and without the
-            image border, in [0, 1].
+        fraction: Visible pixels divided by the pixels that the object would have if nothing occluded it and the image
+            had no border, in [0, 1].
         pixels: Number of visible pixels.
-        centroid: Mean column and row of the object's visible pixels [pixel]; the mean may be outside them.
+        centroid: Mean column and row of the object's visible pixels [pixel]. This point may be outside the object.
         runs: Run-length encoding of the object's visible pixels, row by row: alternating lengths, beginning with pixels
             outside the object.
     """
@@ -36,7 +36,7 @@ class SeenObject:
     runs: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for an object without visible pixels."""
+        """Raise InvalidInputError if the object has no visible pixels."""
         if self.pixels <= 0:
             raise InvalidInputError(
                 "pixels", f"must be at least 1, got {self.pixels}", "List only objects with visible pixels"
@@ -51,7 +51,7 @@ class SeenObject:
 
 @dataclass(frozen=True, slots=True)
 class FrameView:
-    """One image of one state.
+    """Image of a state, with its camera and visible objects.
 
     Attributes:
         camera: Camera name.
@@ -76,7 +76,7 @@ class FrameView:
 
 
 def in_runs(runs: tuple[int, ...], width: int, x: int, y: int) -> bool:
-    """Return whether a pixel, given by column and row, is covered by runs; see :class:`SeenObject`."""
+    """Return whether runs (see :class:`SeenObject`) cover the pixel at a column and row."""
     if not 0 <= x < width or y < 0:
         return False
     at, end = y * width + x, 0
@@ -88,7 +88,7 @@ def in_runs(runs: tuple[int, ...], width: int, x: int, y: int) -> bool:
 
 
 def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
-    """Return the visible pixel of an object nearest to its centroid, which may lie outside, as for a ring."""
+    """Return the visible pixel nearest to the centroid, which may be outside the object, as for a ring."""
     cx, cy = seen.centroid
     best: tuple[float, int, int] | None = None
     start = 0

@@ -13,7 +13,7 @@ from betterbench.json_form import strict_form
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CameraOffset:
-    """Camera pose in its nominal frame, which has x to the right of the image, y up and z toward the viewer.
+    """Camera pose in its nominal frame: x to the right of the image, y up, z toward the viewer.
 
     Attributes:
         shift_m: Position of the camera [m].
@@ -27,10 +27,10 @@ class CameraOffset:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewJitter:
-    """Jitter of cameras and light, on which images depend in addition to model and state.
+    """Jitter of cameras and light, which affects images in addition to model and state.
 
     Attributes:
-        cameras: Offset per camera; cameras that are not listed have their nominal pose.
+        cameras: Offset per camera. Cameras that are not listed have their nominal pose.
         key_light_turn_rad: Rotation of the key light's direction in the world frame as an axis-angle vector [rad].
     """
 

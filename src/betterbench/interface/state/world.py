@@ -38,12 +38,12 @@ class WorldState:
         ee_pose: Pose of the tool center point between the finger pads; z points along the approach.
         commanded_pose: Commanded pose of the tool center point.
         finger_width_m: Distance of the finger pads [m].
-        gripper_command: Last applied gripper command, -1 open to +1 closed.
+        gripper_command: Last applied gripper command, from -1 (open) to +1 (closed).
         joint_positions: Arm joint angles [rad].
         joint_velocities: Arm joint velocities [rad/s].
-        contacts: Touching pairs that involve the gripper or an object. If some objects must not be touched, this
-            includes all contacts of the robot since the previous state.
-        held: Name of the object that both fingers touch and nothing else supports, or None.
+        contacts: Contacts that involve the gripper or an object. If some objects must not be touched, all contacts of
+            the robot since the previous state are included.
+        held: Name of the object that both fingers touch and that nothing else supports, or None.
     """
 
     info: SceneInfo
@@ -68,11 +68,11 @@ class WorldState:
         return Pose(self.positions[i], self.quaternions[i])
 
     def position(self, name: str) -> Vector:
-        """Return a named object's position in the world [m]: the center of its bottom face at rest."""
+        """Return the position of a named object in the world [m], which is the center of its bottom face at rest."""
         return self.positions[self.info.index(name)]
 
     def quaternion(self, name: str) -> Quaternion:
-        """Return the rotation of a named object in the world (w, x, y, z)."""
+        """Return the rotation of a named object in the world as (w, x, y, z)."""
         return self.quaternions[self.info.index(name)]
 
     def touching(self, a: str, b: str) -> bool:
@@ -105,4 +105,4 @@ class PrivilegedPolicy(Protocol):
 
 
 AnyPolicy = Policy | PrivilegedPolicy
-"""Policy of either kind: evaluated, or with access to the privileged state."""
+"""Policy that gets observations, or policy that gets the privileged state."""
