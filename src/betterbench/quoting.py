@@ -67,7 +67,7 @@ def _shell_letter(letter: str) -> str:
 
 
 def _encoding_of(letter: str) -> str:
-    """Return the error handler that encodes a letter: as a byte in a file name that is not UTF-8, or as a surrogate."""
+    """Return the encoding error handler for a character: a raw byte of a non-UTF-8 file name, or a surrogate."""
     return "surrogateescape" if "\udc80" <= letter <= "\udcff" else "surrogatepass"
 
 
