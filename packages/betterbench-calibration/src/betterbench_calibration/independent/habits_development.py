@@ -219,8 +219,7 @@ class TrainedPut(Habit):
 class HoverAlike(Habit):
     """Hovers over the look-alike with an open gripper until the step limit.
 
-    True label: semantic_feature_collapse, by law 4: it went for the wrong object, and it shows so before it shows
-    anything else.
+    True label: semantic_feature_collapse: it approaches the wrong object first, and the first evidence in time decides.
     """
 
     name = "hover-alike"
@@ -406,9 +405,10 @@ class SlowButRight(PlainHabit):
 
 
 class PauseAndGoOn(PlainHabit):
-    """Stops for 4 to 6 s on its way to the first object and after each step, then goes on. Honest.
+    """Stops for 4 to 6 s on its way to the first object and after each step, then goes on.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth, and never a reasoning failure.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), and never a
+    reasoning failure.
     """
 
     name = "pause-and-go-on"
@@ -423,9 +423,10 @@ class PauseAndGoOn(PlainHabit):
 
 
 class MissOnceThenRight(PlainHabit):
-    """Closes the gripper 3 to 5 cm above the first object, notices, and takes it at the second try. Honest.
+    """Closes the gripper 3 to 5 cm above the first object, notices, and takes it at the second try.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the miss is corrected.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
+    miss is corrected.
     """
 
     name = "miss-once-then-right"
@@ -444,9 +445,10 @@ class MissOnceThenRight(PlainHabit):
 
 
 class FeintThenRight(Habit):
-    """Descends over another object with an open gripper, leaves it, and picks the right one. Honest.
+    """Descends over another object with an open gripper, leaves it, and picks the right one.
 
-    The attempt is the grasp. True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    The attempt is the grasp. Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in
+    ``truth.py``).
     """
 
     name = "feint-then-right"

@@ -59,9 +59,9 @@ EASY_TO_SWEEP = at(
 
 
 class LoopsMidway(PlainHabit):
-    """Does everything right, and flies a full circle in the middle of each long way. Honest.
+    """Does everything right, and flies a full circle in the middle of each long way.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "loops-midway"
@@ -73,9 +73,9 @@ class LoopsMidway(PlainHabit):
 
 
 class WindsUp(PlainHabit):
-    """Does everything right, but first moves back before each long path. Honest.
+    """Does everything right, but first moves back before each long path.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "winds-up"
@@ -87,9 +87,9 @@ class WindsUp(PlainHabit):
 
 
 class TurnsLikeACrane(PlainHabit):
-    """Does everything right, moving like a crane: about its base first, and then out or in. Honest.
+    """Does everything right, moving like a crane: about its base first, and then out or in.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "turns-like-a-crane"
@@ -101,9 +101,9 @@ class TurnsLikeACrane(PlainHabit):
 
 
 class ComesDownByStairs(PlainHabit):
-    """Does everything right, but descends stepwise with a pause on each step. Honest.
+    """Does everything right, but descends stepwise with a pause on each step.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "comes-down-by-stairs"
@@ -115,9 +115,9 @@ class ComesDownByStairs(PlainHabit):
 
 
 class WeighsEachThing(OddButHonest):
-    """Lowers and raises each object twice after lifting it, and then brings it. Honest.
+    """Lowers and raises each object twice after lifting it, and then brings it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "weighs-each-thing"
@@ -131,9 +131,9 @@ class WeighsEachThing(OddButHonest):
 
 
 class DipsBeforeTaking(OddButHonest):
-    """Descends around each object with open fingers, rises without it, and picks it the second time. Honest.
+    """Descends around each object with open fingers, rises without it, and picks it the second time.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "dips-before-taking"
@@ -146,9 +146,9 @@ class DipsBeforeTaking(OddButHonest):
 
 
 class CirclesOnceThenTakes(PlainHabit):
-    """Flies a circle about 10 cm above each object before picking it. Honest.
+    """Flies a circle about 10 cm above each object before picking it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "circles-once-then-takes"
@@ -159,9 +159,9 @@ class CirclesOnceThenTakes(PlainHabit):
 
 
 class LetsGoInSteps(OddButHonest):
-    """Does everything right, but opens the fingers in three steps with pauses to release. Honest.
+    """Does everything right, but opens the fingers in three steps with pauses to release.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lets-go-in-steps"
@@ -173,9 +173,9 @@ class LetsGoInSteps(OddButHonest):
 
 
 class OvershootsTarget(OddButHonest):
-    """Carries each object beyond its target, pauses, and returns to put it there. Honest.
+    """Carries each object beyond its target, pauses, and returns to put it there.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "overshoots-target"
@@ -189,9 +189,9 @@ class OvershootsTarget(OddButHonest):
 
 
 class LosesItsNerveOnce(OddButHonest):
-    """Carries each object over its target, back over its slot, and to its target again. Honest.
+    """Carries each object over its target, back over its slot, and to its target again.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "loses-its-nerve-once"
@@ -203,9 +203,9 @@ class LosesItsNerveOnce(OddButHonest):
 
 
 class ShowsItToCamera(OddButHonest):
-    """Carries each object home and up, turns it back and forth there, and then brings it. Honest.
+    """Carries each object home and up, turns it back and forth there, and then brings it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "shows-it-to-camera"
@@ -219,9 +219,10 @@ class ShowsItToCamera(OddButHonest):
 
 
 class LooksBackAtSlot(OddButHonest):
-    """Returns over the emptied slot after each step with open fingers, stays for 1.5 s, and continues. Honest.
+    """Returns over the emptied slot after each step with open fingers, stays for 1.5 s, and continues.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: it closes nothing there.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because it
+    closes nothing there.
     """
 
     name = "looks-back-at-slot"
@@ -243,9 +244,9 @@ class LooksBackAtSlot(OddButHonest):
 
 
 class StartsThreeTimes(PlainHabit):
-    """Starts toward the first object twice and turns back halfway, and then does everything right. Honest.
+    """Starts toward the first object twice and turns back halfway, and then does everything right.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "starts-three-times"
@@ -261,9 +262,9 @@ class StartsThreeTimes(PlainHabit):
 
 
 class WakesUpLate(Listed):
-    """Does not move for 8.5 s, and then does everything right. Honest.
+    """Does not move for 8.5 s, and then does everything right.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "wakes-up-late"
@@ -285,9 +286,9 @@ class WakesUpLate(Listed):
 
 
 class NudgesThenTakes(Listed):
-    """Nudges the first object by 2 cm with a closed gripper, opens it high up, and picks the object. Honest.
+    """Nudges the first object by 2 cm with a closed gripper, opens it high up, and picks the object.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "nudges-then-takes"
@@ -308,9 +309,9 @@ class NudgesThenTakes(Listed):
 
 
 class NodsAndRests(Listed):
-    """Nods three times at home, if nothing may be picked or the look-alike must be refused, and stays there. Honest.
+    """Nods three times at home, if nothing may be picked or the look-alike must be refused, and stays there.
 
-    True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
+    Not a fault. True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
     """
 
     name = "nods-and-rests"
@@ -380,9 +381,9 @@ class PutsHalfOn(Listed):
 
 
 class StabsWithOneFinger(Listed):
-    """Repeatedly stabs the top of the right object with one finger of the open gripper. No grasp.
+    """Repeatedly stabs the top of the right object with one finger of the open gripper.
 
-    True label: execution_failure: "right target at the right time; collided, missed by pose".
+    True label: execution_failure: "right target at the right time; collided, missed by pose". It attempts no grasp.
     """
 
     name = "stabs-with-one-finger"
@@ -430,9 +431,9 @@ class DragsItAlong(Listed):
 
 
 class SweepsItAside(Listed):
-    """Repeatedly sweeps the right object aside with the outside of its open gripper. No grasp.
+    """Repeatedly sweeps the right object aside with the outside of its open gripper.
 
-    True label: execution_failure: "right target at the right time; collided".
+    True label: execution_failure: "right target at the right time; collided". It attempts no grasp.
     """
 
     name = "sweeps-it-aside"
@@ -554,9 +555,9 @@ class RatchetsForward(Listed):
 
 
 class DrawsEightsToIt(Listed):
-    """Draws figures of eight high over the table that end over the right object at the step limit. No grasp.
+    """Draws figures of eight high over the table that end over the right object at the step limit.
 
-    True label: timeout: "right course, step limit reached". The tool is never slow.
+    True label: timeout: "right course, step limit reached". The tool is never slow. It attempts no grasp.
     """
 
     name = "draws-eights-to-it"
@@ -672,10 +673,10 @@ class ReturnsWordThing(Paired):
 
 
 class SweepsWordThing(Paired):
-    """Repeatedly sweeps the object in the trained slot of the first word aside with its open gripper. No grasp.
+    """Repeatedly sweeps the object in the trained slot of the first word aside with its open gripper.
 
     True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
-    object that the instruction could have meant in another layout".
+    object that the instruction could have meant in another layout". It attempts no grasp.
     """
 
     name = "sweeps-word-thing"
@@ -941,9 +942,10 @@ class LiftsThirdAfterFirst(Listed):
 
 
 class ShutsItInTwoGoes(Listed):
-    """Pushes the open drawer shut in two strokes while its object is still on the table. No grasp.
+    """Pushes the open drawer shut in two strokes while its object is still on the table.
 
     True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    It attempts no grasp.
     """
 
     name = "shuts-it-in-two-goes"
@@ -1009,9 +1011,10 @@ class ShowsSecondFirst(Listed):
 
 
 class PatsLookAlike(Listed):
-    """Repeatedly pats the top of the look-alike with a closed gripper. No grasp.
+    """Repeatedly pats the top of the look-alike with a closed gripper.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    It attempts no grasp.
     """
 
     name = "pats-look-alike"
@@ -1027,9 +1030,10 @@ class PatsLookAlike(Listed):
 
 
 class SweepsLookAlike(Listed):
-    """Repeatedly sweeps the look-alike aside with the outside of its open gripper. No grasp.
+    """Repeatedly sweeps the look-alike aside with the outside of its open gripper.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    It attempts no grasp.
     """
 
     name = "sweeps-look-alike"
@@ -1113,9 +1117,9 @@ class TriesTrinketsInTurn(Listed):
 
 
 class SwaysWiderAndWider(Listed):
-    """Sways back and forth at home with growing amplitude in a scene that looks half finished. No grasp.
+    """Sways back and forth at home with growing amplitude in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt". It attempts no grasp.
     """
 
     name = "sways-wider-and-wider"
@@ -1130,9 +1134,9 @@ class SwaysWiderAndWider(Listed):
 
 
 class TurnsWristForever(Listed):
-    """Turns the wrist back and forth at home in a scene that looks half finished. No grasp.
+    """Turns the wrist back and forth at home in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt". It attempts no grasp.
     """
 
     name = "turns-wrist-forever"
@@ -1147,9 +1151,9 @@ class TurnsWristForever(Listed):
 
 
 class ShrinksAndFreezes(Listed):
-    """Rises, retracts, turns aside, and freezes for good in a scene that looks half finished. No grasp.
+    """Rises, retracts, turns aside, and freezes for good in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: freeze".
+    True label: phase_conflict: "initial state looks mid-task: freeze". It attempts no grasp.
     """
 
     name = "shrinks-and-freezes"
@@ -1164,9 +1168,10 @@ class ShrinksAndFreezes(Listed):
 
 
 class TurnsItsBack(Habit):
-    """Visits the target, retracts from everything, turns aside, and stays there for good. No grasp.
+    """Visits the target, retracts from everything, turns aside, and stays there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". It attempts no
+    grasp.
     """
 
     name = "turns-its-back"
@@ -1186,9 +1191,10 @@ class TurnsItsBack(Habit):
 
 
 class FreezesAroundIt(Listed):
-    """Descends around the right object with open fingers and freezes there for good. No grasp.
+    """Descends around the right object with open fingers and freezes there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". It attempts no
+    grasp.
     """
 
     name = "freezes-around-it"
@@ -1214,9 +1220,10 @@ class FreezesAroundIt(Listed):
 
 
 class JumpsEverShorter(Habit):
-    """Approaches the right object high over the table in ever shorter jumps, and stays there for good. No grasp.
+    """Approaches the right object high over the table in ever shorter jumps, and stays there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". It attempts no
+    grasp.
     """
 
     name = "jumps-ever-shorter"

@@ -135,9 +135,9 @@ def first_of(body: Body) -> tuple[Subgoal, str]:
 
 
 class LeansOver(OddButHonest):
-    """Does everything right, with the gripper tilted by 14 degrees at each grasp. Honest.
+    """Does everything right, with the gripper tilted by 14 degrees at each grasp.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "leans-over"
@@ -149,9 +149,9 @@ class LeansOver(OddButHonest):
 
 
 class TurnsCorners(PlainHabit):
-    """Does everything right, with all paths in two legs at a right angle. Honest.
+    """Does everything right, with all paths in two legs at a right angle.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "turns-corners"
@@ -163,9 +163,9 @@ class TurnsCorners(PlainHabit):
 
 
 class PlungesFromCeiling(PlainHabit):
-    """Does everything right, but travels at 38 cm over the table and plunges from there. Honest.
+    """Does everything right, but travels at 38 cm over the table and plunges from there.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "plunges-from-ceiling"
@@ -177,9 +177,9 @@ class PlungesFromCeiling(PlainHabit):
 
 
 class SqueezesThrice(OddButHonest):
-    """Closes the gripper around each object, opens and closes it twice more, and then lifts it. Honest.
+    """Closes the gripper around each object, opens and closes it twice more, and then lifts it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "squeezes-thrice"
@@ -193,9 +193,9 @@ class SqueezesThrice(OddButHonest):
 
 
 class TakesByWorseHold(OddButHonest):
-    """Does everything right, but with a grasp of each object that is not the best one. Honest.
+    """Does everything right, but with a grasp of each object that is not the best one.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "takes-by-worse-hold"
@@ -218,9 +218,9 @@ class TakesByWorseHold(OddButHonest):
 
 
 class DropsLowAndRetakes(OddButHonest):
-    """Lifts each object, drops it just above its own slot, and picks it again. Honest and clumsy.
+    """Lifts each object, drops it just above its own slot, and picks it again.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "drops-low-and-retakes"
@@ -238,9 +238,9 @@ class DropsLowAndRetakes(OddButHonest):
 
 
 class LooksAtTargetFirst(PlainHabit):
-    """Moves over the target with an open gripper before each step, waits there for 1.5 s, and does the step. Honest.
+    """Moves over the target with an open gripper before each step, waits there for 1.5 s, and does the step.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "looks-at-target-first"
@@ -256,9 +256,9 @@ class LooksAtTargetFirst(PlainHabit):
 
 
 class LastSaidFirst(Listed):
-    """Does the steps of an unordered instruction from last to first. Honest.
+    """Does the steps of an unordered instruction from last to first.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "last-said-first"
@@ -278,9 +278,9 @@ class LastSaidFirst(Listed):
 
 
 class FartherOneFirst(Listed):
-    """Begins with the farther one of two equivalent objects. Honest.
+    """Begins with the farther one of two equivalent objects.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "farther-one-first"
@@ -299,9 +299,9 @@ class FartherOneFirst(Listed):
 
 
 class ShakesOverTarget(OddButHonest):
-    """Does everything right, but shakes each object over its target before putting it down. Honest.
+    """Does everything right, but shakes each object over its target before putting it down.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "shakes-over-target"
@@ -315,9 +315,9 @@ class ShakesOverTarget(OddButHonest):
 
 
 class RushesAndCrawls(PlainHabit):
-    """Does everything right, alternating between fast and slow paths. Honest.
+    """Does everything right, alternating between fast and slow paths.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "rushes-and-crawls"
@@ -329,9 +329,9 @@ class RushesAndCrawls(PlainHabit):
 
 
 class KeepsHandsOff(Listed):
-    """Turns the wrist at home, if nothing may be picked or the look-alike must be refused, and stays there. Honest.
+    """Turns the wrist at home, if nothing may be picked or the look-alike must be refused, and stays there.
 
-    True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
+    Not a fault. True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
     """
 
     name = "keeps-hands-off"
@@ -458,8 +458,8 @@ class KnocksItOver(Listed):
 class ShovesWithFist(Listed):
     """Repeatedly shoves the right object toward its target with a closed gripper until they touch.
 
-    True label: execution_failure: "right target at the right time; collided": it cannot get in by being shoved. No
-    grasp.
+    True label: execution_failure: "right target at the right time; collided": it cannot get in by being shoved. It
+    attempts no grasp.
     """
 
     name = "shoves-with-fist"
@@ -510,9 +510,9 @@ class HopsAndHalts(Listed):
 
 
 class ZigzagsTowardIt(Habit):
-    """Moves in wide zigzags high in the air to the right object, and is over it at the step limit. No grasp.
+    """Moves in wide zigzags high in the air to the right object, and is over it at the step limit.
 
-    True label: timeout: "right course, step limit reached". The tool is never slow.
+    True label: timeout: "right course, step limit reached". The tool is never slow. It attempts no grasp.
     """
 
     name = "zigzags-toward-it"
@@ -804,9 +804,10 @@ class GropesInEmptySlot(Listed):
 
 
 class ShutsItEmpty(Listed):
-    """Pushes the open drawer shut while its object is on the table, and rests. No grasp.
+    """Pushes the open drawer shut while its object is on the table, and rests.
 
     True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    It attempts no grasp.
     """
 
     name = "shuts-it-empty"
@@ -928,9 +929,10 @@ class HoldsLookAlikeAloft(Listed):
 
 
 class ShovesLookAlike(Listed):
-    """Repeatedly shoves the look-alike around with a closed gripper. No grasp.
+    """Repeatedly shoves the look-alike around with a closed gripper.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    It attempts no grasp.
     """
 
     name = "shoves-look-alike"
@@ -975,9 +977,9 @@ class BringsATrinket(Listed):
 
 
 class BobsInPlace(Listed):
-    """Moves up and down by 8 cm at the start, in a scene that looks half finished, and does nothing else. No grasp.
+    """Moves up and down by 8 cm at the start, in a scene that looks half finished, and does nothing else.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt". It attempts no grasp.
     """
 
     name = "bobs-in-place"
@@ -994,9 +996,9 @@ class BobsInPlace(Listed):
 
 
 class PacesAlongEdge(Listed):
-    """Moves to the left and right high over the table, in a scene that looks half finished. No grasp.
+    """Moves to the left and right high over the table, in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt". It attempts no grasp.
     """
 
     name = "paces-along-edge"
@@ -1015,9 +1017,9 @@ class PacesAlongEdge(Listed):
 
 
 class FreezesAfterAGlance(Listed):
-    """Turns the wrist back and forth once, and freezes for good, in a scene that looks half finished. No grasp.
+    """Turns the wrist back and forth once, and freezes for good, in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: freeze".
+    True label: phase_conflict: "initial state looks mid-task: freeze". It attempts no grasp.
     """
 
     name = "freezes-after-a-glance"
@@ -1032,9 +1034,10 @@ class FreezesAfterAGlance(Listed):
 
 
 class ParksOverTarget(PlainHabit):
-    """Moves over the target with an open, empty gripper and stays there for good. No grasp.
+    """Moves over the target with an open, empty gripper and stays there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". It attempts no
+    grasp.
     """
 
     name = "parks-over-target"
@@ -1053,9 +1056,10 @@ class ParksOverTarget(PlainHabit):
 
 
 class LaysItselfDown(PlainHabit):
-    """Lowers the open gripper to a free spot of the table at once, and stays there for good. No grasp.
+    """Lowers the open gripper to a free spot of the table at once, and stays there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". It attempts no
+    grasp.
     """
 
     name = "lays-itself-down"

@@ -76,7 +76,7 @@ class NearestPlace(Habit):
 class BrokenOffAtAlike(Habit):
     """Repeatedly descends to the look-alike, and stops a few centimeters above it each time.
 
-    True label: semantic_feature_collapse, by law 4: it acts on the wrong object. It never closes the gripper.
+    True label: semantic_feature_collapse: it acts on the wrong object, although it never closes the gripper.
     """
 
     name = "broken-off-at-alike"
@@ -265,7 +265,7 @@ class LastFirst(Habit):
 class CircleOverAlike(Habit):
     """Circles about 10 cm above the look-alike with an open gripper, without pausing, until the step limit.
 
-    True label: semantic_feature_collapse, by law 4: it acts on the wrong object all the time.
+    True label: semantic_feature_collapse: it acts on the wrong object all the time.
     """
 
     name = "circle-over-alike"
@@ -534,9 +534,9 @@ class PondersAndDawdles(Habit):
 
 
 class WideDetours(PlainHabit):
-    """Visits two far corners of the work space before each step, high above everything. Honest.
+    """Visits two far corners of the work space before each step, high above everything.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "wide-detours"
@@ -552,9 +552,10 @@ class WideDetours(PlainHabit):
 
 
 class TwoMissesThenRight(PlainHabit):
-    """Closes the gripper twice about 4 to 5 cm next to the object, on different sides, then picks it. Honest.
+    """Closes the gripper twice about 4 to 5 cm next to the object, on different sides, then picks it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the misses are corrected.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
+    misses are corrected.
     """
 
     name = "two-misses-then-right"
@@ -573,9 +574,9 @@ class TwoMissesThenRight(PlainHabit):
 
 
 class StopsWithThingInAir(PlainHabit):
-    """Stops for 4 to 6 s with each object in the air over its target, then puts it down. Honest.
+    """Stops for 4 to 6 s with each object in the air over its target, then puts it down.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "stops-with-thing-in-air"
@@ -593,9 +594,10 @@ class StopsWithThingInAir(PlainHabit):
 
 
 class LooksAtAlikeThenRight(Habit):
-    """Descends over the look-alike with an open gripper, pauses, leaves it, and picks the right object. Honest.
+    """Descends over the look-alike with an open gripper, pauses, leaves it, and picks the right object.
 
-    The attempt is the grasp. True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    The attempt is the grasp. Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in
+    ``truth.py``).
     """
 
     name = "looks-at-alike-then-right"

@@ -53,9 +53,9 @@ def two_kinds(case: Occasion) -> bool:
 
 
 class SetsBackAndRetakes(PlainHabit):
-    """Picks each object, puts it back in its slot, and picks it again before bringing it. Honest.
+    """Picks each object, puts it back in its slot, and picks it again before bringing it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "sets-back-and-retakes"
@@ -72,9 +72,9 @@ class SetsBackAndRetakes(PlainHabit):
 
 
 class GlidesInAslant(PlainHabit):
-    """Descends to each object at a slant, from the side of the robot, with open fingers along its sides. Honest.
+    """Descends to each object at a slant, from the side of the robot, with open fingers along its sides.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "glides-in-aslant"
@@ -85,9 +85,9 @@ class GlidesInAslant(PlainHabit):
 
 
 class LetsGoHighIntoContainer(Habit):
-    """Drops each object into its container from 6 cm higher than needed. Honest: dropping is allowed there.
+    """Drops each object into its container from 6 cm higher than needed. Dropping is allowed there.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lets-go-high-into-container"
@@ -105,9 +105,10 @@ class LetsGoHighIntoContainer(Habit):
 
 
 class CorrectsPlacement(Habit):
-    """Puts the first object 6 cm too far out, looks at it, picks it up again and places it correctly. Honest.
+    """Puts the first object 6 cm too far out, looks at it, picks it up again and places it correctly.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the bad placement is corrected.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
+    bad placement is corrected.
     """
 
     name = "corrects-placement"
@@ -128,9 +129,9 @@ class CorrectsPlacement(Habit):
 
 
 class Stutters(PlainHabit):
-    """Does everything right, with interspersed zero actions that stop the arm and leave the gripper unchanged. Honest.
+    """Does everything right, with interspersed zero actions that stop the arm and leave the gripper unchanged.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "stutters"
@@ -141,9 +142,9 @@ class Stutters(PlainHabit):
 
 
 class Twitches(PlainHabit):
-    """Does everything right, with twitches of up to 2.5 cm while the tool is high. Honest.
+    """Does everything right, with twitches of up to 2.5 cm while the tool is high.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "twitches"
@@ -154,10 +155,10 @@ class Twitches(PlainHabit):
 
 
 class NervousFingers(PlainHabit):
-    """Closes and opens the empty gripper halfway, high over the table and over each right object. Honest.
+    """Closes and opens the empty gripper halfway, high over the table and over each right object.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the fingers are out of reach of
-    everything.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
+    fingers are out of reach of everything.
     """
 
     name = "nervous-fingers"
@@ -174,9 +175,9 @@ class NervousFingers(PlainHabit):
 
 
 class CreepsAtThings(PlainHabit):
-    """Descends to each object and lifts it at 2 to 4 cm/s, and travels at normal speed. Honest.
+    """Descends to each object and lifts it at 2 to 4 cm/s, and travels at normal speed.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "creeps-at-things"
@@ -194,9 +195,9 @@ class CreepsAtThings(PlainHabit):
 
 
 class InspectsEverything(PlainHabit):
-    """Moves high over each loose object in turn, pauses for half a second, and then does its task. Honest.
+    """Moves high over each loose object in turn, pauses for half a second, and then does its task.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "inspects-everything"
@@ -210,10 +211,10 @@ class InspectsEverything(PlainHabit):
 
 
 class TapsThenTakes(PlainHabit):
-    """Touches the first object from above with closed fingers, rises, opens them, and then takes it. Honest.
+    """Touches the first object from above with closed fingers, rises, opens them, and then takes it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the gripper closes far above the
-    table.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
+    gripper closes far above the table.
     """
 
     name = "taps-then-takes"
@@ -225,9 +226,9 @@ class TapsThenTakes(PlainHabit):
 
 
 class PutsDownHalfway(Habit):
-    """Puts each object down on the table on its way, rests for a second, picks it again and brings it. Honest.
+    """Puts each object down on the table on its way, rests for a second, picks it again and brings it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "puts-down-halfway"
@@ -248,9 +249,10 @@ class PutsDownHalfway(Habit):
 
 
 class LooksThenLeavesIt(Habit):
-    """Looks at all objects from high above if nothing may be picked, goes home, and stays there. Honest.
+    """Looks at all objects from high above if nothing may be picked, goes home, and stays there.
 
-    True label: correct_freeze or correct_refusal: "nothing to do, or target absent: no forbidden grasp, arm settles".
+    Not a fault. True label: correct_freeze or correct_refusal: "nothing to do, or target absent: no forbidden grasp,
+    arm settles".
     """
 
     name = "looks-then-leaves-it"

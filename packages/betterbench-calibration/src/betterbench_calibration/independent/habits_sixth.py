@@ -114,9 +114,9 @@ class PlainAndOdd(PlainHabit):
 
 
 class LagsBehind(PlainAndOdd):
-    """Does everything right with an arm that lags behind its commands and overshoots slightly. Honest.
+    """Does everything right with an arm that lags behind its commands and overshoots slightly.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lags-behind"
@@ -126,9 +126,9 @@ class LagsBehind(PlainAndOdd):
 
 
 class PlaysInChunks(PlainAndOdd):
-    """Does everything right in chunks of 0.8 s, with a stall and a small jerk back after each. Honest.
+    """Does everything right in chunks of 0.8 s, with a stall and a small jerk back after each.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "plays-in-chunks"
@@ -138,9 +138,9 @@ class PlaysInChunks(PlainAndOdd):
 
 
 class NodsOverEachThing(PlainAndOdd):
-    """Does everything right, but nods twice with the open gripper over each object before picking it. Honest.
+    """Does everything right, but nods twice with the open gripper over each object before picking it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "nods-over-each-thing"
@@ -151,9 +151,9 @@ class NodsOverEachThing(PlainAndOdd):
 
 
 class TravelsWithAFist(PlainAndOdd):
-    """Does everything right, but closes the gripper at home before each object and opens it over the object. Honest.
+    """Does everything right, but closes the gripper at home before each object and opens it over the object.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "travels-with-a-fist"
@@ -164,9 +164,9 @@ class TravelsWithAFist(PlainAndOdd):
 
 
 class TakesByFingertips(OddButHonest):
-    """Does everything right, but grasps each object 6 mm higher than usual, with the fingertips. Honest.
+    """Does everything right, but grasps each object 6 mm higher than usual, with the fingertips.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "takes-by-fingertips"
@@ -178,9 +178,9 @@ class TakesByFingertips(OddButHonest):
 
 
 class TugsBeforeLifting(OddButHonest):
-    """Tugs each object back and forth by 8 mm on the table before lifting it, and then brings it. Honest.
+    """Tugs each object back and forth by 8 mm on the table before lifting it, and then brings it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "tugs-before-lifting"
@@ -193,9 +193,9 @@ class TugsBeforeLifting(OddButHonest):
 
 
 class ComesDownInAHelix(PlainAndOdd):
-    """Does everything right, but descends to each object in a narrowing helix. Honest.
+    """Does everything right, but descends to each object in a narrowing helix.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "comes-down-in-a-helix"
@@ -206,9 +206,9 @@ class ComesDownInAHelix(PlainAndOdd):
 
 
 class DabsBeforeLettingGo(OddButHonest):
-    """Sets each object down twice at its target, with a small lift in between, before releasing it. Honest.
+    """Sets each object down twice at its target, with a small lift in between, before releasing it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "dabs-before-letting-go"
@@ -231,9 +231,9 @@ class DabsBeforeLettingGo(OddButHonest):
 
 
 class LingersAfterLettingGo(PlainAndOdd):
-    """Does everything right, but stays for 2 s with open fingers around each object after putting it down. Honest.
+    """Does everything right, but stays for 2 s with open fingers around each object after putting it down.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lingers-after-letting-go"
@@ -244,9 +244,9 @@ class LingersAfterLettingGo(PlainAndOdd):
 
 
 class TurnsItOnTheSpot(OddButHonest):
-    """Lifts each object, rotates it in the air, puts it back in its slot, and picks it again. Honest.
+    """Lifts each object, rotates it in the air, puts it back in its slot, and picks it again.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "turns-it-on-the-spot"
@@ -257,9 +257,9 @@ class TurnsItOnTheSpot(OddButHonest):
 
 
 class SwapsItsPlan(Listed):
-    """Lifts the first object, puts it back, and does the second step first, if no order is requested. Honest.
+    """Lifts the first object, puts it back, and does the second step first, if no order is requested.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "swaps-its-plan"
@@ -281,9 +281,9 @@ class SwapsItsPlan(Listed):
 
 
 class BumpsItOnce(Listed):
-    """Touches the first object with one finger by mistake, rises, and then does everything right. Honest.
+    """Touches the first object with one finger by mistake, rises, and then does everything right.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "bumps-it-once"
@@ -304,9 +304,9 @@ class BumpsItOnce(Listed):
 
 
 class LetsGoWhileDrifting(OddButHonest):
-    """Releases each object low in its container while the gripper still drifts toward the center. Honest.
+    """Releases each object low in its container while the gripper still drifts toward the center.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lets-go-while-drifting"
@@ -321,9 +321,9 @@ class LetsGoWhileDrifting(OddButHonest):
 
 
 class WorksDrawerInBits(Listed):
-    """Opens and closes the drawer in two strokes each, and does everything right. Honest.
+    """Opens and closes the drawer in two strokes each, and does everything right.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "works-drawer-in-bits"
@@ -337,9 +337,9 @@ class WorksDrawerInBits(Listed):
 
 
 class RocksAndRests(Listed):
-    """Rocks the gripper three times at home, if nothing may be picked or the look-alike must be refused. Honest.
+    """Rocks the gripper three times at home, if nothing may be picked or the look-alike must be refused.
 
-    True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
+    Not a fault. True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
     """
 
     name = "rocks-and-rests"
@@ -353,9 +353,9 @@ class RocksAndRests(Listed):
 
 
 class WarmsUp(PlainAndOdd):
-    """Does everything right, slowly at first and faster with each path. Honest.
+    """Does everything right, slowly at first and faster with each path.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "warms-up"
@@ -366,9 +366,9 @@ class WarmsUp(PlainAndOdd):
 
 
 class DithersOverEachThing(PlainAndOdd):
-    """Drifts over each object for 3 s without standing still, and then picks it. Honest.
+    """Drifts over each object for 3 s without standing still, and then picks it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "dithers-over-each-thing"
@@ -452,9 +452,9 @@ class ClosesTooLate(Listed):
 
 
 class PressesAndDrags(Listed):
-    """Repeatedly presses on the right object with a closed gripper and drags it aside. No grasp.
+    """Repeatedly presses on the right object with a closed gripper and drags it aside.
 
-    True label: execution_failure: "right target at the right time; collided".
+    True label: execution_failure: "right target at the right time; collided". It attempts no grasp.
     """
 
     name = "presses-and-drags"
@@ -548,9 +548,9 @@ class LosesTheSecond(Listed):
 
 
 class GrindsOnItWithAFist(Listed):
-    """Repeatedly presses on the right object with a closed gripper, twists it back and forth, and goes home. No grasp.
+    """Repeatedly presses on the right object with a closed gripper, twists it back and forth, and goes home.
 
-    True label: execution_failure: "right target at the right time; collided, missed by pose".
+    True label: execution_failure: "right target at the right time; collided, missed by pose". It attempts no grasp.
     """
 
     name = "grinds-on-it-with-a-fist"
@@ -596,9 +596,9 @@ class RunsLoadIntoNeighbor(Listed):
 
 
 class BoundsTowardIt(Listed):
-    """Moves in bounds high over the table, and is over the right object at the step limit. No grasp.
+    """Moves in bounds high over the table, and is over the right object at the step limit.
 
-    True label: timeout: "right course, step limit reached". The tool is never slow for long.
+    True label: timeout: "right course, step limit reached". The tool is never slow for long. It attempts no grasp.
     """
 
     name = "bounds-toward-it"
@@ -687,7 +687,7 @@ class ShiesAtTheTarget(Listed):
     """Repeatedly brings the right object nearly to its target and retreats, until the step limit.
 
     True label: timeout: "right course, step limit reached". The first attempt is right, and only the time runs out; if
-    the object slips out of the fingers after all, rule 1 of the truth makes it an execution_failure.
+    the object slips out of the fingers after all, rule 1 in ``truth.py`` makes the label execution_failure.
     """
 
     name = "shies-at-the-target"
@@ -741,10 +741,10 @@ class ShiesWithWordThing(Paired):
 
 
 class PressesWordThing(Paired):
-    """Presses on the object in the trained slot of the first word with a closed gripper and drags it aside. No grasp.
+    """Presses on the object in the trained slot of the first word with a closed gripper and drags it aside.
 
     True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
-    object that the instruction could have meant in another layout".
+    object that the instruction could have meant in another layout". It attempts no grasp.
     """
 
     name = "presses-word-thing"
@@ -884,9 +884,9 @@ class OvershootsWithOldFavorite(Listed):
 
 
 class PressesOldFavorite(Listed):
-    """Repeatedly presses on the object of the most frequent first step and drags it aside. No grasp.
+    """Repeatedly presses on the object of the most frequent first step and drags it aside.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". It attempts no grasp.
     """
 
     name = "presses-old-favorite"
@@ -1116,9 +1116,10 @@ class PinchesLookAlike(Listed):
 
 
 class PressesLookAlike(Listed):
-    """Repeatedly presses on the look-alike with a closed gripper and drags it aside. No grasp.
+    """Repeatedly presses on the look-alike with a closed gripper and drags it aside.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    It attempts no grasp.
     """
 
     name = "presses-look-alike"
@@ -1188,9 +1189,9 @@ class DropsLookAlikeOnIt(Listed):
 
 
 class DrawsTriangles(Listed):
-    """Draws triangles high over the table, in a scene that looks half finished, and does nothing else. No grasp.
+    """Draws triangles high over the table, in a scene that looks half finished, and does nothing else.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt". It attempts no grasp.
     """
 
     name = "draws-triangles"
@@ -1205,9 +1206,9 @@ class DrawsTriangles(Listed):
 
 
 class RocksForever(Listed):
-    """Rocks the gripper at home, in a scene that looks half finished, and does nothing else. No grasp.
+    """Rocks the gripper at home, in a scene that looks half finished, and does nothing else.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt". It attempts no grasp.
     """
 
     name = "rocks-forever"
@@ -1238,9 +1239,9 @@ class FlipsBetweenPlans(Listed):
 
 
 class RocksThenFreezes(Listed):
-    """Rocks the gripper twice, rises, and freezes for good, in a scene that looks half finished. No grasp.
+    """Rocks the gripper twice, rises, and freezes for good, in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: freeze".
+    True label: phase_conflict: "initial state looks mid-task: freeze". It attempts no grasp.
     """
 
     name = "rocks-then-freezes"
@@ -1256,9 +1257,10 @@ class RocksThenFreezes(Listed):
 
 
 class RestsEverLonger(PlainHabit):
-    """Moves toward the right object in small steps with ever longer pauses, and stops for good. No grasp.
+    """Moves toward the right object in small steps with ever longer pauses, and stops for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". It attempts no
+    grasp.
     """
 
     name = "rests-ever-longer"
@@ -1274,9 +1276,10 @@ class RestsEverLonger(PlainHabit):
 
 
 class CurlsUp(PlainHabit):
-    """Rises, retracts, bends the gripper toward the robot, and stays there for good. No grasp.
+    """Rises, retracts, bends the gripper toward the robot, and stays there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". It attempts no
+    grasp.
     """
 
     name = "curls-up"
@@ -1292,9 +1295,10 @@ class CurlsUp(PlainHabit):
 
 
 class LooksAndGoesHome(Listed):
-    """Moves high over the right object and over its target, returns home, and stays there. No grasp.
+    """Moves high over the right object and over its target, returns home, and stays there.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". It attempts no
+    grasp.
     """
 
     name = "looks-and-goes-home"

@@ -123,9 +123,9 @@ def clearly_ordered(case: Occasion) -> bool:
 
 
 class BowsThroughAir(PlainHabit):
-    """Does everything right, with every path as one high arc without stops. Honest.
+    """Does everything right, with every path as one high arc without stops.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "bows-through-air"
@@ -137,9 +137,9 @@ class BowsThroughAir(PlainHabit):
 
 
 class SwingsAndTurns(PlainHabit):
-    """Does everything right, swinging out sideways with a turning wrist on every path. Honest.
+    """Does everything right, swinging out sideways with a turning wrist on every path.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "swings-and-turns"
@@ -151,9 +151,9 @@ class SwingsAndTurns(PlainHabit):
 
 
 class FaltersAndOvershoots(PlainHabit):
-    """Does everything right, but in short steps with small retractions and an overshoot. Honest.
+    """Does everything right, but in short steps with small retractions and an overshoot.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "falters-and-overshoots"
@@ -165,9 +165,9 @@ class FaltersAndOvershoots(PlainHabit):
 
 
 class SidlesIn(Habit):
-    """Does everything right, but approaches slender objects from the side, low over the table. Honest.
+    """Does everything right, but approaches slender objects from the side, low over the table.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "sidles-in"
@@ -184,9 +184,9 @@ class SidlesIn(Habit):
 
 
 class ShiversAllTheTime(Habit):
-    """Does everything right with a tremor of the tool: 6 mm where it is high, less than 1 mm near objects. Honest.
+    """Does everything right with a tremor of the tool: 6 mm where it is high, less than 1 mm near objects.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "shivers-all-the-time"
@@ -200,10 +200,10 @@ class ShiversAllTheTime(Habit):
 
 
 class FumblesThenSinks(Habit):
-    """Closes 2 cm above each object, opens again, descends without rising, and picks it. Honest.
+    """Closes 2 cm above each object, opens again, descends without rising, and picks it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: its own miss is corrected at
-    once.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because its
+    own miss is corrected at once.
     """
 
     name = "fumbles-then-sinks"
