@@ -157,7 +157,7 @@ class BareScene(ABC):
         return {}
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return nothing, because a policy reads our own state parts."""
+        """Return no further state parts, because policies use our own ones."""
         return {}
 
     def draw_next(self, *, wanted: bool) -> None:
