@@ -37,7 +37,7 @@ logger = logging.getLogger(__name__)
 FormT = TypeVar("FormT")
 
 SEAL = "seal"
-"""Key of the seal in a document, the SHA-256 of all other content. A seal reveals damage but does not prove
+"""Key of the checksum in a sealed document: the SHA-256 of all other content. It detects damage but does not prove
 authorship."""
 
 # Validators are built at first use, because a process imports about twenty of these classes but uses one or two.
@@ -47,13 +47,13 @@ strict_form = with_config(ConfigDict(**_STRICT, extra="forbid"))
 """Class decorator that rejects unknown keys, non-finite numbers and values of the wrong type, such as 1 for true."""
 
 open_form = with_config(_STRICT)
-"""Like :data:`strict_form`, but ignores unknown keys, for parts of a file that another version may have written."""
+"""Class decorator like :data:`strict_form` that ignores unknown keys, for parts of a file that another version may have
+written."""
 
 
 growing_form = with_config(ConfigDict(**_STRICT, extra="allow"))
-"""Like :data:`strict_form` for a ``TypedDict``, but keeps unknown keys, for parts of a file that are read and written
-back.
-"""
+"""Decorator like :data:`strict_form` for a ``TypedDict`` that keeps unknown keys, for parts of a file that are read and
+written back."""
 
 
 def json_schema_of(adapter: TypeAdapter[Any], *, title: str) -> dict[str, Any]:
@@ -174,14 +174,14 @@ def open_seal(
 
 
 def sealed_lines(lines: bytes) -> bytes:
-    """Return JSON lines with their seal as the last line: the SHA-256 of the other lines."""
+    """Return JSON lines followed by a checksum line: the SHA-256 of all lines before it."""
     return lines + json.dumps({SEAL: hashlib.sha256(lines).hexdigest()}).encode() + b"\n"
 
 
 def open_sealed_lines(
     data: bytes, *, where: str, cure: str, raises: type[BetterError] = InvalidInputError
 ) -> list[bytes]:
-    """Return the lines of a :func:`sealed_lines` file without the seal; raise ``raises`` if it is wrong or missing."""
+    """Return the lines of a :func:`sealed_lines` file; raise ``raises`` if the checksum line is wrong or missing."""
     *lines, _ = data.splitlines(keepends=True) or [b""]
     if sealed_lines(b"".join(lines)) != data:
         problem = (
@@ -193,7 +193,7 @@ def open_sealed_lines(
 
 
 def say_unsealed(where: str) -> None:
-    """Log once that a document of an earlier version has no seal."""
+    """Warn once that a document of an earlier version has no checksum."""
     if where not in _SAID:
         _SAID.add(where)
         logger.warning(

@@ -69,7 +69,7 @@ def _shell_letter(letter: str) -> str:
 
 
 def _encoding_of(letter: str) -> str:
-    """Return the error handler for a surrogate character; an undecodable byte of a file name is restored."""
+    """Return the encoding error handler for a character: a raw byte of a non-UTF-8 file name, or a surrogate."""
     return "surrogateescape" if "\udc80" <= letter <= "\udcff" else "surrogatepass"
 
 

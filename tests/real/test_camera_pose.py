@@ -182,7 +182,7 @@ def test_pages_that_are_laid_wrongly_are_refused():
     whole = sheet_picture()
     wrong = whole.copy()
     wrong[:, -1020:] = np.roll(whole[:, -1020:], 40, axis=0)  # the right pages lie 10 mm nearer
-    with pytest.raises(InvalidInputError, match=r"markers miss their places by .* pixels, the most marker"):
+    with pytest.raises(InvalidInputError, match=r"markers are off by .* pixels, the most marker"):
         measure_camera(rendered(POSES["placed"], picture=wrong))
 
 
@@ -197,7 +197,7 @@ def test_a_page_that_is_turned_around_is_named(page):
     whole = sheet_picture().copy()
     there = part(TILES[page - 1])
     whole[there] = whole[there][::-1, ::-1].copy()
-    with pytest.raises(InvalidInputError, match=rf"sheet: page {page} is turned around\. Lay the pages as on"):
+    with pytest.raises(InvalidInputError, match=rf"sheet: page {page} is turned around\. Arrange the pages as on"):
         measure_camera(rendered(POSES["placed"], picture=whole))
 
 
@@ -206,7 +206,7 @@ def test_pages_that_are_swapped_are_named(one, other):
     whole = sheet_picture().copy()
     first, second = part(TILES[one - 1]), part(TILES[other - 1])
     whole[first], whole[second] = whole[second].copy(), whole[first].copy()
-    says = f"page {one} lies at the place of page {other}; page {other} lies at the place of page {one}"
+    says = f"page {one} is at the position of page {other}; page {other} is at the position of page {one}"
     with pytest.raises(InvalidInputError, match=says):
         measure_camera(rendered(POSES["placed"], picture=whole))
 
@@ -216,13 +216,13 @@ def test_the_near_row_of_pages_alone_does_not_place_a_camera(name):
     half = np.full_like(sheet_picture(), 255)
     for tile in TILES[3:]:
         half[part(tile)] = sheet_picture()[part(tile)]
-    with pytest.raises(InvalidInputError, match=r"uncertain by [12]\.\d cm\. Let the camera see more markers"):
+    with pytest.raises(InvalidInputError, match=r"uncertain by [12]\.\d cm\. Show more markers to the camera"):
         measure_camera(rendered(POSES[name], picture=half))
 
 
 @pytest.mark.parametrize("fovy_deg", [10.0, 40.0, 56.0, 70.0, 150.0])
 def test_a_lens_that_does_not_fit_is_blamed_on_its_option(pictures, fovy_deg):
-    with pytest.raises(InvalidInputError, match=r"--fovy-deg: \d+ degrees do not fit the image, which shows 52\.\d"):
+    with pytest.raises(InvalidInputError, match=r"--fovy-deg: \d+ degrees do not match the image, which shows 52\.\d"):
         measure_camera(pictures["placed"], fovy_deg=fovy_deg)
 
 
@@ -232,10 +232,10 @@ def test_a_lens_that_does_not_fit_is_blamed_on_its_option(pictures, fovy_deg):
         (10.0, "seems to be in centimeters. Give millimeters: 100.0"),
         (3.94, "seems to be in inches. Give millimeters: 100.1"),
         (0.1, "seems to be in meters. Give millimeters: 100.0"),
-        (0.0, "0 is no length. Measure"),
-        (-100.0, "-100 is no length"),
-        (float("nan"), "nan is no length"),
-        (float("inf"), "inf is no length"),
+        (0.0, "0 is not a length. Measure"),
+        (-100.0, "-100 is not a length"),
+        (float("nan"), "nan is not a length"),
+        (float("inf"), "inf is not a length"),
     ],
 )
 def test_a_ruler_in_another_unit_does_not_ask_for_another_print(pictures, ruler, says):
@@ -275,7 +275,7 @@ def test_each_direction_is_named_as_it_is_rendered(options, says):
 def test_a_marker_that_is_seen_twice_is_refused(pictures):
     image = pictures["placed"].copy()
     image[360:440, 20:120] = image[290:370, 0:100]
-    with pytest.raises(InvalidInputError, match=r"marker [05] is in it twice"):
+    with pytest.raises(InvalidInputError, match=r"marker [05] occurs twice in the image"):
         measure_camera(image)
 
 

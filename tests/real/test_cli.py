@@ -38,7 +38,7 @@ def test_a_plan_is_written_and_its_state_shown(tmp_path, capsys):
         (["plan", "--out", "x", "--policies", "a=openpi://h:99999"], "is not a host with a port from 1 to 65535"),
         (["plan", "--out", "x", "--policies", "a=openpi://h:1?fps=1"], "Unknown option of openpi 'fps'"),
         (["plan", "--out", "x", "--policies", "a=zoo:nope"], "Unknown policy 'zoo:nope'"),
-        (["plan", "--out", "x", "--policies", "a=noop", "A=random"], "are nearly the same name"),
+        (["plan", "--out", "x", "--policies", "a=noop", "A=random"], "differ only in case, spaces or Unicode forms"),
         (["plan", "--out", "x", "--policies", "a=noop", "--conditions", "O77"], "O77"),
         (["plan", "--out", "x", "--policies", "a=noop", "--trials", "0"], "--trials: 0 is out of range"),
         (["status", "nowhere"], "plan.json: not found"),

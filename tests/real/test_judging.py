@@ -82,14 +82,16 @@ def test_the_operator_is_no_judge_and_an_empty_protocol_has_no_films(folder, tmp
         JudgeDesk(folder, "olga")
     empty = tmp_path_factory.mktemp("empty")
     write_plan(empty, make_plan((RealPolicy("a", "noop"),), conditions=["O1"]))
-    with pytest.raises(InvalidInputError, match="has no trial that is done"):
+    with pytest.raises(InvalidInputError, match="has no finished trial"):
         JudgeDesk(empty, "ada")
 
 
 def test_a_protocol_of_damaged_trials_is_not_called_empty(folder):
     for header in (folder / "trials").glob("*/trial.json"):
         header.write_text("[]")
-    with pytest.raises(RecordError, match=r"none of the \d+ trials that are done can be shown: .*Restore the folder"):
+    with pytest.raises(
+        RecordError, match=r"none of the \d+ trials that are finished can be shown: .*Restore the folder"
+    ):
         JudgeDesk(folder, "ada")
 
 
@@ -173,7 +175,7 @@ def test_whoever_was_an_operator_is_no_judge_however_the_name_is_written(tmp_pat
 
 def test_one_judge_with_two_spellings_is_not_counted_as_two(folder):
     JudgeDesk(folder, "Ada").choose("done")
-    with pytest.raises(InvalidInputError, match="'ada' is nearly 'Ada', who judged here"):
+    with pytest.raises(InvalidInputError, match="'ada' differs only in spelling from 'Ada', who already judged here"):
         JudgeDesk(folder, "ada")
     assert JudgeDesk(folder, "Ada").done == 1
     JudgeDesk(folder, "Adam").choose("done")
@@ -187,7 +189,7 @@ def test_a_trial_that_is_discarded_while_it_is_judged_gets_no_entry(folder):
         journal.repeat(code, "the lamp fell", "olga")
     desk.choose("done")
     assert desk.is_problem
-    assert "film 1: was discarded by the operator meanwhile" in desk.message
+    assert "film 1: has been discarded by the operator" in desk.message
     assert (desk.done, votes(folder)) == (0, {})
     desk.step(1)
     desk.choose("done")

@@ -125,7 +125,7 @@ def test_an_entry_that_the_joints_rule_out_is_named_and_decides_nothing(conditio
     assert found.rule == "contradiction"
     assert f"entered {outcome!r}" in found.contradiction
     assert says in found.contradiction
-    assert "Neither is taken for true" in found.text
+    assert "Neither is trusted" in found.text
 
 
 def test_every_outcome_has_a_rule_and_no_rule_fails():

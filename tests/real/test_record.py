@@ -144,7 +144,7 @@ def test_a_repeated_trial_keeps_its_first_record_and_loses_its_entries(folder, c
         with pytest.raises(InvalidInputError, match="needs a reason"):
             journal.repeat(codes[0], " ", "ada")
         journal.repeat(codes[0], "a cat on the table", "ada")
-        with pytest.raises(InvalidInputError, match="is not done"):
+        with pytest.raises(InvalidInputError, match="is not finished"):
             journal.repeat(codes[0], "again", "ada")
         assert journal.next_trial.code == codes[0]
         run_one(journal, codes[0])
@@ -173,7 +173,7 @@ def test_a_damaged_trial_can_be_repeated_and_what_is_left_is_kept(folder, codes,
         place.symlink_to("/nowhere")
     with pytest.raises(InvalidInputError, match=rf"--repeat: {codes[1]} is not damaged"):
         repeat_damaged(folder, codes[:2], "ada")  # neither of both then
-    with pytest.raises(InvalidInputError, match=rf"{codes[2]} is not done"):
+    with pytest.raises(InvalidInputError, match=rf"{codes[2]} is not finished"):
         repeat_damaged(folder, [codes[2]], "ada")
     assert read_run(folder).states[codes[0]].state == "done"
     repeat_damaged(folder, [codes[0]], "ada")
@@ -259,8 +259,8 @@ def test_damaged_files_are_named(folder, codes):
     ("change", "says"),
     [
         ({"time_s": np.array([0.0, 0.1, 0.1])}, "'time_s' does not increase"),
-        ({"state": np.full((3, 6), np.nan)}, "'state' has a value that is not finite"),
-        ({"command": np.full((3, 6), np.inf)}, "'command' has a value that is not finite"),
+        ({"state": np.full((3, 6), np.nan)}, "'state' contains a non-finite value"),
+        ({"command": np.full((3, 6), np.inf)}, "'command' contains a non-finite value"),
     ],
 )
 def test_impossible_samples_are_refused(tmp_path, change, says):
@@ -328,7 +328,7 @@ def test_a_plan_that_was_replaced_is_refused_although_its_codes_are_the_same(fol
         other = make_plan(policies, conditions=conditions)
         assert [t.code for t in other.trials] == codes
         write_plan(folder, other)
-        with pytest.raises(RecordError, match="line 1: the trial was begun by another plan"):
+        with pytest.raises(RecordError, match="line 1: the trial was started under a plan other than"):
             read_run(folder)
         with pytest.raises(RecordError, match="Restore the plan from a copy"):
             RealJournal(folder)
@@ -365,7 +365,7 @@ def test_entries_of_another_protocol_or_of_an_attempt_that_never_began_are_refus
         read_run(folder)
     (folder / ENTRIES_NAME).unlink()
     enter(folder, codes[0], 2, author="ada", role="judge", outcome="done")
-    with pytest.raises(RecordError, match=f"line 1: attempt 2 of {codes[0]} was never begun"):
+    with pytest.raises(RecordError, match=f"line 1: attempt 2 of {codes[0]} never began"):
         read_run(folder)
 
 

@@ -133,7 +133,7 @@ def test_entries_are_taken_back_and_invalid_trials_repeated(folder):
     first = read_run(folder).plan.trials[0].code
     with session_on(folder) as session:
         session.begin()
-        assert "does nothing in this stage" in obey(session, "enter froze").message
+        assert "has no effect in this stage" in obey(session, "enter froze").message
         view = obey(session, "arm", "start", "enter froze")
         assert view.can_undo
         view = obey(session, "undo")

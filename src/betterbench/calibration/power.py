@@ -36,7 +36,7 @@ A guess with a one-in-three chance is then right in more than half of the trials
 17 %).
 """
 STILL_TRIALS = 2
-"""Number of trials of the policy that never moves, because they are all alike."""
+"""Number of trials of the policy that never moves; a few suffice, because they are all alike."""
 MOST_CHANCE = 0.9
 """Largest chance level for which the number of trials is computed; if only one instruction is possible, guessing it
 always succeeds.
@@ -121,11 +121,11 @@ def measure_power(
 ) -> PowerMatrix:
     """Run every pretender on every variation and return the matrix.
 
-    The same call resumes where it stopped. Trials that a rule shares with the expert are done immediately.
+    The same call resumes an interrupted measurement. Trials that a rule shares with the expert need no simulation.
 
     Raises:
         RunConflictError: If a folder contains another run.
-        RecordError: If a record cannot be read, or a trial broke down outside its policy.
+        RecordError: If a record cannot be read, or an error outside the policy ended a trial.
     """
     total, before = planned.total, 0
     cells: dict[str, dict[Key, PowerCell]] = {}
@@ -158,7 +158,7 @@ def measure_power(
 
 
 def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key, int], _Outcome]) -> Plan:
-    """Return the plan for one pretender: its variation trials, except those with a known outcome."""
+    """Return the evaluation plan for one pretender: its variation trials, except those with a known outcome."""
     tasks = tuple(dict.fromkeys(task for task, _ in wanted))
     # The baselines in FLOOR use end-effector deltas on every robot.
     space = EE_DELTA.name if address in FLOOR else None
@@ -183,7 +183,7 @@ def _outcomes(run: RunFolder, trials: Sequence[TrialDiagnosis]) -> Iterator[tupl
 
 
 def _same(run: RunFolder) -> dict[tuple[Key, int], frozenset[str]]:
-    """Return the rules that made the expert's decisions, by trial."""
+    """Return, for each trial, the faulty rules that agreed with all decisions of the expert."""
     entries = [e for e in run.entries() if e.status == "done"]
     return {((e.task, e.variation or ""), e.seed): frozenset(e.ground_truth.get("same", "").split()) for e in entries}
 

@@ -88,7 +88,7 @@ def assess(runs: Sequence[RunFolder]) -> Calibration:
 
 
 def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
-    """Return the reported ground truth of each episode that has ended."""
+    """Return the ground truth that the policy reported for each finished episode."""
     done = (e for e in run.entries() if e.status == "done")
     return {TrialId(e.task, e.variation or e.condition, e.seed): e.ground_truth for e in done}
 
@@ -96,8 +96,8 @@ def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
 def _judged(diagnosis: RunDiagnosis, said: Mapping[TrialId, Mapping[str, str]]) -> Iterator[Judged]:
     for trial in diagnosis.trials:
         truth = said.get(trial.trial_id)
-        # a trial that failed because of an error outside the policy has no ground truth; the run reports such trials
-        # and repeats them
+        # trials that failed because of an error outside the policy have no ground truth; the run reports and repeats
+        # them
         if truth is None or truth.get("left_out"):
             continue
         why = trial.evidence

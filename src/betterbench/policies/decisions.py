@@ -162,7 +162,7 @@ class ExpertRule:
     """Expert rule, which follows the instruction in order and stops when it is done."""
 
     def __init__(self, situation: Situation) -> None:
-        """Prepare for an episode."""
+        """Make the rule for one episode."""
         self.situation = situation
 
     def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:

@@ -63,7 +63,7 @@ class PolicyFactory:
         world: str = "",
         kind: PolicyKind | None = None,
     ) -> None:
-        """Prepare the factory; nothing is loaded and no server is contacted yet.
+        """Store the settings; nothing is loaded and no server is contacted yet.
 
         ``world`` is the world whose conventions are used with a server (``World.dialect``).
 

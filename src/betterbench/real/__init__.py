@@ -2,9 +2,10 @@
 
 - ``sheet``: the printed markers of the scene, and the pose of the front camera.
 - ``plan``: the frozen plan of a protocol: conditions and policies in randomized blocks, and a code for each trial.
-- ``outcomes``: what a person can enter about a trial, with the definitions that pages show.
-- ``record``: the folder of a protocol: journal, samples, films and entries of people. Reading it starts no simulator.
+- ``outcomes``: the outcomes that a person can enter for a trial, with the definitions shown on the pages.
+- ``record``: the folder of a protocol: journal, samples, films and entries of people. Reading it does not need a
+simulator.
 - ``signals``, ``labels``: signals computed from joint states, and the label of a trial.
-- ``agreement``, ``results``, ``report_page``: agreement of people, matrices, and the page of the results.
-- ``judging``, ``judge_page``: the queue and the page of a judge.
+- ``agreement``, ``results``, ``report_page``: agreement between people, result matrices, and the results page.
+- ``judging``, ``judge_page``: the queue of trials to judge, and the judge's page.
 """

@@ -1,4 +1,4 @@
-"""Agreement of people who judged the same trials: Cohen's kappa of each pair, and the trials on which they disagree."""
+"""Inter-rater agreement: Cohen's kappa for each pair of raters, and the trials on which they disagree."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from betterbench.statistics.agreement import AgreementTable
 from betterbench.statistics.interval import Interval
 
 _WIDTH = 1e-9
-"""Smallest width of an interval that is shown."""
+"""Minimum width of an interval to show."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rater:
-    """A person in a role."""
+    """A rater: a person with the role in which the person entered outcomes."""
 
     name: str
     role: Role
@@ -42,7 +42,7 @@ class PairAgreement:
     """Agreement of two raters.
 
     Attributes:
-        table: Outcomes of the trials that both have seen, the first rater's in rows.
+        table: Outcomes of the trials that both rated; rows are the first rater's outcomes.
         disagreements: Trials with different outcomes, in the order of the plan.
     """
 
@@ -53,22 +53,22 @@ class PairAgreement:
 
     @property
     def is_blind(self) -> bool:
-        """Whether both are judges."""
+        """Whether both raters are judges, who see only the film."""
         return self.first.role == self.second.role == "judge"
 
     @property
     def interval(self) -> Interval | None:
         """Interval of kappa; None if kappa is not defined or its variance is 0.
 
-        The variance is 0 if the two never differ, or if one of them always entered the same outcome. An interval of
-        zero width would then look like certainty, even with very few trials.
+        The variance is 0 if the two raters never differ, or if one of them always entered the same outcome. The
+        interval would then have zero width even with very few trials.
         """
         found = self.table.interval()
         return None if found is None or found.high - found.low < _WIDTH else found
 
     @property
     def sentence(self) -> str:
-        """Number of equal outcomes, and kappa with its interval."""
+        """One sentence with the number of equal outcomes and kappa with its interval."""
         n = self.table.n
         text = f"{self.first} and {self.second} entered the same outcome in {n - len(self.disagreements)} of {n} trials"
         kappa, interval = self.table.kappa, self.interval
@@ -95,9 +95,9 @@ class PairAgreement:
 
 
 def agreements_of(trials: Iterable[RealTrial]) -> tuple[PairAgreement, ...]:
-    """Return the agreement of each two raters with trials in common: pairs of judges first, then operators with judges.
+    """Return the agreement of every pair of raters that share trials: pairs of judges first, then operator and judge.
 
-    Trials that one of them has not seen are left out of a pair.
+    A pair includes only the trials that both rated.
     """
     seen: dict[Rater, dict[str, str]] = {}
     order: list[str] = []

@@ -1,7 +1,7 @@
-"""The arm behind its limits and its switch: the only sender of commands.
+"""Arm with safety limits and a software switch; every motor command goes through this module.
 
-Nothing is sent unless the switch is on. Any thread may stop the arm: when :meth:`SafeArm.stop` returns, the arm has
-been commanded to hold its measured position, and no further command is sent until the switch is turned on again.
+Nothing is sent unless the switch is on. Any thread may stop the arm. When :meth:`SafeArm.stop` returns, the arm has
+been commanded to hold its measured position. No further command is sent until the switch is turned on again.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ logger = logging.getLogger(__name__)
 
 
 class NotArmedError(BetterError):
-    """A motion was requested while the arm's switch is off."""
+    """Error for a motion requested while the arm's switch is off."""
 
 
 class SafeArm:
-    """A robot that gets commands only within the limits, and only while its switch is on."""
+    """Robot that receives commands only within the limits, and only while its switch is on."""
 
     def __init__(self, robot: Robot, limiter: Limiter) -> None:
-        """Prepare; the switch is off."""
+        """Wrap a robot; the switch starts in the off position."""
         self.robot, self.limiter = robot, limiter
         self._lock = threading.RLock()
         self._is_armed, self._why = False, "the switch was never turned on"
@@ -44,13 +44,14 @@ class SafeArm:
         return "" if self._is_armed else self._why
 
     def arm(self) -> None:
-        """Turn the switch on. Nothing moves before a command."""
+        """Turn the switch on. The arm does not move until it gets a command."""
         with self._lock:
             self._is_armed, self._why = True, ""
 
     def stop(self, why: str) -> None:
-        """Turn the switch off, and let the arm hold its last measured position."""
-        self._is_armed, self._why = False, why  # before the lock: a command that waits for it is refused
+        """Turn the switch off and hold the last measured position."""
+        # set before taking the lock, so that a command waiting for the lock is rejected
+        self._is_armed, self._why = False, why
         with self._lock:
             self._is_armed, self._why = False, why
             if not self._has_moved or self._state is None:
@@ -62,7 +63,7 @@ class SafeArm:
                 logger.warning("the command to hold the position could not be sent: %s", problem)
 
     def release(self) -> None:
-        """Turn the switch and the torque off; the arm sinks."""
+        """Turn off the switch and the motor torque; the arm sinks."""
         self.stop("the torque was switched off")
         with self._lock:
             self.robot.release()
@@ -76,12 +77,12 @@ class SafeArm:
             return reading
 
     def begin(self, reading: Reading) -> None:
-        """Begin an episode of commands at a reading. Raises LimitError."""
+        """Start an episode at the measured state of a reading. Raises LimitError."""
         with self._lock:
             self.limiter.start(reading.state)
 
     def move(self, asked: np.ndarray, reading: Reading) -> Limited:
-        """Apply the limits to a target, send it, and return the command that was sent.
+        """Apply the limits to a target position, send the command, and return it.
 
         Raises:
             NotArmedError: If the switch is off.

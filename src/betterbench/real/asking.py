@@ -1,4 +1,4 @@
-"""Policies of a protocol, and a thread that requests their actions, so that the arm never waits for an answer."""
+"""Policies of a protocol, and a thread that requests their actions so that the control loop never waits."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from betterbench.policies.factory import PolicyFactory, check_action_space, clos
 from betterbench.real.plan import RealPlan, RealPolicy
 
 START_S = 120.0
-"""Longest time until a policy is ready for a trial [s]; a large policy loads its weights during this time."""
+"""Maximum time for a policy to become ready for a trial [s], including the time to load its weights."""
 ANSWER_S = 30.0
-"""Longest time until an answer arrives [s]; after that, the trial is aborted."""
+"""Maximum time to wait for an answer [s], after which the trial is aborted."""
 _CHECK_S = 0.1
-"""Time between two checks of the stop signal while a policy gets ready [s]."""
+"""Interval between checks of the stop signal while a policy is loading [s]."""
 
 
 def check_real_policy(address: str, info: PolicyInfo, space: ActionSpace, cameras: tuple[str, ...]) -> None:
@@ -39,7 +39,7 @@ def check_real_policy(address: str, info: PolicyInfo, space: ActionSpace, camera
     check_action_space(address, info, space.name)
     missing = sorted(set(info.cameras or ()) - set(cameras))
     if missing:
-        problem = f"the policy needs the camera {missing[0]!r}, and the robot has {', '.join(cameras) or 'none'}"
+        problem = f"the policy needs the camera {missing[0]!r}, but the robot has {', '.join(cameras) or 'none'}"
         raise InvalidInputError(address, problem, "Name the robot's cameras as the policy does")
     if info.execution.ensemble is not None:
         problem = "temporal ensembling calls the policy at every step, which a real arm would have to wait for"
@@ -47,7 +47,7 @@ def check_real_policy(address: str, info: PolicyInfo, space: ActionSpace, camera
 
 
 def require_images_suffice(policy: RealPolicy) -> None:
-    """Raise InvalidInputError if a policy reads a simulator's state, or UnknownNameError if no such policy exists."""
+    """Raise InvalidInputError if a policy needs the simulator state, or UnknownNameError if it does not exist."""
     needs = PolicyFactory(policy.address).needs
     if needs.state or needs.trial:
         problem = f"{policy.address} reads the state of the simulator, which a real arm does not have"
@@ -55,10 +55,10 @@ def require_images_suffice(policy: RealPolicy) -> None:
 
 
 class RealPolicies:
-    """The policies of a plan; each is created at its first trial and kept for the following ones."""
+    """Policies of a plan, each created at its first trial and reused for its later trials."""
 
     def __init__(self, plan: RealPlan, cameras: tuple[str, ...], *, apart: bool = True) -> None:
-        """Check the addresses; nothing is loaded. With ``apart``, user code runs in a process of its own.
+        """Check the policy addresses without loading a policy. With ``apart``, user code runs in a separate process.
 
         Raises:
             UnknownNameError: If there is no such policy.
@@ -83,7 +83,7 @@ class RealPolicies:
         return self._made[name]
 
     def discard(self, name: str) -> None:
-        """Close a policy that is still computing an old answer; it is created again for its next trial."""
+        """Close a policy that is still computing an answer for an earlier trial; its next trial creates it again."""
         policy = self._made.pop(name, None)
         if policy is not None:
             close_policy(policy)
@@ -97,7 +97,7 @@ class RealPolicies:
 
 @dataclass(frozen=True, slots=True)
 class _Answered:
-    """Answer to the request of a step, or the error that was raised instead."""
+    """Answer for one control step, or the error raised instead."""
 
     step: int
     actions: np.ndarray | None
@@ -105,7 +105,7 @@ class _Answered:
 
 
 class Asker:
-    """Actions of a policy for consecutive control steps, from action chunks that a thread requests."""
+    """Background requester of action chunks, which gives one action per control step."""
 
     def __init__(self, policy: Policy, space: ActionSpace) -> None:
         """Start the thread."""
@@ -121,17 +121,20 @@ class Asker:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Wait for a pending answer, because the next trial uses the same policy."""
+        """Wait for the pending answer, because the next trial may use the same policy."""
         self._questions.put(None)
         self._thread.join(timeout=ANSWER_S)
 
     @property
     def is_busy(self) -> bool:
-        """Whether the policy is still computing an answer, so that it must not get another request."""
+        """Whether the policy is still computing an answer and cannot take another request."""
         return self._thread.is_alive()
 
     def start(self, start: EpisodeStart, *, check: Callable[[], None] = lambda: None) -> None:
-        """Reset the policy and wait for it; ``check`` is called meanwhile, and may raise. Raises PolicyError."""
+        """Reset the policy and wait until it is ready. ``check`` is called while waiting and may raise an exception.
+
+        Raises PolicyError.
+        """
         self._questions.put((-1, start))
         end = time.monotonic() + START_S
         answered = None
@@ -145,16 +148,16 @@ class Asker:
             raise answered.error
 
     def wants(self) -> bool:
-        """Return whether an observation is needed now."""
+        """Return whether a new observation must be sent at this step."""
         return self._pending is None and len(self._actions) <= self._execution.ahead
 
     def ask(self, step: int, observation: Observation) -> None:
-        """Request the actions from a step on."""
+        """Request the actions that start at a control step."""
         self._pending = step
         self._questions.put((step, observation))
 
     def next(self, step: int, *, wait_s: float) -> np.ndarray | None:
-        """Return the action for a step, (dim,), or None if there is none within some time.
+        """Return the action for a step, (dim,), or None if it does not arrive within ``wait_s`` [s].
 
         Raises:
             PolicyError: If the policy failed.

@@ -1,4 +1,4 @@
-"""Films of a trial, encoded by a thread while the arm moves."""
+"""Videos of a trial, encoded in a thread while the arm moves."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class FilmThread:
         self._thread.start()
 
     def add(self, frame: Frame, now_s: float) -> bool:
-        """Append the newest frame at a control step, and return whether it was late.
+        """Append the newest frame at a control step, and return whether the frame was late.
 
         Raises:
             RobotError: If the camera changed its image size.
@@ -49,7 +49,10 @@ class FilmThread:
         return late
 
     def finish(self) -> tuple[Film, bytes] | None:
-        """Return the film and its file, or None if there was no frame. Raises InvalidInputError if encoding failed."""
+        """Return the film's metadata and its encoded file, or None without frames.
+
+        Raises InvalidInputError if encoding failed.
+        """
         self._frames.put(None)
         self._thread.join()
         if self._problem is not None:

@@ -1,6 +1,6 @@
-"""Page of a judge: the films of one trial, the instruction, and the outcomes with their keys and definitions.
+"""Web page for a judge: films and instruction of one trial, and the possible outcomes with keys and definitions.
 
-The page receives no condition, no policy and no entry of another person. It is a plain page
+The page does not receive the condition, the policy or the entries of other people. It is a plain page
 (``judge.html``, ``judge.js``, ``judge.css``) behind :class:`~betterbench.browser.plain.PlainServer`.
 """
 
@@ -23,7 +23,7 @@ from betterbench.real.outcomes import OUTCOMES
 
 
 class _Sent(BaseModel, extra="forbid", strict=True):
-    """Command of the page, with the number of the film that it showed."""
+    """Command from the page, with the index of the displayed film."""
 
     name: Literal["enter", "undo", "next", "previous"]
     film: Annotated[int, Field(ge=0)]
@@ -35,14 +35,14 @@ _SENT = TypeAdapter(_Sent)
 
 
 class JudgePage:
-    """The page of one judge.
+    """Web page of one judge.
 
     Attributes:
         server: The server of the page.
     """
 
     def __init__(self, desk: JudgeDesk, *, host: str, port: int) -> None:
-        """Listen. Raises InvalidInputError if the port is taken."""
+        """Start listening. Raises InvalidInputError if the port is in use."""
         self._desk, self._lock = desk, threading.Lock()
         get: dict[str, Callable[[], Answer | None]] = {
             "": functools.partial(_packaged, "judge.html", "text/html"),
@@ -56,7 +56,7 @@ class JudgePage:
         self.server = PlainServer(get, self._obey, host=host, port=port, verb="better real judge")
 
     def state(self) -> dict[str, Any]:
-        """Return what the page shows."""
+        """Return the content of the page."""
         desk = self._desk
         return {
             "film": desk.index,
@@ -79,7 +79,7 @@ class JudgePage:
         return "video/mp4", self._desk.film(number, camera)
 
     def _obey(self, form: dict[str, Any]) -> object:
-        """Obey a command, and return the new state. A key for a film that is not shown any more is ignored."""
+        """Execute a command and return the new state. A command for a film that is no longer displayed is ignored."""
         sent = read_form(_SENT, form, where="page", cure="Reload the page")
         with self._lock:
             if sent.film == self._desk.index:

@@ -1,9 +1,9 @@
-"""Label of a trial of a real arm, from joint signals and from the entries of judges who saw its film.
+"""Label of a trial on a real arm, from joint signals and the entries of judges who watched its film.
 
-The labels are those of the simulated diagnosis. Rest and motion back and forth follow its rules; which object was taken
-and what lies in the basket is known only from judges. If neither decides, the label is None, and the trial is unscored.
-An entry that joint states rule out is a contradiction: it is reported, and the trial is unscored until the judges enter
-again.
+The labels are those of the simulated diagnosis. Rest and back-and-forth motion are detected by its rules. Only judges
+know which object was taken and which objects are in the basket. If neither source gives a label, the label is None and
+the trial is unscored. If the joint states contradict an entry, the contradiction is reported, and the trial is unscored
+until the judges enter a new outcome.
 """
 
 from __future__ import annotations
@@ -33,13 +33,14 @@ UNSCORED = "unscored"
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """Entries of the judges of a trial.
+    """Combined entries of a trial's judges.
 
     Attributes:
-        outcome: Outcome that more than half of them entered, or None.
-        why_open: Reason for None, one sentence; empty with an outcome.
+        outcome: Outcome entered by more than half of the judges, or None.
+        why_open: Reason why there is no outcome, one sentence; empty if there is one.
         votes: Outcome of each judge by name.
-        operator: Outcome that the operator entered, or None. It is not blind and decides no label.
+        operator: Outcome entered by the operator, or None. It does not affect the label, because the operator knows the
+            condition.
         notes: Notes of the judges, each with its author.
     """
 
@@ -51,7 +52,7 @@ class Judged:
 
     @classmethod
     def of(cls, entries: Sequence[Entry]) -> Judged:
-        """Return the outcome of standing entries on one attempt."""
+        """Combine the current entries for one attempt."""
         seen = [(entry, entry.decision) for entry in entries if entry.decision.kind == "seen"]
         votes = {entry.author: decision.outcome for entry, decision in seen if entry.role == "judge"}
         operators = [decision.outcome for entry, decision in seen if entry.role == "operator"]
@@ -80,7 +81,7 @@ class RealLabel:
         start_s: Beginning of the evidence [s].
         end_s: End of the evidence [s].
         basis: Source of the label.
-        contradiction: What the judges entered and what the joint states show instead; empty without a contradiction.
+        contradiction: The judges' entry and the joint states that contradict it; empty without a contradiction.
     """
 
     label: Label | None
@@ -103,10 +104,10 @@ class RealLabel:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Place of a closing of the jaw.
+    """Location at which the jaw closed.
 
     Attributes:
-        object: Kind of the object that stood there at the start; None for an empty slot or no known place.
+        object: Kind of the object that was there at the start; None for an empty slot or an unknown location.
         slot: Name of the slot or None.
         gap_m: Horizontal distance to the slot's center, minus the slot's jitter [m].
     """
@@ -121,9 +122,9 @@ class Setting:
     """Facts of a condition that labels depend on.
 
     Attributes:
-        due: Kinds that had to be packed, in order.
+        due: Kinds of the objects to pack, in order.
         half_done: Whether the scene looks like the middle of a demonstration.
-        rest_absent: Whether the scene looks half done, and an object of the twin's instruction is absent.
+        rest_absent: Whether the scene looks half done and an object named in the twin's instruction is absent.
     """
 
     exposure: Exposure
@@ -133,7 +134,7 @@ class Setting:
 
     @classmethod
     def of(cls, task: str, condition: str) -> Setting:
-        """Return the facts of a condition; raise UnknownNameError if it does not exist."""
+        """Return the label-relevant facts about a condition; raise UnknownNameError if it does not exist."""
         x = Exposure.of(task, condition)
         due = tuple(kind for goal in x.open_goals for kind in sorted(x.kinds(goal)))
         here = {o.kind for o in x.test.objects if o.name in x.test.layout or o.name in x.test.preplaced}
@@ -146,10 +147,10 @@ class Setting:
         return self.exposure.test.expected
 
     def place_of(self, closing: Closing) -> Place:
-        """Return the place of a closing: the object or the empty training slot that is nearest, if one is near.
+        """Return the location of a closing: the nearest object or empty training slot, if one is close enough.
 
-        Objects are where they stood at the start, within the jitter of their slots. An instructed object that is at
-        most ``doubt`` farther away than an empty slot may have been missed, as in the simulated diagnosis.
+        Objects are assumed to be at their initial positions, within the jitter of their slots. As in the simulated
+        diagnosis, an instructed object counts as missed if it is at most ``doubt`` farther away than an empty slot.
         """
         x, picked = self.exposure, {s for slots in self.exposure.trained.kind_slots.values() for s in slots}
         found: list[Place] = []
@@ -167,26 +168,26 @@ class Setting:
         return best
 
     def trained_at(self, slot: str) -> str:
-        """Return the kinds that training picked from a slot, as text."""
+        """Return a text that lists the object kinds picked from a slot in training."""
         kinds = [kind for kind, slots in sorted(self.exposure.trained.kind_slots.items()) if slot in slots]
         return listed([f"the {kind}" for kind in kinds])
 
     def in_basket(self, closing: Closing) -> bool:
-        """Return whether the jaw closed where a container stands."""
+        """Return whether the jaw closed at the position of a container."""
         x = self.exposure
         stands = [x.task.slot(x.test.layout[o.name]) for o in x.test.objects if o.role == "container"]
         return any(math.dist((closing.x, closing.y), (s.x, s.y)) <= THRESHOLDS.home_radius for s in stands)
 
 
 def label_trial(trial: RealTrial, task: str) -> tuple[RealLabel, JointSignals | None, Judged]:
-    """Return the label of a trial that is done, its signals and the judges' entries.
+    """Return the label of a finished trial, with its signals and the judges' entries.
 
     Raises:
         RecordError: If its samples are missing, changed or damaged.
     """
     judged, header = Judged.of(trial.entries), trial.header
     if header.steps < 2:
-        text = f"The record has {plural(header.steps, 'control step')}: nothing can be judged."
+        text = f"The record has {plural(header.steps, 'control step')}, too few to judge the trial."
         return RealLabel(None, "no_record", text, 0.0, 0.0, "record"), None, judged
     samples = trial.samples()
     signals = signals_of(JointTrack.of(samples, unit=header.unit, rate_hz=header.rate_hz))
@@ -202,7 +203,7 @@ def label_of(setting: Setting, signals: JointSignals, judged: Judged, *, held_sh
     Args:
         setting: Facts of the condition.
         signals: Joint signals.
-        judged: What the judges saw.
+        judged: The judges' entries.
         held_share: Share of control steps in which the policy gave no answer in time.
     """
     end = signals.duration_s
@@ -214,7 +215,7 @@ def label_of(setting: Setting, signals: JointSignals, judged: Judged, *, held_sh
         return RealLabel(Label.POLICY_ERROR, "late_answers", text, 0.0, end, "record")
     problem = contradiction_of(setting, signals, judged.outcome)
     if problem:
-        text = f"{problem} Neither is taken for true: look at the film and the joint states, and enter again."
+        text = f"{problem} Neither is trusted: check the film and the joint states, and enter the outcome again."
         return RealLabel(None, "contradiction", text, 0.0, end, "nothing", problem)
     if not signals.moved:
         return _never_moved(setting, signals, judged)
@@ -225,7 +226,7 @@ def label_of(setting: Setting, signals: JointSignals, judged: Judged, *, held_sh
 
 
 def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | None) -> str:
-    """Return what was entered and why joint states rule it out, in one or two sentences; empty if they do not."""
+    """Describe an outcome that the joint states contradict, in one or two sentences; empty without a contradiction."""
     if outcome is None:
         return ""
     said = f"The judges entered {outcome!r} ({outcome_named(outcome).title})"
@@ -258,20 +259,20 @@ def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | Non
 
 
 def _never_moved(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label of an arm that stood still from beginning to end, which joints alone show."""
+    """Return the label of an arm that never moved, which the joint states show without a judge."""
     basis: Basis = "joints" if judged.outcome is None else "joints and judges"
     still = f"The arm never moved in {signals.duration_s:.0f} s"
     if setting.expected is Expected.STAY_STILL:
         text = f"{still}, and no step was left to do."
         return RealLabel(Label.CORRECT_FREEZE, "goal", text, 0.0, signals.duration_s, basis)
     if setting.expected.lacks_target:
-        text = f"{still}. The target is absent, and nothing else was touched."
+        text = f"{still}. The target is absent, and no other object was touched."
         return RealLabel(Label.CORRECT_REFUSAL, "goal", text, 0.0, signals.duration_s, basis)
     return _halt(setting, signals, basis, 0.0, still)
 
 
 def _halt(setting: Setting, signals: JointSignals, basis: Basis, start_s: float, still: str) -> RealLabel:
-    """Return phase conflict I, or an early halt, of an arm that stands still with steps to do."""
+    """Return the label of an arm that stands still with steps left to do: phase conflict I or an early halt."""
     left = listed([f"the {kind}" for kind in setting.due])
     if setting.half_done and not signals.attempts:
         text = f"{still}, and the scene looks like the middle of a demonstration (phase conflict I). Due: {left}."
@@ -281,7 +282,7 @@ def _halt(setting: Setting, signals: JointSignals, basis: Basis, start_s: float,
 
 
 def _done(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label if every instructed object lies in the basket at the end."""
+    """Return the label if every instructed object is in the basket at the end."""
     del judged
     if not setting.due:
         return _nothing_due(setting, signals)
@@ -290,28 +291,28 @@ def _done(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
     for closing in after:
         inertia = _empty_slot(setting, closing)
         if inertia is not None:
-            text = f"Every object asked for is packed, and then {inertia}"
+            text = f"Every requested object is packed, and then {inertia}"
             rule = "air_grasp_at_memorized_slot"
             return RealLabel(Label.BEHAVIORAL_INERTIA, rule, text, closing.start_s, closing.over_s, "joints and judges")
-    extra = "" if not after else f" Then {_at(after[0])}, at no place of training."
-    text = f"The judges saw every object asked for in the basket; {_grips(signals)}.{extra}"
+    extra = "" if not after else f" Then {_at(after[0])}, not at a training slot."
+    text = f"The judges saw every requested object in the basket; {_grips(signals)}.{extra}"
     end = released[-1] if released else signals.duration_s
     return RealLabel(Label.SUCCESS, "goal", text, end, end, "joints and judges")
 
 
 def _nothing_due(setting: Setting, signals: JointSignals) -> RealLabel:
-    """Return the label of a moving arm in a scene in which nothing is left to do."""
+    """Return the label of a moving arm in a scene with nothing left to do."""
     end = signals.duration_s
     if signals.grasps:
         first = signals.grasps[0]
         if setting.in_basket(first):
-            text = f"Nothing was left to do, and {_at(first)}, in the basket: it takes out what is done."
+            text = f"Nothing was left to do, and {_at(first)}, in the basket: it takes out a packed object."
             return RealLabel(
                 Label.CAUSAL_CONFUSION, "finished_step_repeated", text, first.start_s, first.over_s, "joints and judges"
             )
         text = (
-            f"The judges saw nothing wrong at the end, but {_at(first)}, outside the basket, although nothing was left "
-            "to do. Which object it was is not known."
+            f"The judges saw nothing wrong at the end, but {_at(first)}, outside the basket, although nothing was "
+            f"left to do. The object is not known."
         )
         return RealLabel(None, "unknown_object", text, first.start_s, first.over_s, "nothing")
     if signals.attempts:
@@ -324,37 +325,37 @@ def _nothing_due(setting: Setting, signals: JointSignals) -> RealLabel:
         why = "The target is absent" if setting.expected.lacks_target else "No step was left to do"
         text = f"{why}, the jaw never closed, and the arm came to rest after {start:.1f} s."
         return RealLabel(label, "goal", text, start, end, "joints and judges")
-    text = "No step was left to do, and the arm did not come to rest until the end; it grasped at nothing."
+    text = "No step was left to do, but the arm did not come to rest before the end; it made no grasp attempt."
     return RealLabel(Label.TIMEOUT, "no_rest", text, 0.0, end, "joints and judges")
 
 
 def _part(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label if a part of the objects was packed, and the arm reached for no other one."""
+    """Return the label if only some of the objects were packed and the arm did not reach for another one."""
     del judged
     last = max((c.over_s for c in signals.grasps if c.let_go_s is not None), default=0.0)
     after = [c for c in signals.attempts if c.start_s > last]
     empty = next((text for c in after if not c.holds and (text := _empty_slot(setting, c))), None)
     if empty is not None:
-        text = f"A part is packed, and then {empty}"
+        text = f"Some of the objects are packed, and then {empty}"
         first = next(c for c in after if not c.holds)
         rule = "air_grasp_at_memorized_slot"
-        return RealLabel(Label.BEHAVIORAL_INERTIA, rule, text, first.start_s, first.over_s, "joints and judges")
+        return RealLabel(Label.BEHAVIORAL_INERTIA, rule, text, first.start_s, first.over_s, "joints and judgesf")
     if after:
-        text = f"A part is packed, and then {_at(after[-1])}: a further object is missed or lost."
+        text = f"Some objects are packed, and then {_at(after[-1])}: another object is missed or lost."
         return RealLabel(
             Label.EXECUTION_FAILURE, "missed", text, after[-1].start_s, after[-1].over_s, "joints and judges"
         )
     if signals.freeze is not None:
-        still = f"A part is packed, and then the arm stands still from {signals.freeze.start_s:.1f} s to the end"
+        still = f"Some objects are packed, and then the arm stands still from {signals.freeze.start_s:.1f} s to the end"
         return _halt(setting, signals, "joints and judges", signals.freeze.start_s, still)
     if signals.to_and_fro is not None:
         return _sway(setting, signals)
-    text = "A part is packed, and the arm still moves when the time is over."
+    text = "Some of the objects are packed, and the arm is still moving at the time limit."
     return RealLabel(Label.TIMEOUT, "step_limit", text, last, signals.duration_s, "joints and judges")
 
 
 def _froze(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label of an arm that people saw standing still."""
+    """Return the label of an arm that the judges saw standing still."""
     del judged
     if not setting.due:
         return _nothing_due(setting, signals)
@@ -374,7 +375,7 @@ def _grasped_nothing(setting: Setting, signals: JointSignals, judged: Judged) ->
 
 
 def _air_grasp(setting: Setting, signals: JointSignals) -> RealLabel:
-    """Return the label of the last closing on nothing."""
+    """Return the label for a last closing of the jaw without an object."""
     empty = [c for c in signals.attempts if not c.holds]
     last = empty[-1]
     if setting.rest_absent and setting.expected is Expected.STAY_STILL:
@@ -392,7 +393,7 @@ def _air_grasp(setting: Setting, signals: JointSignals) -> RealLabel:
             return RealLabel(Label.BEHAVIORAL_INERTIA, rule, text, closing.start_s, closing.over_s, "joints and judges")
     place = setting.place_of(last)
     near = f", {place.gap_m * 100:.0f} cm from the {place.object}" if place.object else ", far from every object"
-    text = f"The judges saw a grasp at nothing: {_at(last)}{near}: a miss, which shows no choice."
+    text = f"The judges saw a grasp without an object: {_at(last)}{near}: a miss without a clear target."
     return RealLabel(Label.EXECUTION_FAILURE, "missed", text, last.start_s, last.over_s, "joints and judges")
 
 
@@ -402,7 +403,7 @@ def _oscillated(setting: Setting, signals: JointSignals, judged: Judged) -> Real
 
 
 def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
-    """Return the label of motion back and forth."""
+    """Return the label for back-and-forth motion."""
     span = signals.to_and_fro
     start = 0.0 if span is None else span.start_s
     seen = (
@@ -421,7 +422,7 @@ def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
 
 
 def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label if another object was taken; its kind follows from the position at which the jaw closed."""
+    """Return the label if a wrong object was taken, whose kind follows from the position at which the jaw closed."""
     del judged
     others = []
     for closing in signals.grasps or signals.attempts:
@@ -429,10 +430,10 @@ def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> Re
         if place.object is not None and place.object not in setting.due:
             others.append((closing, place.object))
     if not others:
-        text = f"The judges saw another object being taken; {_grips(signals)}. Which object it was is not known."
+        text = f"The judges saw the arm take a wrong object; {_grips(signals)}. The object is not known."
         return RealLabel(Label.WRONG_OBJECT, "other_object", text, 0.0, signals.duration_s, "judges")
     closing, kind = others[0]
-    text = f"The judges saw another object being taken, and {_at(closing)}, where the {kind} stood."
+    text = f"The judges saw the arm take a wrong object, and {_at(closing)}, where the {kind} stood."
     known = kind in setting.exposure.trained.kind_slots
     label = Label.WRONG_OBJECT if known else Label.SEMANTIC_FEATURE_COLLAPSE
     rule = "object_of_another_instruction" if known else "object_that_no_instruction_means"
@@ -440,15 +441,15 @@ def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> Re
 
 
 def _missed(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label of an attempt at a right object that failed."""
+    """Return the label of a failed attempt at a correct object."""
     del setting, judged
     lost = [c for c in signals.grasps if c.lost_s is not None]
     last = lost[-1] if lost else signals.attempts[-1] if signals.attempts else None
     if last is None:
-        text = "The judges saw the arm reach for an object asked for and fail; the jaw never closed near the table."
+        text = "The judges saw a failed attempt at a requested object; the jaw never closed near the table."
         return RealLabel(Label.EXECUTION_FAILURE, "never_closes", text, 0.0, signals.duration_s, "judges")
     how = "an object slipped out of the closed jaw" if lost else _at(last)
-    text = f"The judges saw the arm reach for an object asked for and fail; {how}."
+    text = f"The judges saw a failed attempt at a requested object; {how}."
     rule = "slipped" if lost else "missed"
     return RealLabel(Label.EXECUTION_FAILURE, rule, text, last.start_s, last.over_s, "joints and judges")
 
@@ -480,14 +481,14 @@ _BY_OUTCOME = {
     "undid": _undid,
     "other": _other,
 }
-"""Rule of each scored outcome."""
+"""Labeling rule for each scored outcome."""
 
 
 # ------------------------------------------------------------------------------------------------------------ wording
 
 
 def _empty_slot(setting: Setting, closing: Closing) -> str | None:
-    """Return the clause about a closing on nothing at an empty slot of training, or None."""
+    """Return a clause about a closing without an object at an empty training slot, or None."""
     place = setting.place_of(closing)
     if closing.holds or place.slot is None or place.object is not None:
         return None
@@ -503,7 +504,7 @@ def _at(closing: Closing) -> str:
 
 
 def _openings(signals: JointSignals) -> str:
-    """Return the openings at which the jaw stopped, as a clause."""
+    """Return a clause with the openings at which the jaw stopped."""
     if not signals.closings:
         return "it kept its opening"
     return f"it stopped at {listed([f'{c.opening:.0f} %' for c in signals.closings])}"
@@ -515,7 +516,7 @@ def _grips(signals: JointSignals) -> str:
 
 
 def _summary(signals: JointSignals) -> str:
-    """Return what joints show, in one sentence."""
+    """Return one sentence that summarizes the joint signals."""
     parts = [f"{plural(len(signals.grasps), 'closing')} on something"]
     parts.append(f"{plural(len(signals.attempts) - len(signals.grasps), 'closing')} on nothing")
     if signals.freeze is not None:

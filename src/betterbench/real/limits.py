@@ -1,16 +1,17 @@
-"""Safety limits of commands: joint range, speed, lead, load and workspace.
+"""Safety limits on motor commands: joint range, speed, lead, load and workspace.
 
-The limits are applied in an order in which a later limit cannot violate an earlier one:
+The limits are applied in this order, so that no limit can violate an earlier one:
 
 1. A command that is not finite is replaced by the last command.
 2. Each target is clipped to the range of its joint.
-3. Each target is clipped to within ``lead`` of the measured position, so that a blocked joint does not jump when it
-   comes free, and the arm moves only a short way further if the program is killed.
-4. A joint whose load is above the maximum keeps its last command; the gripper may still open.
-5. The step from the last command is scaled down to the largest speed, all arm joints by the same factor.
-6. The step is shortened until the tool center point, by the forward kinematics of the twin, is inside the workspace.
+3. Each target is clipped to within ``lead`` of the measured position. A blocked joint then does not jump when it is
+released, and the arm moves only a little farther if the program is killed. 4. A joint whose load is above the maximum
+keeps its last command; the gripper may still open. 5. The step from the last command is scaled down to the largest
+speed, all arm joints by the same factor. 6. The step is shortened until the tool center point, by the forward
+kinematics of the twin, is inside the workspace.
 
-An overload or a joint that does not follow for some time raises :class:`LimitError`, and the trial is aborted.
+If a joint is overloaded or does not follow its command for some time, :class:`LimitError` is raised and the trial is
+aborted.
 """
 
 from __future__ import annotations
@@ -32,20 +33,20 @@ ROBOT = "so101"
 _ARM = slice(0, 5)
 _GRIPPER = 5
 _FRACTIONS = (1.0, 0.75, 0.5, 0.25)
-"""Tried fractions of a step that would leave the workspace."""
+"""Fractions to try for a step that would leave the workspace."""
 
 
 class LimitError(BetterError):
-    """A motor is overloaded or does not follow its command; a person has to check the arm."""
+    """Error for a motor that is overloaded or does not follow its command; a person must check the arm."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
-    """Limits of an SO-101, in units that do not depend on the plan.
+    """Safety limits of an SO-101, in units that do not depend on the plan.
 
     Attributes:
-        speed_rad_s: Largest speed of each arm joint [rad/s]. The twin's servos reach 3.
+        speed_rad_s: Largest speed of each arm joint [rad/s]. The simulated servos reach 3 rad/s.
         gripper_speed: Largest speed of the gripper, in percent of its travel per second.
         lead_s: Time at full speed that a target may be ahead of the measured position [s].
         load: Largest load, as a fraction of the maximum.
@@ -55,7 +56,8 @@ class SafetyLimits:
         box_low: Lowest corner of the tool center point's workspace in the base frame [m]: x ahead, y left, z up from
             the table.
         box_high: Its highest corner [m].
-        watchdog_s: Time without an answer of the policy after which the arm holds and the step counts as held [s].
+        watchdog_s: Time without an answer from the policy after which the arm holds its position [s]; the step then
+            counts as held.
     """
 
     speed_rad_s: float = 1.5
@@ -85,17 +87,17 @@ class SafetyLimits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limited:
-    """A command after the limits, (6,), and the names of the limits that changed it."""
+    """Command with all limits applied, (6,), and the names of the limits that changed it."""
 
     command: np.ndarray
     by: tuple[str, ...]
 
 
 class Limiter:
-    """Limits of one episode of commands; :meth:`start` is called before the first one."""
+    """Limits for the commands of one episode; call :meth:`start` before the first command."""
 
     def __init__(self, limits: SafetyLimits, space: ActionSpace, *, rate_hz: float) -> None:
-        """Prepare for commands in an action space at a rate [Hz]."""
+        """Convert the limits to the units of an action space, at a control rate [Hz]."""
         spec = robot(ROBOT)
         self.limits, self.space = limits, space
         self._ik = ArmIK(spec)
@@ -118,14 +120,14 @@ class Limiter:
         self._is_started = False
 
     def start(self, state: np.ndarray) -> None:
-        """Begin at a measured state, (6,).
+        """Start an episode at a measured state, (6,).
 
         Raises:
             LimitError: If the state is not finite.
         """
         if not np.isfinite(state).all():
             raise LimitError(f"The arm reports {_named(~np.isfinite(state))} as not finite. Check its bus and cables.")
-        # An arm that rests against its stop may be slightly outside its range.
+        # An arm resting against a mechanical stop may be slightly outside its range.
         self._last = np.clip(state, self.low, self.high)
         self._over_s[:], self._stalled_s[:] = 0.0, 0.0
         self._is_started = True
@@ -173,7 +175,7 @@ class Limiter:
         if (scaled != step).any():
             by.append("speed")
         command = self._last + self._inside(scaled, by)
-        # A sum may round to just outside the range.
+        # rounding of the sum may exceed the range slightly
         self._last = np.clip(command, self.low, self.high)
         return Limited(self._last.copy(), tuple(by))
 
@@ -185,7 +187,7 @@ class Limiter:
         return np.array([*arm, min(max(step[_GRIPPER], -most), most)])
 
     def _inside(self, step: np.ndarray, by: list[str]) -> np.ndarray:
-        """Return the largest tried part of a step that stays in the workspace, or comes closer to it from outside."""
+        """Return the largest fraction of a step that stays in the workspace or, from outside, comes closer to it."""
         before = self._outside(self._last)
         for fraction in _FRACTIONS:
             part = np.array([*(fraction * step[_ARM]), step[_GRIPPER]])
@@ -207,7 +209,7 @@ class Limiter:
         return float(np.linalg.norm(beyond))
 
     def _watch(self, state: np.ndarray, load: np.ndarray) -> None:
-        """Raise LimitError for an arm joint that is overloaded, or does not follow, for too long."""
+        """Raise LimitError for an arm joint that has been overloaded, or has not followed its command, for too long."""
         over = np.abs(np.nan_to_num(load[_ARM])) > self.limits.load
         lagging = np.abs(self._last - state)[_ARM] > self._stall
         self._over_s = np.where(over, self._over_s + self._period_s, 0.0)
@@ -225,5 +227,5 @@ class Limiter:
 
 
 def _named(mask: np.ndarray) -> str:
-    """Return the names of some motors."""
+    """Return the names of the selected motors."""
     return ", ".join(name for name, marked in zip(SO101_MOTORS, mask, strict=True) if marked)

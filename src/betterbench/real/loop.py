@@ -1,8 +1,8 @@
-"""One trial on the arm: go to the start, run the policy at its rate, record, and stop.
+"""Execution of one trial on the arm: move to the start pose, run the policy, record, and stop.
 
-The loop never blocks on the policy. If no action arrives, the arm first completes the last command and, after the
-watchdog time, holds its measured position. However a trial ends, the software switch is then turned off: the arm holds
-its measured position with torque on, and gets no further command.
+The loop never waits for the policy. If no action arrives, the arm first completes the last command and then, after the
+watchdog time, holds its measured position. The software switch is turned off at the end of every trial: the arm holds
+its measured position with torque on and gets no further commands.
 """
 
 from __future__ import annotations
@@ -32,19 +32,20 @@ from betterbench.sim.robots import ArmIK, robot
 from betterbench.sim.scenes.appearance import start_joints_of
 
 NO_FRAME_S = 1.0
-"""Longest age of a camera's newest frame before the trial is aborted [s]."""
+"""Maximum age of a camera's newest frame; with an older frame, the trial is aborted [s]."""
 HOME_S = 15.0
-"""Longest duration of the motion to the initial pose [s]."""
+"""Maximum duration of the motion to the initial pose [s]."""
 HOME_SHARE = 0.5
-"""Fraction of the largest speed that is used for the motion to the initial pose."""
+"""Speed of the motion to the initial pose, as a fraction of the maximum speed."""
 AT_HOME_RAD, AT_HOME_GRIPPER = 0.08, 10.0
-"""Largest distance from the start at which a trial begins: per arm joint [rad], and of the gripper [percent]."""
+"""Maximum distance from the start pose at which a trial may begin: per arm joint [rad], and for the gripper
+[percent]."""
 
 logger = logging.getLogger(__name__)
 
 
 class TrialAbortedError(BetterError):
-    """A trial was aborted and does not count; the message says why."""
+    """Error for an aborted trial, which does not count; the message gives the reason."""
 
 
 @dataclass(slots=True)
@@ -52,9 +53,9 @@ class Controls:
     """Signals from the operator to a running trial.
 
     Attributes:
-        end: Set to end a trial that is over; it counts.
-        stop: Set to stop the arm at once; the attempt does not count.
-        show: Called with the newest reading, for a page.
+        end: Set to end the trial; the trial counts.
+        stop: Set to stop the arm immediately; the attempt does not count.
+        show: Called with the newest reading, for display on a page.
     """
 
     end: threading.Event = field(default_factory=threading.Event)
@@ -64,7 +65,7 @@ class Controls:
 
 
 class Pace:
-    """Timer of the control steps. A late step delays the following steps: the arm never catches up by moving faster."""
+    """Timer for control steps. A late step delays all following steps, so that the arm never speeds up to catch up."""
 
     def __init__(self, rate_hz: float) -> None:
         self._period_s, self._due, self.late_steps = 1.0 / rate_hz, time.monotonic(), 0
@@ -100,10 +101,10 @@ _WIDE = ("state", "command", "asked", "load")
 
 
 class TrialRun:
-    """Execution and record of one attempt at a trial.
+    """One attempt at a trial: its execution and its recording.
 
     Attributes:
-        left_busy: Whether the policy was still computing an answer when the trial was over.
+        left_busy: Whether the policy was still computing an answer at the end of the trial.
     """
 
     def __init__(
@@ -118,7 +119,7 @@ class TrialRun:
         agreement: float | None = None,
         overridden: bool = False,
     ) -> None:
-        """Prepare; nothing moves."""
+        """Prepare the attempt without moving the arm."""
         self._arm, self._policy, self._plan, self._planned = arm, policy, plan, planned
         self._attempt, self._controls = attempt, controls
         self._agreement, self._overridden = agreement, overridden
@@ -134,7 +135,7 @@ class TrialRun:
         self._before: Reading | None = None
 
     def run(self, folder: Path) -> TrialHeader:
-        """Run the trial and write its files, complete or not, into a folder.
+        """Run the trial and write its files into a folder, even if the trial is aborted.
 
         Raises:
             TrialAbortedError: If the trial was aborted.
@@ -178,7 +179,7 @@ class TrialRun:
             raise TrialAbortedError(self._controls.why)
 
     def start_position(self) -> np.ndarray:
-        """Return the initial positions of the trial, (6,): those of the twin, with the gripper open."""
+        """Return the initial joint positions of the trial, (6,): the twin's, with the gripper open."""
         joints = start_joints_of(self._plan.task, self._planned.scene_seed, self._spec)
         return np.array(self._spec.positions_in(self._space, joints, self._spec.gripper_opening_m))
 
@@ -208,7 +209,7 @@ class TrialRun:
                 try:
                     return self._steps(asker)
                 finally:
-                    if self._arm.is_armed:  # now, because an answer on its way may take half a minute
+                    if self._arm.is_armed:  # set the result now, because a pending answer may take half a minute
                         self._arm.stop("the trial is over")
         finally:
             self.left_busy = asker.is_busy
@@ -283,7 +284,7 @@ class TrialRun:
         for camera, thread in self._films.items():
             try:
                 made = thread.finish()
-            except InvalidInputError as problem:  # a trial without its film cannot be judged
+            except InvalidInputError as problem:  # a trial without a film cannot be judged
                 self._film_problem, ending = str(problem), None
                 continue
             if made is not None:

@@ -1,7 +1,7 @@
-"""What a person can enter about a trial: one key for each behavior, defined by what is seen.
+"""Outcomes that a person can enter for a trial: one key per visible behavior.
 
-The definitions name no condition and no policy, so that the operator and a judge who sees only the film use the same
-ones. Whether a behavior is right in a condition follows from the task and is decided later.
+The definitions mention neither conditions nor policies, so that the operator and a judge who sees only the film use the
+same ones. Whether a behavior is correct in a condition is derived from the task later.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from betterbench.errors import UnknownNameError
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """A behavior that can be seen.
+    """Visible behavior.
 
     Attributes:
         name: Name in the entries ("air_grasp").
         key: Key on the pages.
         title: Short title.
-        definition: What has to be seen.
-        scored: False if the trial says nothing about the policy and is to be repeated.
+        definition: What a person must see to enter the outcome.
+        scored: False if the trial is invalid and must be repeated.
     """
 
     name: str
@@ -89,7 +89,7 @@ OUTCOMES = (
         scored=False,
     ),
 )
-"""Outcomes in the order of the pages. If several fit, the first of the list that fits is entered."""
+"""Outcomes in page order. If several apply, the person enters the first one."""
 
 
 def outcome_named(name: str) -> Outcome:

@@ -1,12 +1,12 @@
-"""Measured agreement of the live front camera image with the twin's image, object by object.
+"""Per-object agreement between the live front camera image and the rendered image of the twin.
 
-For each visible object of the twin, the rendered image of the object and its surroundings is searched in the live
-image. The measure is the normalized cross-correlation over the object and a border, per color channel with its mean
-removed, so it does not change if a channel is brightened or tinted. The best shift gives the position of the object,
-and the camera's geometry converts it to centimeters on the table.
+For each visible object of the twin, the rendered object and its surroundings are searched for in the live image. The
+similarity is the normalized cross-correlation over the object and a border, with each color channel's mean removed, so
+that it does not depend on the brightness or tint of a channel. The best shift gives the position of the object, which
+the camera geometry converts to centimeters on the table.
 
-The correlation compares shapes and contrasts of colors. It does not find an object that the twin does not show. The
-color of the tablecloth is compared around the objects, by the ratio of green and blue.
+The correlation compares shapes and color contrasts. It cannot detect additional objects. The color of the tablecloth is
+compared around the objects, by the ratio of green to blue.
 """
 
 from __future__ import annotations
@@ -19,35 +19,35 @@ from betterbench.errors import InvalidInputError
 from betterbench.real.twin import TwinView
 
 FOUND = 0.6
-"""Smallest correlation at the best shift with which an object counts as seen."""
+"""Minimum correlation at the best shift for an object to count as found."""
 MOST_OFF_M = 0.015
-"""Largest distance of an object from its place [m]. Slots have a jitter of 10 mm, and people align objects with the
-overlay by eye."""
+"""Maximum distance of an object from its planned position [m]. Slots have a jitter of 10 mm, and people align objects
+with the overlay by eye."""
 SEARCH_M = 0.07
-"""Range of the search on each side [m]."""
+"""Search range in each direction [m]."""
 BORDER_PX = 5
-"""Width of the border that is compared around an object [pixel]."""
+"""Width of the border around an object that is included in the comparison [pixel]."""
 COARSE_PX = 3
-"""Step of the first search [pixel]."""
+"""Step size of the coarse search [pixel]."""
 SAMPLES = 400
-"""Largest number of compared pixels of an object."""
+"""Maximum number of pixels compared per object."""
 CLOTH_RATIO = 0.45
-"""Largest difference of log(green / blue) of the tablecloth. The blue and the green one differ by 0.94; a warm lamp
-(0.9, 0.75) makes 0.18.
+"""Maximum difference in log(green / blue) of the tablecloth. The blue and green cloths differ by 0.94; a warm lamp
+(green 0.9, blue 0.75) shifts it by 0.18.
 """
 LEAST_PX = 25
-"""Smallest visible part of an object that is compared [pixel]; smaller ones are left out."""
+"""Minimum visible size of an object for comparison [pixel]; smaller objects are left out."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectAgreement:
-    """Agreement of one object.
+    """Agreement between live and rendered image for one object.
 
     Attributes:
         name: Name of the object.
-        score: Correlation at its place, 0 to 1.
+        score: Correlation at the planned position, 0 to 1.
         best: Correlation at the best shift.
-        off_m: Distance from its place along x (ahead of the arm) and y (to the arm's left) [m].
+        off_m: Offset from the planned position along x (ahead of the arm) and y (to the arm's left) [m].
     """
 
     name: str
@@ -57,22 +57,22 @@ class ObjectAgreement:
 
     @property
     def is_found(self) -> bool:
-        """Whether the object is seen near its place."""
+        """Whether the object was found near its planned position."""
         return self.best >= FOUND
 
     @property
     def distance_m(self) -> float:
-        """Distance from its place [m]."""
+        """Distance from the planned position [m]."""
         return float(np.hypot(*self.off_m))
 
     @property
     def accepted(self) -> bool:
-        """Whether the object is at its place."""
+        """Whether the object is at its planned position."""
         return self.is_found and self.distance_m <= MOST_OFF_M
 
     @property
     def sentence(self) -> str:
-        """Sentence for the operator about what is wrong; empty if the object is accepted."""
+        """Correction for the operator, one sentence; empty if the object is accepted."""
         title = self.name.replace("_", " ")
         if self.accepted:
             return ""
@@ -89,12 +89,12 @@ class ObjectAgreement:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Agreement of a scene with its twin.
+    """Agreement between a real scene and its simulated twin.
 
     Attributes:
-        objects: Compared objects, the worst first.
-        left_out: Objects of which too little is visible.
-        cloth: Color of the correct tablecloth if another one lies on the table; otherwise an empty text.
+        objects: Compared objects, the worst agreement first.
+        left_out: Objects that are not visible enough for a comparison.
+        cloth: Color of the planned tablecloth if another one is on the table; otherwise an empty string.
     """
 
     objects: tuple[ObjectAgreement, ...]
@@ -103,25 +103,25 @@ class Agreement:
 
     @property
     def score(self) -> float:
-        """Smallest score of an object, 0 to 1; 1 if there is none to compare."""
+        """Smallest object score, 0 to 1; 1 if no object was compared."""
         return min((o.score for o in self.objects), default=1.0)
 
     @property
     def accepted(self) -> bool:
-        """Whether every compared object is at its place, on the right tablecloth."""
+        """Whether the tablecloth is right and every compared object is at its planned position."""
         return not self.cloth and all(o.accepted for o in self.objects)
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """One sentence for a wrong tablecloth, and one per object that is off."""
+        """One sentence for a wrong tablecloth, and one per misplaced object."""
         cloth = (f"The tablecloth is not {self.cloth}.",) if self.cloth else ()
         return (*cloth, *(o.sentence for o in self.objects if not o.accepted))
 
 
 def measure_agreement(live: np.ndarray, twin: TwinView) -> Agreement:
-    """Return the agreement of a live image, (height, width, 3) uint8, with the twin's image.
+    """Compare a live image, (height, width, 3) uint8, with the image of the twin.
 
-    The live image is scaled to the size of the twin's.
+    The live image is first scaled to the size of the twin's image.
 
     Raises:
         InvalidInputError: If the shapes of the two images differ by more than 2 %.
@@ -139,7 +139,7 @@ def measure_agreement(live: np.ndarray, twin: TwinView) -> Agreement:
 
 
 def _wrong_cloth(live: np.ndarray, twin: TwinView) -> str:
-    """Return the color of the twin's tablecloth if the live one differs around the objects, or an empty text."""
+    """Return the color of the twin's tablecloth if the live cloth differs around the objects, or an empty string."""
     if not twin.cloth:
         return ""
     objects = np.logical_or.reduce(list(twin.masks.values()))
@@ -152,7 +152,7 @@ def _wrong_cloth(live: np.ndarray, twin: TwinView) -> str:
 
 
 def _scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Return an image scaled by averaging the pixels of each area; raise InvalidInputError for another shape."""
+    """Return an image scaled by area averaging; raise InvalidInputError if the aspect ratios differ."""
     if image.ndim != 3 or image.shape[2] != 3 or abs(image.shape[1] * height / (image.shape[0] * width) - 1.0) > 0.02:
         problem = f"its images have shape {image.shape}, and the twin's {(height, width, 3)}"
         raise InvalidInputError("front camera", problem, "Use the same ratio of width and height for both")
@@ -164,7 +164,7 @@ def _scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def _object(name: str, live: np.ndarray, twin: TwinView, mask: np.ndarray) -> ObjectAgreement:
-    """Return the agreement of one object, by a search over shifts in the image: coarse, then around the best."""
+    """Return the agreement of one object, from a coarse and then a fine search over image shifts."""
     motion = twin.pixels_per_m[name]
     reach = np.ceil(np.abs(motion).sum(axis=1) * SEARCH_M).astype(int)
     rows, columns = np.nonzero(_grown(mask))
@@ -192,8 +192,8 @@ def _object(name: str, live: np.ndarray, twin: TwinView, mask: np.ndarray) -> Ob
 def _correlations(template: np.ndarray, live: np.ndarray, points: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     """Return the correlation of a template, (n, 3), with the live image at its points (u, v) for shifts, (m, 2).
 
-    Each channel is scaled by its best factor; otherwise, a tint would change the result. A point outside the image
-    takes the color of the nearest pixel.
+    Each channel is scaled by its best-fitting factor, so that a tint does not change the result. A point outside the
+    image has the color of the nearest pixel.
     """
     height, width = live.shape[:2]
     at = shifts[:, None, :] + points[None, :, :]
@@ -209,7 +209,7 @@ def _correlations(template: np.ndarray, live: np.ndarray, points: np.ndarray, sh
 
 
 def _grown(mask: np.ndarray) -> np.ndarray:
-    """Return a mask grown by the border, without scipy, which is at home elsewhere."""
+    """Return a mask dilated by the border, without importing SciPy."""
     grown = mask.copy()
     for _ in range(BORDER_PX):
         padded = np.pad(grown, 1)

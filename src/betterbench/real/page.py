@@ -1,6 +1,6 @@
-"""Page of the operator: live camera image with the twin as an overlay, setup list, switch, start, stop and keys.
+"""Web page for the operator: live camera image with the twin as overlay, setup list, switch, start, stop and keys.
 
-The page shows neither policy nor condition. It is a plain page (``page.html``, ``page.js``, ``page.css``) behind
+The page does not show the policy or the condition. It is a plain page (``page.html``, ``page.js``, ``page.css``) behind
 :class:`~betterbench.browser.plain.PlainServer`.
 """
 
@@ -26,11 +26,11 @@ from betterbench.sim.scenes.image_files import jpeg_bytes
 
 _LIVE_QUALITY = 85
 _OUTLINE = np.array([255, 64, 160], dtype=np.uint8)
-"""Color of the overlay's outlines; no object and no cloth has this color."""
+"""Color of the outlines in the overlay, which no object or tablecloth has."""
 
 
 class _Sent(BaseModel, extra="forbid", strict=True):
-    """Command of the page."""
+    """Command from the page."""
 
     name: Literal["arm", "disarm", "start", "force", "end", "enter", "undo", "again", "release", "stop"]
     value: Annotated[str, Field(max_length=40)] = ""
@@ -41,10 +41,10 @@ _SENT = TypeAdapter(_Sent)
 
 
 class OperatorPage:
-    """The page of a session."""
+    """Web page of an operator's session."""
 
     def __init__(self, session: RealSession, *, host: str, port: int) -> None:
-        """Listen. Raises InvalidInputError if the port is taken."""
+        """Start listening. Raises InvalidInputError if the port is in use."""
         self._session = session
         get: dict[str, Callable[[], Answer | None]] = {
             "": functools.partial(_packaged, "page.html", "text/html"),
@@ -98,7 +98,7 @@ class OperatorPage:
 
 
 def ghost_png(image: np.ndarray, masks: list[np.ndarray]) -> bytes:
-    """Return the parts of an image below some masks, with outlines, as a PNG that is transparent elsewhere."""
+    """Return the masked parts of an image with outlines, as a PNG that is transparent elsewhere."""
     inside = np.zeros(image.shape[:2], dtype=bool)
     edge = np.zeros_like(inside)
     for mask in masks:

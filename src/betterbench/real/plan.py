@@ -1,8 +1,9 @@
-"""Frozen plan of a protocol on a real arm: conditions and policies in randomized blocks.
+"""Immutable plan of a protocol on a real arm: conditions and policies in randomized blocks.
 
-A block holds each condition once for each policy. The conditions of a block are in random order; the policies of a
-condition follow each other, so that the scene is set up once, and take turns in going first. A drift of light or
-calibration thus affects all policies equally. Each trial has a code ("K7Q") that reveals neither condition nor policy.
+A block contains each condition once per policy. Conditions are in random order within a block. All policies run a
+condition one after the other, so that the scene is set up only once, and they take turns in running first. Drift in
+lighting or calibration then affects all policies equally. Each trial has a code ("K7Q") that reveals neither condition
+nor policy.
 
 The same arguments give the same bytes.
 """
@@ -30,21 +31,21 @@ from betterbench.tasks import get_task
 from betterbench.tasks.interventions.resolve import resolve_condition
 
 PLAN_NAME = "plan.json"
-"""File of the plan in the folder of a protocol."""
+"""Name of the plan file in a protocol folder."""
 
 PLAN_VERSION = 1
 MAX_PLAN_BYTES = 4 << 20
 MOST_TRIALS = 2000
-"""Largest number of trials of a plan; at two minutes each, two weeks of work."""
+"""Maximum number of trials in a plan, about two weeks of work at two minutes per trial."""
 
 CODE_LETTERS = "23456789ABCDEFGHJKLMNPQRSTUVWXYZ"
-"""Characters of codes; no two of them look alike."""
+"""Characters used in trial codes, chosen so that no two look alike."""
 
 Unit = Literal["degrees", "normalized"]
 """Unit of the five arm joints: degrees, or -100 to 100 over each joint's range. The gripper is 0 to 100 in both."""
 
 ACTION_SPACES: dict[Unit, ActionSpace] = {"degrees": SO101_DEGREES, "normalized": SO101_NORMALIZED}
-"""Action space of each unit."""
+"""Action space for each unit."""
 
 _CURE = "Restore the file from a copy, or plan into a new folder"
 _Name = Annotated[str, Field(min_length=1, max_length=80)]
@@ -55,7 +56,7 @@ _Code = Annotated[str, Field(pattern=f"^[{CODE_LETTERS}]{{3}}$")]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RealPolicy:
-    """A policy of a protocol: its name in tables and its address."""
+    """Policy of a protocol: its name in tables and its address."""
 
     name: _Name
     address: _Text
@@ -64,14 +65,14 @@ class RealPolicy:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PlannedTrial:
-    """One trial, in the order of the plan.
+    """One planned trial.
 
     Attributes:
-        code: Code that people see.
+        code: Code shown to people instead of condition and policy.
         block: Number of the block, from 0.
-        condition: Condition of the task ("T5").
+        condition: Name of the task condition ("T5").
         policy: Name of the policy.
-        scene_seed: Seed of the twin's scene, which is shown to the operator. A block has one.
+        scene_seed: Seed of the twin's scene that is shown to the operator; the same for a whole block.
     """
 
     code: _Code
@@ -88,14 +89,14 @@ class RealPlan:
 
     Attributes:
         task: Task of the suite ("fruit_basket").
-        task_version: Version of the task that the conditions belong to.
+        task_version: Task version that defines the conditions.
         conditions: Conditions, without repetition.
         policies: Policies, with different names.
-        repeats: Trials per condition and policy; the number of blocks.
+        repeats: Trials per condition and policy, which is also the number of blocks.
         seed: Seed of the order and the codes.
         unit: Unit of states and commands.
         rate_hz: Rate of actions [Hz].
-        time_limit_s: Longest duration of a trial [s].
+        time_limit_s: Maximum duration of a trial [s].
         trials: The trials in order.
     """
 
@@ -129,7 +130,7 @@ class RealPlan:
         return ACTION_SPACES[self.unit]
 
     def trial(self, code: str) -> PlannedTrial:
-        """Return the trial of a code.
+        """Return the trial with a given code.
 
         Raises:
             InvalidInputError: If the plan has no such trial.
@@ -137,7 +138,7 @@ class RealPlan:
         for trial in self.trials:
             if trial.code == code:
                 return trial
-        raise InvalidInputError("trial", f"the plan has no trial {code!r}", "Use a code of better real status")
+        raise InvalidInputError("trial", f"the plan has no trial {code!r}", "Use a code listed by better real status")
 
     def address(self, policy: str) -> str:
         """Return the address of a policy by its name."""
@@ -149,7 +150,7 @@ class RealPlan:
 
 
 def _require_different(where: str, names: Sequence[str]) -> None:
-    """Raise InvalidInputError if no name is given, or a name is given twice."""
+    """Raise InvalidInputError if there are no names, or a name is repeated."""
     if not names:
         raise InvalidInputError(where, "is empty", "Give at least one")
     name, count = Counter(names).most_common(1)[0]
@@ -158,28 +159,28 @@ def _require_different(where: str, names: Sequence[str]) -> None:
 
 
 def same_name(first: str, second: str) -> bool:
-    """Return whether two names differ in case, spaces and forms of characters at most."""
+    """Return whether two names are equal except for case, spaces and Unicode forms."""
     plain = [" ".join(unicodedata.normalize("NFKC", name).casefold().split()) for name in (first, second)]
     return plain[0] == plain[1]
 
 
 def _require_readable(names: Sequence[str]) -> None:
-    """Raise InvalidInputError if a name of a policy is not a line of text, or is nearly that of another one.
+    """Raise InvalidInputError if a policy name is not one printable line, or is nearly the same as another name.
 
-    Tables, pages and files show the names, and a plan is never changed.
+    Names appear in tables, pages and files, and cannot be corrected later because a plan is immutable.
     """
     for name in names:
         if not name.isprintable() or name != name.strip():
-            problem = f"{name!r} has spaces around it or characters that cannot be seen"
-            raise InvalidInputError("policies", problem, "Give a name of letters, digits and signs")
+            problem = f"{name!r} has leading or trailing spaces, or unprintable characters"
+            raise InvalidInputError("policies", problem, "Use letters, digits and punctuation")
     for first, second in itertools.combinations(names, 2):
         if same_name(first, second):
-            problem = f"{first!r} and {second!r} are nearly the same name"
-            raise InvalidInputError("policies", problem, "Give names that differ more")
+            problem = f"{first!r} and {second!r} differ only in case, spaces or Unicode forms"
+            raise InvalidInputError("policies", problem, "Use names that are easier to distinguish")
 
 
 def matrix_conditions(task: str) -> tuple[str, ...]:
-    """Return the first condition of each cell of a task's matrices, by default the conditions of a protocol."""
+    """Return the first condition of each cell in a task's matrices, the default conditions of a protocol."""
     found = get_task(task)
     if not found.matrices:
         cure = "Give --conditions, or a task with diagnostic matrices, such as fruit_basket"
@@ -198,12 +199,12 @@ def make_plan(
     rate_hz: float = 20.0,
     time_limit_s: float = 30.0,
 ) -> RealPlan:
-    """Return the plan of a protocol, by default with one condition for each cell of the task's matrices.
+    """Create the plan of a protocol; by default, with one condition per cell of the task's matrices.
 
     Raises:
         UnknownNameError: If the task or a condition does not exist.
-        InvalidInputError: If a condition or a name is given twice, a name of a policy cannot be read or is nearly
-            that of another one, or a number is out of range.
+        InvalidInputError: If a condition or name is repeated, a policy name is unreadable or too similar to another
+            one, or a number is out of range.
     """
     chosen = matrix_conditions(task) if conditions is None else tuple(conditions)
     names = [policy.name for policy in policies]
@@ -246,13 +247,13 @@ def _stream(seed: int, purpose: str) -> np.random.Generator:
 def _ordered(
     conditions: Sequence[str], policies: Sequence[str], repeats: int, seed: int
 ) -> list[tuple[int, int, str, str]]:
-    """Return (block, seed of its scene, condition, policy) of all trials in order."""
+    """Return (block, scene seed, condition, policy) for all trials in order."""
     found = []
     for block in range(repeats):
         order = _stream(seed, f"order {block}")
         scene_seed = int(_stream(seed, f"scene {block}").integers(1_000_000))
         around = [policies[i] for i in order.permutation(len(policies))]
-        # Each policy is first equally often (within one), in random order.
+        # Each policy runs first equally often (to within one trial), in random order.
         first = order.permutation([i % len(around) for i in range(len(conditions))])
         for i, start in zip(order.permutation(len(conditions)), first, strict=True):
             turned = [*around[start:], *around[:start]]
@@ -261,7 +262,7 @@ def _ordered(
 
 
 def _codes(count: int, seed: int) -> list[str]:
-    """Return different codes of three characters."""
+    """Return distinct three-character codes."""
     letters = len(CODE_LETTERS)
     drawn = _stream(seed, "codes").choice(letters**3, size=count, replace=False)
     return ["".join(CODE_LETTERS[int(n) // letters**k % letters] for k in range(3)) for n in drawn]
@@ -271,12 +272,12 @@ _PLAN = TypeAdapter(RealPlan)
 
 
 def plan_bytes(plan: RealPlan) -> bytes:
-    """Return the file of a plan."""
+    """Return the content of a plan file."""
     return (json.dumps(sealed_form(asdict(plan)), indent=1, sort_keys=True) + "\n").encode()
 
 
 def write_plan(folder: Path, plan: RealPlan) -> Path:
-    """Write the plan of a new protocol, and return its path.
+    """Write the plan file of a new protocol, and return its path.
 
     Raises:
         InvalidInputError: If the folder has another plan.
@@ -284,20 +285,22 @@ def write_plan(folder: Path, plan: RealPlan) -> Path:
     path = folder / PLAN_NAME
     data = plan_bytes(plan)
     if path.exists() and path.read_bytes() != data:
-        raise InvalidInputError(str(path), "is another plan", "A plan is never changed: choose another folder")
+        raise InvalidInputError(str(path), "is another plan", "A plan cannot be changed: choose another folder")
     write_durably(path, data)
     return path
 
 
 def read_plan(folder: Path) -> RealPlan:
-    """Return the plan of a protocol.
+    """Read the plan of a protocol.
 
     Raises:
         RecordError: If the file is missing, damaged or changed.
     """
     path = folder / PLAN_NAME
     if not path.exists():
-        raise RecordError(f"{path}: not found. Make a plan with better real plan, or name its folder.")
+        raise RecordError(
+            f"{path}: not found. Create a plan with better real plan, or give the folder of an existing one."
+        )
     raw = read_bounded(path, max_bytes=MAX_PLAN_BYTES, cure=_CURE, raises=RecordError)
     form = open_seal(raw, where=str(path), cure=_CURE, raises=RecordError)
     return read_form(_PLAN, form, where=str(path), cure=_CURE, raises=RecordError)

@@ -4,16 +4,16 @@
 
     RUN/
       plan.json             frozen plan, with a seal
-      journal.jsonl         one line per event of a trial: begun, ended, aborted, repeated; alone decides how to resume
-      trials/CODE/          the valid attempt of a trial that ended
+      journal.jsonl one line per trial event: begun, ended, aborted, repeated; the only source for resuming
+      trials/CODE/ the valid attempt of a finished trial
         samples.parquet     one row per control step (:class:`Samples`)
         CAMERA.mp4          H.264 at the rate of the plan, one frame per control step
         trial.json          :class:`TrialHeader`, with the digests of the other files and a seal; written last
       aborted/CODE-N/       files of attempt N, if it was aborted or repeated
       entries.jsonl         outcomes entered by people: one line per entry or undo
 
-The lines of both journals are linked by hashes (:mod:`betterbench.jobs.line_journal`). An attempt that was begun and
-neither ended nor aborted was interrupted: :meth:`RealJournal.settle` marks it at the next start.
+The lines of both journals are linked by hashes (:mod:`betterbench.jobs.line_journal`). An attempt that began but
+neither ended nor was aborted was interrupted; :meth:`RealJournal.settle` marks it as aborted at the next start.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ SAMPLE_COLUMNS = {
     "late": ("boolean", 0),
     "limited": ("boolean", 0),
 }
-"""Columns of the samples, and their widths."""
+"""Columns of the samples, with their widths."""
 
 _CURE = "Restore the folder from a copy, or repeat the trial (better real run --repeat)"
 _JOURNAL_CURE = "Restore the file from a copy"
 _MAX_HEADER_BYTES = 1 << 20
 
 Ending = Literal["time_limit", "operator", "policy_ended"]
-"""Reason why a trial ended: its time was over, the operator saw that it was over, or the policy said so."""
+"""Reason for the end of a trial: the time limit, the operator, or the policy."""
 
 
 # ------------------------------------------------------------------------------------------------------------ samples
@@ -73,13 +73,13 @@ Ending = Literal["time_limit", "operator", "policy_ended"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Rows of a trial, one per control step, in the unit of the plan (gripper: 0 closed to 100 open).
+    """Samples of a trial, one row per control step, in the unit of the plan (gripper: 0 closed to 100 open).
 
     Attributes:
-        time_s: (T,) time since the trial began [s].
-        state: (T, 6) measured positions before the command.
-        command: (T, 6) positions that were sent, after the limits.
-        asked: (T, 6) positions that the policy asked for; NaN if it did not answer in time and the arm held.
+        time_s: (T,) time since the start of the trial [s].
+        state: (T, 6) measured positions, read before the command.
+        command: (T, 6) commanded positions, with the safety limits applied.
+        asked: (T, 6) positions requested by the policy; NaN if it did not answer in time and the arm held its position.
         load: (T, 6) load of each motor as a fraction of its maximum, signed; NaN if the robot does not report it.
         late: (T,) whether a camera frame was older than a control step allows.
         limited: (T,) whether the limits changed the command.
@@ -99,16 +99,16 @@ class Samples:
 
     @property
     def held(self) -> np.ndarray:
-        """(T,) whether the arm held because the policy did not answer in time."""
+        """(T,) whether the arm held its position because the policy did not answer in time."""
         return np.asarray(np.isnan(self.asked).any(axis=1))
 
     def to_bytes(self) -> bytes:
-        """Return the Parquet file."""
+        """Return the content of the Parquet file."""
         return array_bytes(SAMPLE_COLUMNS, {name: getattr(self, name) for name in SAMPLE_COLUMNS})
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Return the samples of a file.
+        """Read the samples from a file.
 
         Raises:
             RecordError: If the file is damaged, the time does not increase, or a state or command is not finite.
@@ -118,19 +118,19 @@ class Samples:
             raise RecordError(f"{path}: column 'time_s' does not increase. {_CURE}.")
         for name in ("state", "command"):
             if not np.isfinite(getattr(samples, name)).all():
-                raise RecordError(f"{path}: column {name!r} has a value that is not finite. {_CURE}.")
+                raise RecordError(f"{path}: column {name!r} contains a non-finite value. {_CURE}.")
         return samples
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Film:
-    """Film of a camera: image size [pixel] and numbers of frames.
+    """Metadata of a camera's film: image size [pixel] and numbers of frames.
 
     Attributes:
-        frames: Frames in the film, one per control step.
-        late: Frames that were older than a control step allows.
-        dropped: Control steps without a new frame; the film repeats the last one.
+        frames: Number of frames in the film, one per control step.
+        late: Number of frames that were older than a control step allows.
+        dropped: Number of control steps without a new frame, for which the film repeats the last frame.
     """
 
     width: Annotated[int, Field(ge=2)]
@@ -143,21 +143,21 @@ class Film:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrialHeader:
-    """Description of one attempt, written when its other files are on disk.
+    """Header of one attempt, written after its other files.
 
     Attributes:
         attempt: Number of the attempt, from 1.
         robot: Name of the robot ("so101_follower", "mock").
         begun: Time of the first control step.
-        ending: Reason of the end; None if the attempt was aborted.
-        steps: Number of control steps, the rows of the samples.
-        late_steps: Steps that began more than half a period late.
-        held_steps: Steps without an answer of the policy.
-        limited_steps: Steps whose command the limits changed.
+        ending: Reason for the end; None if the attempt was aborted.
+        steps: Number of control steps and of sample rows.
+        late_steps: Number of steps that began more than half a period late.
+        held_steps: Number of steps without an answer from the policy.
+        limited_steps: Number of steps in which the limits changed the command.
         films: Films by camera.
         files: SHA-256 of each other file by name.
-        agreement: Measured agreement of scene and twin at the start, 0 to 1; None if it was not measured.
-        overridden: True if the operator began although the scene did not agree with the twin.
+        agreement: Measured agreement between scene and twin at the start, 0 to 1; None if it was not measured.
+        overridden: True if the operator started the trial although the scene did not match the twin.
     """
 
     version: Literal[1]
@@ -179,7 +179,7 @@ class TrialHeader:
     overridden: bool = False
 
     def to_bytes(self) -> bytes:
-        """Return the file."""
+        """Return the content of the header file."""
         return (json.dumps(sealed_form(asdict(self)), indent=1, sort_keys=True) + "\n").encode()
 
 
@@ -187,7 +187,7 @@ _HEADER = TypeAdapter(TrialHeader)
 
 
 def read_header(folder: Path) -> TrialHeader:
-    """Return the header of an attempt's folder; raise RecordError if it is missing, damaged or changed."""
+    """Read the header of an attempt's folder; raise RecordError if it is missing, damaged or changed."""
     path = folder / HEADER_NAME
     if not path.exists():
         raise RecordError(f"{path}: not found, so the attempt is incomplete. {_CURE}.")
@@ -197,7 +197,7 @@ def read_header(folder: Path) -> TrialHeader:
 
 
 def write_attempt(folder: Path, header: TrialHeader, samples: Samples, films: Mapping[str, bytes]) -> TrialHeader:
-    """Write the files of an attempt, the header last, and return the header with the digests."""
+    """Write the files of an attempt, with the header last, and return the header with the file digests."""
     files = {SAMPLES_NAME: samples.to_bytes(), **{f"{camera}.mp4": data for camera, data in films.items()}}
     for name, data in files.items():
         write_durably(folder / name, data)
@@ -217,11 +217,11 @@ class Event:
 
     Attributes:
         event: "begun", "ended", "aborted" (the attempt does not count, and the trial will be repeated) or "repeated" (a
-            person discards an attempt that ended).
+            person discards a finished attempt).
         code: Code of the trial.
         attempt: Number of the attempt, from 1.
-        reason: Reason of the end; a sentence for "aborted" and "repeated".
-        person: Operator who began or discarded the attempt; otherwise an empty text.
+        reason: Reason for the end; a sentence for "aborted" and "repeated".
+        person: Operator who started or discarded the attempt; otherwise an empty string.
         record: SHA-256 of the attempt's ``trial.json``, for "ended".
         plan: SHA-256 of ``plan.json``, for "begun"; None in journals of earlier versions.
     """
@@ -239,12 +239,12 @@ class Event:
 _EVENT = TypeAdapter(Event)
 
 TrialState = Literal["open", "running", "done"]
-"""State of a trial: to be run, begun and not over, or done."""
+"""State of a trial: not run yet, running, or finished."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrialProgress:
-    """State of a trial, the number of its last attempt (0 before the first), and the digest of its header."""
+    """Progress of a trial: its state, the number of its last attempt (0 for none), and the digest of its header."""
 
     state: TrialState = "open"
     attempt: int = 0
@@ -252,7 +252,7 @@ class TrialProgress:
     ending: str = ""
 
     def after(self, event: Event, where: str) -> TrialProgress:
-        """Return the state after one more event; raise RecordError if the event does not fit."""
+        """Return the progress after another event; raise RecordError if the event is not possible in this state."""
         begins = event.event == "begun"
         expected: TrialState = {"begun": "open", "repeated": "done"}.get(event.event, "running")  # type: ignore[assignment]
         if self.state != expected or event.attempt != self.attempt + begins:
@@ -264,7 +264,7 @@ class TrialProgress:
 
 
 def _events(path: Path, lines: list[bytes]) -> tuple[list[Event], str]:
-    """Return the events of a journal's lines, and the last link."""
+    """Return the events in a journal's lines, and the last hash link."""
     found, link = [], ""
     for number, (form, after) in enumerate(linked_forms(path, lines, cure=_JOURNAL_CURE), start=1):
         where = f"{path}: line {number}"
@@ -274,13 +274,13 @@ def _events(path: Path, lines: list[bytes]) -> tuple[list[Event], str]:
 
 
 def _progress(plan: RealPlan, events: list[Event], path: Path) -> dict[str, TrialProgress]:
-    """Return the state of every trial of a plan."""
+    """Return the progress of every planned trial."""
     states = {trial.code: TrialProgress() for trial in plan.trials}
     here = file_digest(path.parent / PLAN_NAME)
     for number, event in enumerate(events, start=1):
         where = f"{path}: line {number}"
         if event.plan not in (None, here):
-            problem = f"the trial was begun by another plan than {path.parent / PLAN_NAME}"
+            problem = f"the trial was started under a plan other than {path.parent / PLAN_NAME}"
             raise RecordError(f"{where}: {problem}. Restore the plan from a copy, or plan into a new folder.")
         if event.code not in states:
             raise RecordError(f"{where}: the plan has no trial {event.code!r}. {_JOURNAL_CURE}.")
@@ -289,19 +289,19 @@ def _progress(plan: RealPlan, events: list[Event], path: Path) -> dict[str, Tria
 
 
 def _recorded(folder: Path, plan: RealPlan) -> set[str]:
-    """Return the codes whose folder has a header."""
+    """Return the codes of all trials whose folder contains a header."""
     return {trial.code for trial in plan.trials if (folder / "trials" / trial.code / HEADER_NAME).exists()}
 
 
 def _require_lines(folder: Path, recorded: set[str], states: Mapping[str, TrialProgress]) -> None:
-    """Raise RecordError if a trial is recorded that the journal does not know: it lost its last lines.
+    """Raise RecordError if the journal has lost lines: it does not list a trial whose record exists.
 
-    Otherwise the trial would be run again, and its record be put away. A journal has the line of an attempt before the
-    attempt has a folder. ``recorded`` are the codes with a header before the journal was read.
+    Without this check, the trial would be repeated and its record moved away. An attempt is listed in the journal
+    before its folder is created. ``recorded`` are the codes that had a header before the journal was read.
     """
     for code in recorded:
         place = folder / "trials" / code
-        if states[code].state == "done":  # another attempt is damage of that trial
+        if states[code].state == "done":  # a header of another attempt is reported as damage of this trial
             continue
         try:
             header = read_header(place)
@@ -314,15 +314,15 @@ def _require_lines(folder: Path, recorded: set[str], states: Mapping[str, TrialP
 
 
 class RealJournal(LineJournal):
-    """Journal of a protocol, open for appending. Opening locks the folder for this process.
+    """Protocol journal, open for appending. Opening it locks the folder for this process.
 
     Raises:
         RunConflictError: If another process runs the protocol.
-        RecordError: If a line is damaged, does not fit the plan, or is missing about a trial that is recorded.
+        RecordError: If a line is damaged or does not match the plan, or the line about a recorded trial is missing.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Open the journal of a folder with a plan."""
+        """Open the journal of a protocol folder."""
         self.folder, self.plan = folder, read_plan(folder)
         self._link, self._states = "", dict[str, TrialProgress]()
         super().__init__(folder / JOURNAL_NAME)
@@ -338,7 +338,7 @@ class RealJournal(LineJournal):
 
     @property
     def next_trial(self) -> PlannedTrial | None:
-        """The first trial of the plan that is not done, or None."""
+        """The first unfinished trial of the plan, or None."""
         return next((t for t in self.plan.trials if self._states[t.code].state != "done"), None)
 
     def _append(self, event: Event) -> None:
@@ -350,11 +350,11 @@ class RealJournal(LineJournal):
         self._link, self._states[event.code] = link, after
 
     def begin(self, code: str, person: str = "") -> Path:
-        """Record that the next attempt of a trial begins, and return the empty folder for its files.
+        """Record the start of a trial's next attempt, and return an empty folder for its files.
 
-        Raises StorageError if the folder cannot be made.
+        Raises StorageError if the folder cannot be created.
         """
-        self._put_away(code)  # files that nobody recorded
+        self._put_away(code)  # files of an attempt that the journal does not list
         plan = file_digest(self.folder / PLAN_NAME)
         self._append(Event("begun", code, self._states[code].attempt + 1, now(), person=person, plan=plan))
         folder = self.attempt_folder(code)
@@ -363,25 +363,25 @@ class RealJournal(LineJournal):
         return folder
 
     def end(self, code: str, ending: Ending) -> None:
-        """Record that the running attempt ended; its files must be on disk."""
+        """Record the end of the running attempt, whose files must already be written."""
         record = file_digest(self.attempt_folder(code) / HEADER_NAME)
         self._append(Event("ended", code, self._states[code].attempt, now(), ending, record=record))
 
     def abort(self, code: str, reason: str) -> None:
-        """Record that the running attempt does not count, and move its files away."""
+        """Record that the running attempt was aborted, and move its files to ``aborted``."""
         self._append(Event("aborted", code, self._states[code].attempt, now(), reason[:500]))
         self._put_away(code)
 
     def repeat(self, code: str, reason: str, person: str) -> None:
-        """Discard an attempt that ended; the trial will be repeated.
+        """Discard a finished attempt, so that its trial is repeated.
 
         Raises:
-            InvalidInputError: If the trial is not done, or the reason is empty.
+            InvalidInputError: If the trial is not finished, or the reason is empty.
         """
         if self._states[code].state != "done":
-            raise InvalidInputError("repeat", f"{code} is not done", "Name a trial that is done")
+            raise InvalidInputError("repeat", f"{code} is not finished", "Give a finished trial")
         if not reason.strip():
-            raise InvalidInputError("repeat", f"{code} needs a reason", "Say why its record does not count")
+            raise InvalidInputError("repeat", f"{code} needs a reason", "Give the reason why its record is invalid")
         self._append(Event("repeated", code, self._states[code].attempt, now(), reason[:500], person))
         self._put_away(code)
 
@@ -391,21 +391,21 @@ class RealJournal(LineJournal):
         for code in cut:
             self.abort(code, "the program ended before the trial did")
         for code, progress in self._states.items():
-            if progress.state == "open":  # killed after the line was written, before the files moved
+            if progress.state == "open":  # the program was killed after writing the line and before moving the files
                 self._put_away(code)
         return cut
 
     def attempt_folder(self, code: str) -> Path:
-        """Return the folder of a trial's valid or running attempt."""
+        """Return the folder of a trial's valid or current attempt."""
         return self.folder / "trials" / code
 
     def _put_away(self, code: str) -> None:
         there = self.attempt_folder(code)
-        if not (there.exists() or there.is_symlink()):  # a broken link, too
+        if not (there.exists() or there.is_symlink()):  # also true for a broken link
             return
         away = self.folder / "aborted" / f"{code}-{self._states[code].attempt}"
         number = 1
-        while away.exists():  # a person made this folder: nothing is overwritten
+        while away.exists():  # a person created this folder, so do not overwrite it
             number += 1
             away = away.with_name(f"{code}-{self._states[code].attempt}.{number}")
         with on_disk(away):
@@ -419,14 +419,14 @@ class RealJournal(LineJournal):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What a person saw: the name of an outcome (:mod:`betterbench.real.outcomes`), and a note."""
+    """Outcome entered by a person: its name (:mod:`betterbench.real.outcomes`), and a note."""
 
     outcome: Annotated[str, Field(max_length=40)]
     note: Annotated[str, Field(max_length=500)] = ""
     kind: Literal["seen"] = "seen"
 
     def __post_init__(self) -> None:
-        """Require a known outcome, and a note for "other"."""
+        """Check that the outcome exists, and that "other" has a note."""
         try:
             outcome_named(self.outcome)
         except UnknownNameError as problem:  # the reader of the form adds file and line
@@ -436,7 +436,7 @@ class Seen:
 
 
 Role = Literal["operator", "judge"]
-"""Role of a person: the operator at the arm, or a judge who sees only the film."""
+"""Role of a rater: the operator at the arm, or a judge who sees only the film."""
 
 
 @strict_form
@@ -446,10 +446,10 @@ class Entry:
 
     Attributes:
         code: Code of the trial.
-        attempt: Attempt that was seen.
+        attempt: Number of the rated attempt.
         author: Name of the person.
         time: Time of the entry.
-        decision: What was seen, or the undo of an earlier line of the same person on the same attempt.
+        decision: The entered outcome, or the undo of the same person's earlier entry on the same attempt.
     """
 
     code: Annotated[str, Field(max_length=10)]
@@ -461,17 +461,17 @@ class Entry:
 
     @property
     def content(self) -> str:
-        """Hash of trial, attempt, person and role; entries with the same hash form a history."""
+        """Hash of trial, attempt, person and role; entries with the same hash replace one another."""
         subject = [self.code, self.attempt, self.author, self.role]
         return content_digest("betterbench real entry", dump_json(subject))
 
     @property
     def subject(self) -> str:
-        """Displayed name of the subject."""
+        """Displayed name of the rated trial."""
         return f"{self.code} by {self.author} ({self.role})"
 
     def misfit(self, changes: int) -> str:
-        """Return an empty text: an entry always fits after others, because it replaces the earlier one."""
+        """Return an empty string: an entry is always possible, because it replaces the person's earlier entry."""
         del changes
         return ""
 
@@ -480,12 +480,12 @@ _ENTRY = TypeAdapter(Entry)
 
 
 class EntryJournal(DecisionJournal[Entry]):
-    """The file of entries, open for appending by one process."""
+    """Entries file, open for appending by one process."""
 
     adapter = _ENTRY
 
     def last(self, code: str, attempt: int, author: str, role: Role) -> tuple[int, Entry] | None:
-        """Return a person's standing entry on an attempt with its line number, or None."""
+        """Return a person's current entry on an attempt with its line number, or None."""
         key = Entry(code, attempt, author, role, now(), Seen("done"))
         return self.history(key.content).last
 
@@ -493,14 +493,14 @@ class EntryJournal(DecisionJournal[Entry]):
 def enter(
     folder: Path, code: str, attempt: int, *, author: str, role: Role, outcome: str | None, note: str = ""
 ) -> None:
-    """Append what a person saw, or with outcome None undo the person's last entry on the attempt.
+    """Append a person's outcome for an attempt; the outcome None undoes the person's last entry.
 
-    The file is open only meanwhile, so that operator and judges can work in different processes.
+    The file is open only during the call, so that operator and judges can work in separate processes.
 
     Raises:
         UnknownNameError: If the outcome does not exist.
-        InvalidInputError: If there is nothing to undo, or a field is not valid.
-        RunConflictError: If another process writes an entry at this moment.
+        InvalidInputError: If there is nothing to undo, or a field is invalid.
+        RunConflictError: If another process is writing an entry.
     """
     with EntryJournal(folder / ENTRIES_NAME) as journal:
         if outcome is None:
@@ -511,7 +511,7 @@ def enter(
         else:
             outcome_named(outcome)
             if outcome == "other" and not note.strip():
-                raise InvalidInputError("note", "outcome 'other' needs a note", "Say what was seen")
+                raise InvalidInputError("note", "outcome 'other' needs a note", "Describe what was seen")
             decision = Seen(outcome, note)
         journal.append(Entry(code, attempt, author, role, now(), decision))
 
@@ -521,13 +521,13 @@ def enter(
 
 @dataclass(frozen=True, slots=True)
 class RealTrial:
-    """A trial that is done.
+    """Finished trial.
 
     Attributes:
         planned: Its line of the plan.
         header: Its header.
         folder: Its folder.
-        entries: Standing entries on this attempt, the last of each person and role, in the order of the file.
+        entries: Current entries on this attempt, the last one per person and role, in file order.
     """
 
     planned: PlannedTrial
@@ -549,16 +549,16 @@ class RealTrial:
         return samples
 
     def check(self) -> None:
-        """Raise RecordError if a file that the header names is missing or changed, or the samples are not named."""
+        """Raise RecordError if a file in the header is missing or changed, or the header does not list the samples."""
         for name in dict.fromkeys((SAMPLES_NAME, *self.header.files)):
             self._checked(name)
 
     def film(self, camera: str) -> Path:
-        """Return the checked film of a camera; raise RecordError if it is missing or changed."""
+        """Return a camera's film after checking its digest; raise RecordError if it is missing or changed."""
         return self._checked(f"{camera}.mp4")
 
     def seen_by(self, role: Role) -> tuple[Entry, ...]:
-        """Return the standing entries of a role."""
+        """Return the current entries of a role."""
         return tuple(entry for entry in self.entries if entry.role == role)
 
     def _checked(self, name: str) -> Path:
@@ -575,13 +575,13 @@ class RealTrial:
 
 @dataclass(frozen=True, slots=True)
 class DamagedTrial:
-    """A trial that is done, but whose files are missing, damaged or not those that were recorded.
+    """Finished trial whose files are missing, damaged or different from the recorded ones.
 
     Attributes:
         planned: Its line of the plan.
         attempt: Number of the attempt, from 1.
         folder: Its folder.
-        problem: What is wrong, with the file and the cure.
+        problem: Description of the damage, with the file and a remedy.
     """
 
     planned: PlannedTrial
@@ -597,16 +597,15 @@ class DamagedTrial:
 
 @dataclass(frozen=True, slots=True)
 class RealRun:
-    """A protocol with the trials that were run so far.
+    """Protocol with the trials that have been run so far.
 
     Attributes:
         events: Lines of the journal.
         states: State of each trial by code.
-        trials: Trials that are done and whose header is the recorded one, in the order of the plan.
-        damaged: The other trials that are done, in the order of the plan.
-        operators: Names of everybody who was an operator, also of attempts that do not count and of entries that were
-            taken back.
-        judges: Names of everybody who entered as a judge.
+        trials: Finished trials with the recorded header, in plan order.
+        damaged: All other finished trials, in plan order.
+        operators: Names of all operators, including those of invalid attempts and undone entries.
+        judges: Names of all people who entered an outcome as a judge.
     """
 
     folder: Path
@@ -620,11 +619,11 @@ class RealRun:
 
     @property
     def aborted(self) -> tuple[Event, ...]:
-        """Attempts that do not count: aborted, or repeated by a person."""
+        """Invalid attempts: aborted, or discarded by a person."""
         return tuple(event for event in self.events if event.event in ("aborted", "repeated"))
 
     def trial(self, code: str) -> RealTrial:
-        """Return a trial that is done; raise InvalidInputError if it is not, and RecordError if it is damaged."""
+        """Return a finished trial; raise InvalidInputError if it is not finished, and RecordError if it is damaged."""
         for trial in self.trials:
             if trial.code == code:
                 return trial
@@ -632,14 +631,14 @@ class RealRun:
             if damaged.code == code:
                 raise RecordError(damaged.problem)
         self.plan.trial(code)
-        raise InvalidInputError("trial", f"{code} is not done", "Run it with better real run")
+        raise InvalidInputError("trial", f"{code} is not finished", "Run it with better real run")
 
 
 def read_run(folder: Path) -> RealRun:
-    """Return a protocol. Samples and films are read on demand.
+    """Read a protocol. Samples and films are read on demand.
 
     A trial whose header is missing, damaged or changed is in :attr:`RealRun.damaged`, so that one bad file does not
-    hide the other trials. The plan, the journal and the entries affect all trials.
+    hide the other trials. Damage to the plan, the journal or the entries affects all trials and is an error.
 
     Raises:
         RecordError: If the plan, the journal or the entries are missing, damaged or changed; the message names it.
@@ -674,10 +673,10 @@ def read_run(folder: Path) -> RealRun:
 
 
 def repeat_damaged(folder: Path, codes: Sequence[str], person: str) -> None:
-    """Let damaged trials come again. What is left of their files is moved to ``aborted``.
+    """Schedule damaged trials for repetition, and move their remaining files to ``aborted``.
 
     Raises:
-        InvalidInputError: If a trial is not done or not damaged: a result that nobody likes is not repeated.
+        InvalidInputError: If a trial is not finished or not damaged, because an unwelcome result must not be repeated.
         RunConflictError: If another process runs the protocol.
         RecordError: If the plan, the journal or the entries are damaged.
     """
@@ -685,14 +684,14 @@ def repeat_damaged(folder: Path, codes: Sequence[str], person: str) -> None:
         problems = {code: _damage(read_run(folder), code) for code in codes}
         for code, problem in problems.items():
             if not problem:
-                cure = "Leave the code out; a trial that is not valid is discarded when it is entered"
+                cure = "Leave out the code; an invalid trial is discarded when its outcome is entered"
                 raise InvalidInputError("--repeat", f"{code} is not damaged", cure)
         for code, problem in problems.items():
             journal.repeat(code, problem, person)
 
 
 def _damage(run: RealRun, code: str) -> str:
-    """Return what is wrong with the files of a trial, or an empty text."""
+    """Return a description of the damage to a trial's files, or an empty string."""
     try:
         trial = run.trial(code)
         trial.check()
@@ -703,7 +702,7 @@ def _damage(run: RealRun, code: str) -> str:
 
 
 def _header_of(code: str, progress: TrialProgress, place: Path, journal: Path) -> TrialHeader:
-    """Return the header of a trial that is done; raise RecordError if it is not the one that the journal names."""
+    """Read the header of a finished trial; raise RecordError if it differs from the one listed in the journal."""
     header = read_header(place)
     if file_digest(place / HEADER_NAME) != progress.record:
         raise RecordError(f"{place / HEADER_NAME}: is not the file that {journal} names. {_CURE}.")
@@ -714,7 +713,7 @@ def _header_of(code: str, progress: TrialProgress, place: Path, journal: Path) -
 
 
 def _entries(path: Path, states: Mapping[str, TrialProgress]) -> tuple[Entry, ...]:
-    """Return all lines of a file of entries; raise RecordError for one on an attempt that was never begun."""
+    """Read all lines of an entries file; raise RecordError for an entry on an attempt that never began."""
     entries = read_decisions(_ENTRY, path) if path.exists() else ()
     for number, entry in enumerate(entries, start=1):
         known = states.get(entry.code)
@@ -722,12 +721,12 @@ def _entries(path: Path, states: Mapping[str, TrialProgress]) -> tuple[Entry, ..
             problem = f"the plan has no trial {entry.code!r}, so that this is the file of another protocol"
             raise RecordError(f"{path}: line {number}: {problem}. {_JOURNAL_CURE}.")
         if entry.attempt > known.attempt:
-            problem = f"attempt {entry.attempt} of {entry.code} was never begun"
+            problem = f"attempt {entry.attempt} of {entry.code} never began"
             raise RecordError(f"{path}: line {number}: {problem}. {_JOURNAL_CURE}.")
     return entries
 
 
 def _standing(entries: Sequence[Entry], path: Path) -> list[Entry]:
-    """Return the last entry of each person, role and attempt that was not undone, in the order of the file."""
+    """Return the last entry per person, role and attempt, without undone entries, in file order."""
     lasts = [history.last for history in histories(entries, str(path)).values()]
     return [last[1] for last in sorted((last for last in lasts if last is not None), key=lambda last: last[0])]

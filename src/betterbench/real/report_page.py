@@ -1,4 +1,4 @@
-"""Page of a protocol's results: one file without scripts, which opens offline and links to the films of the folder."""
+"""Results page of a protocol: one HTML file without scripts, which works offline and links to the films."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def write_real_page(results: RealResults, path: Path) -> Path:
 
 
 def _tone(cell: Cell) -> str:
-    """Return the color class of a cell: mostly right, mostly not, or neither."""
+    """Return the color class of a cell: mostly successes, mostly failures, or neither."""
     if cell.success.k == cell.success.n:
         return "good"
     return "poor" if cell.success.k == 0 else "mixed"
 
 
 def _film(folder: Path, cameras: list[str], page: Path) -> str:
-    """Return the address of a trial's first film relative to the page, or an empty text."""
+    """Return the path of a trial's first film relative to the page, or an empty string."""
     if not cameras:
         return ""
     return quote(Path(os.path.relpath(folder / f"{cameras[0]}.mp4", page)).as_posix())

@@ -1,8 +1,8 @@
-"""Results of a protocol on a real arm: labels, both matrices per policy, agreement of people, and checks of the order.
+"""Results of a protocol on a real arm: labels, both matrices per policy, rater agreement, and trial-order checks.
 
 The matrices are those of the report (``report.tables.matrices``). Their rates exclude trials without a label, which are
-counted beside the cell. A trial whose files differ from the recorded ones is damaged: it is listed as unscored and
-excluded from all other numbers. If runs of the twin are given, each cell is compared with the simulated one.
+counted separately for each cell. A trial whose files differ from the recorded ones is damaged: it is listed as unscored
+and excluded from all other numbers. If runs of the twin are given, each cell is compared with the simulated one.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from betterbench.tasks.labels import Kind, Label
 
 @dataclass(frozen=True, slots=True)
 class JudgedTrial:
-    """One trial that is done, with its label.
+    """Finished trial with its label.
 
     Attributes:
         trial: The record.
         label: Label and evidence.
         signals: Joint signals, or None if there are too few samples.
-        judged: Entries of people.
+        judged: Combined entries of the judges.
         ambiguous: Whether the premise of the condition is broken, so that no behavior counts as a failure.
     """
 
@@ -54,7 +54,7 @@ class JudgedTrial:
 
     @property
     def counted(self) -> bool:
-        """Whether the trial is in a rate."""
+        """Whether the trial is counted in the rates."""
         return self.label.label is not None and not self.ambiguous
 
     def to_json(self) -> dict[str, Any]:
@@ -88,15 +88,15 @@ class JudgedTrial:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Numbers of planned trials by result; the first five add up to the plan.
+    """Numbers of planned trials by result; the first five add up to all planned trials.
 
     Attributes:
-        right: Trials with a right outcome.
-        failed: Trials with a failure.
+        right: Trials with a correct outcome.
+        failed: Failed trials.
         ambiguous: Labelled trials of conditions with a broken premise.
-        unscored: Trials that are done and have no label, damaged ones included.
-        open: Trials that are not done.
-        contradictions: Unscored trials whose entries and joint states contradict each other.
+        unscored: Finished trials without a label, including damaged ones.
+        open: Unfinished trials.
+        contradictions: Unscored trials whose entries contradict the joint states.
         damaged: Unscored trials whose files are missing, damaged or not the recorded ones.
     """
 
@@ -127,12 +127,12 @@ class Counts:
 
 @dataclass(frozen=True, slots=True)
 class Lateness:
-    """Late frames and steps of a policy's trials.
+    """Late frames and late steps in a policy's trials.
 
     Attributes:
         steps: Control steps.
         late: Steps that began late, as a rate of all steps.
-        held: Steps without an answer of the policy.
+        held: Steps without an answer from the policy.
         limited: Steps whose command the limits changed.
         frames: Late frames by camera, as rates of all frames.
         dropped: Control steps without a new frame by camera.
@@ -147,7 +147,7 @@ class Lateness:
 
     @classmethod
     def of(cls, trials: Sequence[RealTrial]) -> Lateness:
-        """Return the sums of some trials."""
+        """Sum over trials."""
         headers = [trial.header for trial in trials]
         steps = sum(h.steps for h in headers)
         cameras = sorted({camera for h in headers for camera in h.films})
@@ -164,10 +164,10 @@ class Lateness:
 
 @dataclass(frozen=True, slots=True)
 class PolicyResult:
-    """Results of one policy in a task.
+    """Results of one policy on the task.
 
     Attributes:
-        damaged: Trials of the policy that are done and damaged.
+        damaged: Finished but damaged trials of the policy.
         diagnosis: Labelled trials in the form of a simulated diagnosis.
         matrices: The short-horizon and the long-horizon matrix.
         unscored: Number of unscored trials by matrix name, row and column.
@@ -193,12 +193,12 @@ class PolicyResult:
 
 @dataclass(frozen=True, slots=True)
 class OrderCheck:
-    """Order in which trials were really run, from the times of the journal.
+    """Check of the order in which trials were run, from the times in the journal.
 
     Attributes:
-        follows_plan: Whether the trials that are done began in the order of the plan.
-        longest_run: Largest number of successive trials of one policy.
-        expected_run: Largest number of successive trials of one policy in the plan.
+        follows_plan: Whether the finished trials were started in plan order.
+        longest_run: Largest number of consecutive trials of one policy.
+        expected_run: The same number in the plan.
         middle: Mean position of each policy's trials, from 0 (first) to 1 (last).
         discarded: Attempts that were aborted or repeated, by policy.
     """
@@ -211,22 +211,22 @@ class OrderCheck:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Findings, one sentence each."""
+        """Results of the check, one sentence each."""
         found: list[str] = []
         if not self.longest_run:
-            pass  # no trial is done
+            pass  # no trial is finished
         elif self.longest_run > self.expected_run:
             found.append(
-                f"{self.longest_run} trials of one policy followed each other, and the plan has at most "
+                f"{self.longest_run} trials of one policy ran in a row, but the plan has at most "
                 f"{self.expected_run}: a drift of light or calibration may look like this policy."
             )
         else:
             found.append(
-                f"The policies took turns as planned: at most {plural(self.longest_run, 'trial')} of one policy "
-                "followed each other."
+                f"The policies took turns as planned: at most {plural(self.longest_run, 'trial')} of one policy ran "
+                f"in a row."
             )
         if not self.follows_plan:
-            found.append("Trials were repeated later, so that the order differs from the plan.")
+            found.append("Some trials were repeated later, so the order differs from the plan.")
         if len(self.middle) > 1:
             places = ", ".join(f"{name} {value:.2f}" for name, value in self.middle.items())
             found.append(f"Mean position of the trials of each policy, from 0 (first) to 1 (last): {places}.")
@@ -239,16 +239,16 @@ class OrderCheck:
 
 @dataclass(frozen=True, slots=True)
 class CellComparison:
-    """One cell of the real matrix beside the same cell of the twin.
+    """One cell of the real matrix, compared with the same cell in simulation.
 
     Attributes:
         matrix: Name of the matrix.
-        real: Right outcomes of the real arm.
-        simulated: Right outcomes of the twin.
+        real: Success rate on the real arm.
+        simulated: Success rate of the twin.
         difference: Real minus simulated rate, with its interval; None in an ambiguous cell.
-        real_labels: Labels with counts, as text.
-        simulated_labels: As ``real_labels``.
-        same_label: Real trials whose label is the most frequent one of the twin; None if the twin has no trial.
+        real_labels: Labels of the real trials with counts, as text.
+        simulated_labels: The same for the simulated trials.
+        same_label: Share of real trials with the twin's most frequent label; None without twin trials.
     """
 
     matrix: str
@@ -269,7 +269,7 @@ class CellComparison:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether both sides are right in more than half of the trials, or both are not; None if not comparable."""
+        """Whether both succeed in more than half of the trials, or neither does; None if not comparable."""
         return (2 * self.real.k > self.real.n) is (2 * self.simulated.k > self.simulated.n) if self.comparable else None
 
     @property
@@ -280,14 +280,14 @@ class CellComparison:
 
 @dataclass(frozen=True, slots=True)
 class TwinComparison:
-    """Matrices of a policy on the real arm beside those of a run of the twin.
+    """Comparison of a policy's matrices on the real arm with those of a simulated run.
 
     Attributes:
         run: Folder of the simulated run.
-        cells: Cells in which a side has trials.
-        same_side: Cells in which both sides are mostly right, or both are not.
-        table: The same as a table: right or not, real in rows.
-        same_label: Real trials with the most frequent label of the twin's cell.
+        cells: Cells with trials on at least one side.
+        same_side: Share of cells in which both sides mostly succeed, or both do not.
+        table: The same as a two-by-two table; rows are the real arm.
+        same_label: Share of real trials with the most frequent label of the twin's cell.
     """
 
     policy: str
@@ -299,7 +299,7 @@ class TwinComparison:
 
     @property
     def sentence(self) -> str:
-        """Sentence that says how well the twin predicts the real arm."""
+        """One sentence on how well the twin predicts the real arm."""
         k, n = self.same_side.k, self.same_side.n
         if not n:
             return "No cell has trials on both sides."
@@ -320,7 +320,7 @@ class RealResults:
     """Results of a protocol.
 
     Attributes:
-        run: The protocol; its ``damaged`` also has the trials of which other files than the header are damaged.
+        run: The protocol; its ``damaged`` also includes trials with damage in files other than the header.
     """
 
     run: RealRun
@@ -331,12 +331,12 @@ class RealResults:
 
     @property
     def trials(self) -> tuple[JudgedTrial, ...]:
-        """All trials that are done and not damaged, in the order of the plan."""
+        """All finished, undamaged trials in plan order."""
         place = {trial.code: k for k, trial in enumerate(self.run.plan.trials)}
         return tuple(sorted((t for p in self.policies for t in p.trials), key=lambda t: place[t.trial.code]))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the document of ``better real report --json``."""
+        """Return the JSON document of ``better real report --json``."""
         task = self.run.plan.task
         forms = {t.trial.code: t.to_json() for t in self.trials}
         forms |= {t.code: _damaged_form(t, task) for t in self.run.damaged}
@@ -371,10 +371,10 @@ class RealResults:
 
 
 def results_of(folder: Path, sims: Sequence[Path] = ()) -> RealResults:
-    """Return the results of a protocol, and its comparison with runs of the twin.
+    """Return the results of a protocol, and the comparison with simulated runs of the twin.
 
-    A run of the twin belongs to the policy with the same address; a single run and a single policy belong together in
-    any case.
+    A twin run is compared with the policy that has the same address. If there is only one run and one policy, they are
+    compared in any case.
 
     Raises:
         RecordError: If the plan, the journal or the entries are missing, damaged or changed. A trial with such files is
@@ -388,7 +388,7 @@ def results_of(folder: Path, sims: Sequence[Path] = ()) -> RealResults:
 
 
 def _judged_run(run: RealRun) -> tuple[RealRun, list[JudgedTrial]]:
-    """Return the labelled trials, and the protocol in which all damaged trials are marked as such."""
+    """Return the labeled trials, and the protocol with all damaged trials marked."""
     judged, damaged = [], {trial.code: trial for trial in run.damaged}
     for trial in run.trials:
         try:
@@ -410,7 +410,7 @@ def _is_ambiguous(planned: PlannedTrial, task: str) -> bool:
 
 
 def _damaged_form(trial: DamagedTrial, task: str) -> dict[str, Any]:
-    """Return a damaged trial in the form of the others, without any value from its files."""
+    """Return the JSON form of a damaged trial, without any value from its files."""
     steps = ("steps", "late_steps", "held_steps", "limited_steps")
     return {
         **asdict(trial.planned),
@@ -488,7 +488,7 @@ def _attempt(closing: Closing) -> Attempt:
 
 
 def _order_check(run: RealRun) -> OrderCheck:
-    """Return the order of the trials that are done, damaged ones included, by the last attempt's beginning."""
+    """Check the order of all finished trials, including damaged ones, by the start of their last attempt."""
     begun = {e.code: k for k, e in enumerate(run.events) if e.event == "begun"}
     done = [planned for planned in run.plan.trials if run.states[planned.code].state == "done"]
     order = sorted(done, key=lambda planned: begun[planned.code])
@@ -511,7 +511,7 @@ def _order_check(run: RealRun) -> OrderCheck:
 
 
 def _longest(names: Sequence[str]) -> int:
-    """Return the length of the longest run of one name."""
+    """Return the largest number of consecutive equal names."""
     return max((len(list(group)) for _, group in itertools.groupby(names)), default=0)
 
 
@@ -519,7 +519,7 @@ def _longest(names: Sequence[str]) -> int:
 
 
 def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> TwinComparison:
-    """Return the comparison of a run of the twin with its policy."""
+    """Compare a twin run with the policy that it belongs to."""
     diagnosis = diagnose_run(RunFolder.open(path))
     tasks = {trial.task for trial in diagnosis.trials}
     if run.plan.task not in tasks:
@@ -531,12 +531,12 @@ def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> Twi
     if not mine:
         known = ", ".join(p.policy.address for p in policies)
         problem = f"is a run of {diagnosis.address}, and the protocol has {known}"
-        raise InvalidInputError(f"--sim {path}", problem, "Run the same policy on the twin with better eval")
+        raise InvalidInputError(f"--sim {path}", problem, "Evaluate the same policy on the twin with better eval")
     return compare_matrices(mine[0].policy.name, mine[0].matrices, matrices_of(diagnosis), run=str(path))
 
 
 def compare_matrices(policy: str, real: Sequence[Matrix], twin: Sequence[Matrix], *, run: str = "") -> TwinComparison:
-    """Return the comparison of two pairs of matrices, cell by cell."""
+    """Compare two pairs of matrices cell by cell."""
     cells = []
     for ours, theirs in zip(real, twin, strict=True):
         for row, other in zip(ours.cells, theirs.cells, strict=True):

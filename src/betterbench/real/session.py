@@ -1,10 +1,10 @@
-"""Session of an operator: set up a scene, switch the arm on, run the trial, enter what happened, next trial.
+"""Operator session: set up the scene, switch the arm on, run the trial, enter the outcome, and continue.
 
-All work is done by the thread of :meth:`RealSession.run`, which owns the renderers. Pages and keys put commands into
-its queue; only :meth:`RealSession.halt`, and commands that end a trial, act at once, from any thread.
+All work is done in the thread of :meth:`RealSession.run`, which owns the renderers. Pages and keys put commands into
+its queue. Only :meth:`RealSession.halt` and commands that end a trial act immediately, from any thread.
 
-A session may end at any moment. At the next start, an interrupted attempt is marked as aborted and its trial is
-repeated, and a trial that ended without an entry is shown first.
+A session may end at any time. The next session marks an interrupted attempt as aborted and repeats its trial; it first
+shows a finished trial that has no entry yet.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from betterbench.real.twin import FRONT, SetupStep, Twin, TwinView
 
 MOST_WAITING = 50
 LOOK_S = 0.1
-"""Time between two readings of the robot while no trial runs [s]."""
+"""Interval between readings of the robot while no trial is running [s]."""
 MEASURE_S = 1.0
-"""Time between two measurements of the scene [s]."""
+"""Interval between measurements of the scene agreement [s]."""
 
 _NOT_VALID = "the operator entered that it is not valid"
 
@@ -53,7 +53,7 @@ class Stage(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Command of the operator: its name, and a text for "enter" (an outcome) and notes."""
+    """Operator command: its name, and a text for "enter" (the outcome) and notes."""
 
     name: str
     value: str = ""
@@ -61,20 +61,20 @@ class Command:
 
 
 COMMANDS = ("arm", "disarm", "start", "force", "end", "enter", "undo", "again", "release")
-"""Commands of pages and keys: switch on and off; start the trial if the scene agrees with the twin, or anyway; the
-trial is over; what happened; undo the last entry; discard the trial that ended and run it again; torque off."""
+"""Commands of pages and keys: switch the arm on and off; start the trial if the scene matches the twin, or in any case;
+end the trial; enter the outcome; undo the last entry; discard and repeat the last trial; torque off."""
 
 
 @dataclass(frozen=True, slots=True)
 class SessionView:
-    """Content of a page, without policy and condition.
+    """Content of the operator page, which shows neither policy nor condition.
 
     Attributes:
-        code: Code of the current trial, or an empty text at the end.
+        code: Code of the current trial, or an empty string at the end.
         number: Its number in the plan, from 1.
-        steps: Where to put each object.
-        message: Last message to the operator.
-        agreement: Last measurement of the scene, or None.
+        steps: Instructions for placing each object.
+        message: Latest message to the operator.
+        agreement: Latest measured agreement of the scene, or None.
         elapsed_s: Duration of the running trial so far [s].
     """
 
@@ -106,7 +106,7 @@ class _Shown:
 
 
 class RealSession:
-    """Session on the folder of a protocol. As a context manager, it closes itself.
+    """Operator session on a protocol folder; a context manager that closes it.
 
     Raises:
         RunConflictError: If another process runs the protocol.
@@ -130,10 +130,10 @@ class RealSession:
 
         Args:
             folder: Folder with a plan.
-            robot: Robot, not connected.
-            person: Name of the operator in the entries.
+            robot: Robot, which is not connected yet.
+            person: Name of the operator, stored with the entries.
             limits: Safety limits; by default those of the SO-101.
-            apart: Whether a user's policy runs in a process of its own.
+            apart: Whether a user's policy runs in a separate process.
             size: Width and height of the twin's images [pixel].
             say: Called with each message to the operator.
         """
@@ -158,9 +158,9 @@ class RealSession:
         self._agreement: Agreement | None = None
         self._begun_s = self._measured_s = 0.0
         self.reading: Reading | None = None
-        """Newest reading, for pages."""
+        """Newest reading, for display on pages."""
         self.counted = 0
-        """Number of trials that ended in this session."""
+        """Number of trials finished in this session."""
         if cut:
             self._tell(f"The program ended during {', '.join(cut)}: it will be repeated.")
 
@@ -171,7 +171,7 @@ class RealSession:
         self.close()
 
     def close(self) -> None:
-        """Stop the arm, close everything and release the folder."""
+        """Stop the arm, close all resources and unlock the folder."""
         self._arm.stop("the session ended")
         self._policies.close()
         self._robot.disconnect()
@@ -183,7 +183,8 @@ class RealSession:
     def put(self, command: Command) -> None:
         """Queue a command; raise InvalidInputError for an unknown one.
 
-        Switching the arm off acts at once. While a trial runs, all commands except that and "end" are ignored.
+        Switching the arm off acts immediately. While a trial is running, all commands except this one and "end" are
+        ignored.
         """
         if command.name not in COMMANDS:
             raise InvalidInputError("command", f"{command.name!r} is unknown", f"Use one of {', '.join(COMMANDS)}")
@@ -193,14 +194,14 @@ class RealSession:
         if self._shown.stage is Stage.RUNNING:
             if command.name == "end":
                 self.controls.end.set()
-            return  # a switch-on that waits would act after the trial
+            return  # a queued switch-on would take effect after the trial
         try:
             self._commands.put_nowait((self._halts, command))
         except queue.Full:
             logger.warning("too many commands wait; %s is ignored", command.name)
 
     def halt(self, why: str = "the operator stopped it") -> None:
-        """Stop the arm now. A running attempt is aborted, and commands that wait are dropped."""
+        """Stop the arm immediately, abort a running attempt, and drop queued commands."""
         self._halts += 1
         self.controls.why = why
         self.controls.stop.set()
@@ -218,7 +219,7 @@ class RealSession:
 
     @property
     def view(self) -> SessionView:
-        """What a page shows."""
+        """The current content of a page."""
         trial, stage = self._shown.trial, self._shown.stage
         states = [self._journal.state(t.code).state for t in self.plan.trials]
         return SessionView(
@@ -242,7 +243,7 @@ class RealSession:
     # ----------------------------------------------------------------------------------------- the session's thread
 
     def run(self, stopped: threading.Event) -> None:
-        """Work until the event is set or every trial is done and entered.
+        """Execute commands until the event is set, or every trial is finished and has an entry.
 
         Raises:
             StorageError: If the disk is full.
@@ -269,8 +270,9 @@ class RealSession:
         self._say(message)
 
     def begin(self) -> None:
-        """Go to the next trial: one without an entry, or the next of the plan."""
-        for trial in read_run(self.folder).trials:  # a kill between the entry and the line that repeats the trial
+        """Go to the next trial: a finished trial without an entry, or else the next one in the plan."""
+        # the program was killed between writing the entry and the journal line that repeats the trial
+        for trial in read_run(self.folder).trials:
             for entry in trial.seen_by("operator"):
                 seen = entry.decision
                 if seen.kind == "seen" and not outcome_named(seen.outcome).scored:
@@ -294,7 +296,7 @@ class RealSession:
         steps, view = self._twin.steps(trial), self._twin.view(trial)
         if stage is Stage.SETUP:
             self._robot.set_up(trial)
-        self._agreement = self.reading = None  # of the scene before
+        self._agreement = self.reading = None  # of the previous scene
         self._shown = _Shown(trial, stage, steps, view)
         if stage is Stage.SETUP:
             number = self.plan.trials.index(trial) + 1
@@ -303,7 +305,7 @@ class RealSession:
             self._say(f"{where}: set up the scene. {f'Tablecloth: {cloth}. ' if cloth else ''}{told}.")
 
     def _look(self) -> None:
-        """Read the robot, and measure the scene from time to time."""
+        """Read the robot, and measure the scene agreement at intervals."""
         if self._shown.stage is Stage.DONE:
             return
         try:
@@ -317,14 +319,14 @@ class RealSession:
             self._measured_s = time.monotonic()
 
     def _measured(self, reading: Reading) -> Agreement | None:
-        """Return the agreement of the front camera with the twin; None without a front camera."""
+        """Return the agreement between the front camera and the twin; None without a front camera."""
         frame = reading.frames.get(FRONT)
         if frame is None or self._shown.view is None:
             return None
         return measure_agreement(frame.image, self._shown.view)
 
     def obey(self, command: Command) -> None:
-        """Execute a command in this thread; a problem becomes a message to the operator.
+        """Execute a command in this thread; errors become messages to the operator.
 
         Raises:
             StorageError: If the disk is full.
@@ -354,7 +356,7 @@ class RealSession:
             case "again", Stage.ENTER:
                 self._again(command.note)
             case _:
-                self._tell(f"{command.name!r} does nothing in this stage.")
+                self._tell(f"{command.name!r} has no effect in this stage.")
 
     def _start(self, *, forced: bool) -> None:
         trial = self._shown.trial
@@ -401,7 +403,7 @@ class RealSession:
         self._journal.end(trial.code, header.ending or "time_limit")
         self.counted += 1
         self._shown = replace(self._shown, stage=Stage.ENTER)
-        self._tell(f"{trial.code} is over. Enter what happened.")
+        self._tell(f"{trial.code} has ended. Enter the outcome.")
 
     def _keep(self, reading: Reading) -> None:
         self.reading = reading
@@ -421,18 +423,18 @@ class RealSession:
         self.begin()
 
     def _undo(self) -> None:
-        """Undo the last entry of this session, and ask for it again."""
+        """Undo the last entry of this session, and return to the stage in which it is entered."""
         if not self._entered:
-            self._tell("There is no entry of this session to undo.")
+            self._tell("This session has no entry to undo.")
             return
         code = self._entered.pop()
         attempt = self._journal.state(code).attempt
         enter(self.folder, code, attempt, author=self.person, role="operator", outcome=None)
-        self._tell(f"The entry on {code} was taken back.")
+        self._tell(f"The entry on {code} was undone.")
         self.begin()
 
     def _again(self, note: str) -> None:
-        """Discard the trial that ended; it will be repeated."""
+        """Discard the last trial, so that it is repeated."""
         if self._shown.trial is not None:
             code = self._shown.trial.code
             self._journal.repeat(code, note, self.person)

@@ -1,8 +1,9 @@
-"""Signals of a trial from joint states alone: freeze, motion back and forth, closings of the jaw, repeated approaches.
+"""Trial signals from joint states only: freezes, back-and-forth motion, jaw closings and repeated approaches.
 
-A real arm has no contacts and no object poses in its records. Rest and motion are judged from the path of the tool,
-which forward kinematics of the twin give, with the rules of the simulated diagnosis (``diagnosis.analysis.paths``). A
-jaw that stops short of its command, or that has a load, holds an object. Every number is in ``diagnosis.thresholds``.
+Records of a real arm contain no contacts and no object poses. Rest and motion are judged from the tool's path, which is
+computed by the twin's forward kinematics, with the rules of the simulated diagnosis (``diagnosis.analysis.paths``). A
+jaw that stops before its commanded position, or has a load, holds an object. All thresholds are in
+``diagnosis.thresholds``.
 """
 
 from __future__ import annotations
@@ -53,9 +54,9 @@ JAW = SO101_MOTORS.index("gripper")
 class Grip(StrEnum):
     """Result of one closing motion of the jaw.
 
-    ``OBJECT``: the jaw stopped short of its command, or has a load. ``NOTHING``: no object fits between the jaws.
-    ``PRESET``: the jaw reached its command at an opening into which an object fits, without a load. ``UNKNOWN``: the
-    trial ended, or the jaw opened, before it had stopped.
+    ``OBJECT``: the jaw stopped before its commanded position, or has a load. ``NOTHING``: the opening is too small for
+    an object. ``PRESET``: the jaw reached its commanded position without a load, at an opening that fits an object.
+    ``UNKNOWN``: the trial ended, or the jaw opened again, before the jaw stopped.
     """
 
     OBJECT = "object"
@@ -69,17 +70,17 @@ class Closing:
     """One closing motion of the jaw.
 
     Attributes:
-        start_s: Time at which the jaw begins to close [s].
-        end_s: Time at which it has stopped.
-        opening: Opening at which it stopped, 0 closed to 100 open.
+        start_s: Time at which the jaw starts to close [s].
+        end_s: Time at which the jaw has stopped [s].
+        opening: Opening at which the jaw stopped, 0 closed to 100 open.
         grip: Result.
         x: Position of the tool when the jaw stopped [m], frame of the base.
         y: As ``x``.
         z: As ``x``.
-        let_go_s: Time at which the jaw opens again, None if it stays closed.
-        lost_s: Time at which a held object slipped out of the closed jaw, or None.
+        let_go_s: Time at which the jaw opens again [s]; None if it stays closed.
+        lost_s: Time at which a held object slipped out of the closed jaw [s], or None.
         lifted_m: Largest rise of the tool while the jaw is closed [m].
-        carried_m: Horizontal distance from the closing to the opening, or to the last row [m].
+        carried_m: Horizontal distance from the closing to the next opening, or to the last row [m].
         release_x: Position of the tool at ``let_go_s``, or at the last row.
         release_y: As ``release_x``.
     """
@@ -105,23 +106,23 @@ class Closing:
 
     @property
     def low(self) -> bool:
-        """Whether the tool was low enough to reach an object."""
+        """Whether the tool was low enough to grasp an object."""
         return self.z <= THRESHOLDS.attempt_height
 
     @property
     def is_attempt(self) -> bool:
-        """Whether the closing is a grasp: on an object or on nothing, low enough to reach one."""
+        """Whether the closing is a grasp attempt: low enough to grasp an object, with or without one in the jaw."""
         return self.grip in (Grip.OBJECT, Grip.NOTHING) and self.low
 
     @property
     def over_s(self) -> float:
-        """Time at which the closing was over: opened again, lost, or stopped."""
+        """End of the closing [s]: the jaw opened again, lost the object, or stopped."""
         return self.end_s if self.let_go_s is None and self.lost_s is None else (self.lost_s or self.let_go_s or 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Times at which a behavior begins and ends [s]."""
+    """Start and end time of a behavior [s]."""
 
     start_s: float
     end_s: float
@@ -132,8 +133,8 @@ class Approach:
     """Repeated descents of an empty gripper at one place.
 
     Attributes:
-        count: Number of descents, each of which was given up.
-        x: Mean place [m], frame of the base.
+        count: Number of descents, each broken off.
+        x: Mean position [m], base frame.
         y: As ``x``.
     """
 
@@ -146,17 +147,17 @@ class Approach:
 
 @dataclass(frozen=True, slots=True)
 class JointSignals:
-    """Signals of one trial.
+    """Joint signals of one trial.
 
     Attributes:
         duration_s: Duration of the trial [s].
-        reach_m: Largest distance of the tool from its start [m].
-        path_m: Length of the tool's path, without the flicker of the encoders [m].
-        freeze: Rest until the end of the trial, if it is long enough for a halt, or None.
-        to_and_fro: Motion of the empty gripper back and forth until the end, or None.
-        closings: Closings of the jaw in order of time.
-        repeated: Repeated approaches to one place without holding an object, or None.
-        load_known: Whether the load of the gripper's motor was reported.
+        reach_m: Largest distance of the tool from its initial position [m].
+        path_m: Length of the tool's path, without encoder noise [m].
+        freeze: Rest until the end of the trial if it is long enough to count as a halt, else None.
+        to_and_fro: Back-and-forth motion of the empty gripper until the end, or None.
+        closings: Jaw closings in order of time.
+        repeated: Repeated approaches to one place without an object in the jaw, or None.
+        load_known: Whether the robot reported the load of the gripper's motor.
         path: Tool positions of the resampled trial, (T, 3) [m], for tables and plots.
     """
 
@@ -172,12 +173,12 @@ class JointSignals:
 
     @property
     def moved(self) -> bool:
-        """Whether the arm left its start, or the jaw closed."""
+        """Whether the arm left its initial position, or the jaw closed."""
         return self.reach_m > HALT_RADIUS or bool(self.closings)
 
     @property
     def attempts(self) -> tuple[Closing, ...]:
-        """Closings that are grasps."""
+        """Closings that are grasp attempts."""
         return tuple(closing for closing in self.closings if closing.is_attempt)
 
     @property
@@ -187,20 +188,20 @@ class JointSignals:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the tool is at rest at the end of the trial, for the time that a finished policy must keep still."""
+        """Whether the tool rests at the end of the trial for at least the time required of a finished policy."""
         return self.freeze is not None and self.freeze.end_s - self.freeze.start_s >= THRESHOLDS.settle_time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointTrack:
-    """Joint states at an even rate.
+    """Joint states, resampled at a constant rate.
 
     Attributes:
         rate_hz: Rate of the rows [Hz].
         arm: (T, 5) joint angles [rad].
         opening: (T,) opening of the jaw, 0 closed to 100 open.
         asked: (T,) commanded opening.
-        load: (T,) size of the load of the gripper's motor as a fraction of its maximum; NaN where it is not known.
+        load: (T,) absolute load of the gripper's motor as a fraction of its maximum; NaN if unknown.
     """
 
     rate_hz: float
@@ -211,7 +212,7 @@ class JointTrack:
 
     @classmethod
     def of(cls, samples: Samples, *, unit: Unit, rate_hz: float) -> JointTrack:
-        """Return the states of a trial, resampled evenly: control steps may be late.
+        """Return the states of a trial at a constant rate, because control steps may be late.
 
         Raises:
             InvalidInputError: If there are fewer than two rows.
@@ -234,19 +235,19 @@ class JointTrack:
         return times
 
     def steps(self, seconds: float) -> int:
-        """Return the number of rows in a time, at least one."""
+        """Return the number of rows in a duration, at least one."""
         return steps_in(seconds, self.rate_hz)
 
 
 def _resampled(at: Floats, time: Floats, values: Floats) -> Floats:
-    """Return values (T, n) at other times, by linear interpolation; values next to an unknown one are unknown."""
+    """Interpolate values (T, n) linearly at other times; values next to an unknown value (NaN) are unknown."""
     made: Floats = np.stack([np.interp(at, time, column) for column in values.T], axis=1)
     return made
 
 
 @functools.cache
 def _kinematics() -> Callable[[Sequence[float]], tuple[float, float, float]]:
-    """Return the forward kinematics of the twin: tool position [m] in the frame of the base, of five angles [rad]."""
+    """Return the twin's forward kinematics: from five angles [rad] to the tool position in the base frame [m]."""
     solver = ArmIK(robot(ROBOT))
 
     def place(angles: Sequence[float]) -> tuple[float, float, float]:
@@ -257,13 +258,13 @@ def _kinematics() -> Callable[[Sequence[float]], tuple[float, float, float]]:
 
 
 def tool_path(arm: Floats) -> Floats:
-    """Return tool positions (T, 3) [m], frame of the base, of joint angles (T, 5) [rad]."""
+    """Return the tool positions (T, 3) in the base frame [m] for joint angles (T, 5) [rad]."""
     place = _kinematics()
     return np.array([place(angles) for angles in arm.tolist()]).reshape(-1, 3)
 
 
 def signals_of(track: JointTrack) -> JointSignals:
-    """Return the signals of a trial."""
+    """Compute the signals of a trial."""
     tool = _steady(tool_path(track.arm), track)
     closings = _closings(track, tool)
     freeze = _freeze(track, tool, closings)
@@ -284,7 +285,7 @@ def signals_of(track: JointTrack) -> JointSignals:
 
 
 def _steady(tool: Floats, track: JointTrack) -> Floats:
-    """Return the path averaged over ``stillness_window``, which removes the flicker of the encoders."""
+    """Return the path averaged over ``stillness_window``, which removes encoder noise."""
     half = track.steps(THRESHOLDS.stillness_window) // 2
     if not half or len(tool) <= 2 * half:
         return tool
@@ -303,9 +304,9 @@ def _span(track: JointTrack, first: int, last: int) -> Span:
 
 
 def _freeze(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Span | None:
-    """Return the rest until the end: still for ``halt_time``, or trembling in place for ``tremble_time``.
+    """Return the final rest of the arm: still for ``halt_time``, or trembling in place for ``tremble_time``.
 
-    A jaw that closes or opens has not halted.
+    An arm whose jaw closes or opens has not halted.
     """
     still = still_rows(tool, track.rate_hz)
     busy = max((track.steps(c.let_go_s or c.end_s) + track.steps(THRESHOLDS.stop_time) for c in closings), default=0)
@@ -322,17 +323,17 @@ def _freeze(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Spa
 
 
 def _to_and_fro(track: JointTrack, tool: Floats, first: int) -> Span | None:
-    """Return the motion of the empty gripper back and forth until the end."""
+    """Return the back-and-forth motion of the empty gripper until the end, or None."""
     if len(tool) - first < track.steps(THRESHOLDS.halt_time):
         return None
-    # One position per window, because the flicker of the encoders adds up to a path.
+    # one position per window, because encoder noise would add up along the path
     every = track.steps(THRESHOLDS.stillness_window)
     begins = to_and_fro_from(tool[first::every], track.rate_hz / every)
     return None if begins is None else _span(track, first + begins * every, len(tool) - 1)
 
 
 def _repeated(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Approach | None:
-    """Return the largest group of at least ``returns`` descents at one place that held no object."""
+    """Return the largest group of at least ``returns`` descents at one place without an object in the jaw."""
     free = np.ones(len(tool), dtype=np.bool_)
     for closing in closings:
         if closing.holds:
@@ -354,7 +355,7 @@ def _ends(span: Span) -> tuple[float, float]:
 
 
 def _descents(height: Floats) -> list[int]:
-    """Return the lowest row of each descent by ``risen_again`` after which the tool rises as much again."""
+    """Return the lowest row of each descent by at least ``risen_again`` that is followed by an equal rise."""
     found: list[int] = []
     top, low, falling = float(height[0]), 0, False
     for row, z in enumerate(height.tolist()):
@@ -374,7 +375,7 @@ def _descents(height: Floats) -> list[int]:
 
 
 def _closings(track: JointTrack, tool: Floats) -> tuple[Closing, ...]:
-    """Return the closings: falls of the opening by ``jaw_moves`` after which the jaw stops."""
+    """Return the closings: decreases of the opening by ``jaw_moves`` after which the jaw stops."""
     found = []
     opening = track.opening
     for start, end in _falls(track):
@@ -405,9 +406,9 @@ def _closings(track: JointTrack, tool: Floats) -> tuple[Closing, ...]:
 
 
 def _falls(track: JointTrack) -> list[tuple[int, int]]:
-    """Return the first row of each closing, and the row at which the jaw has stopped.
+    """Return the first row of each closing, and the row at which the jaw stops.
 
-    A jaw that pauses and closes on belongs to one closing if the pause is shorter than ``chatter_time``.
+    A pause shorter than ``chatter_time`` does not end a closing.
     """
     opening = track.opening
     pause, found = track.steps(THRESHOLDS.chatter_time), list[tuple[int, int]]()
@@ -428,13 +429,13 @@ def _falls(track: JointTrack) -> list[tuple[int, int]]:
 
 
 def _begins(opening: Floats, top: int, row: int) -> int:
-    """Return the last row before a fall at which the jaw was still within its backlash of the top."""
+    """Return the last row before a closing at which the jaw was within its backlash of the open position."""
     fallen = np.flatnonzero(opening[top : row + 1] >= opening[top] - JAW_RESTS)
     return top + int(fallen[-1])
 
 
 def _stops(track: JointTrack, row: int) -> int:
-    """Return the first row from which the opening falls no further within ``stop_time``."""
+    """Return the first row after which the opening does not decrease within ``stop_time``."""
     opening, window = track.opening, track.steps(THRESHOLDS.stop_time)
     for end in range(row, len(opening)):
         after = opening[end : end + window + 1]
@@ -444,7 +445,7 @@ def _stops(track: JointTrack, row: int) -> int:
 
 
 def _grip(track: JointTrack, end: int) -> Grip:
-    """Return what the jaw closed on, from the opening, the command and the load while it stays closed."""
+    """Return the result of a closing from the opening, the command and the load while the jaw stays closed."""
     opens = _opens_after(track.opening, end)
     stop = min(len(track.opening), end + track.steps(THRESHOLDS.stop_time) + 1, *(() if opens is None else (opens,)))
     rows = slice(end, max(stop, end + 1))
@@ -464,14 +465,14 @@ def _grip(track: JointTrack, end: int) -> Grip:
 
 
 def _opens_after(opening: Floats, row: int) -> int | None:
-    """Return the first row after another at which the jaw has opened by ``jaw_moves`` from its narrowest, or None."""
+    """Return the first later row at which the jaw has opened by ``jaw_moves`` from its narrowest, or None."""
     low = np.minimum.accumulate(opening[row:])
     wider = np.flatnonzero(opening[row:] >= low + JAW_MOVES)
     return row + int(wider[0]) if wider.size else None
 
 
 def _lost(track: JointTrack, end: int, opens: int | None) -> int | None:
-    """Return the row at which a jaw that held an object falls shut, or None."""
+    """Return the row at which a jaw with an object closes further because the object is lost, or None."""
     stop = len(track.opening) if opens is None else opens
     shut: Bools = track.opening[end:stop] <= min(JAW_SHUT, float(track.opening[end]) - JAW_MOVES)
     lasting = [a for a, b in runs_of(shut) if b - a >= min(track.steps(FLICKER_TIME), stop - end - a)]

@@ -1,4 +1,4 @@
-"""The twin of a trial's scene, for the operator: the places of its objects, and the front camera's image of it."""
+"""Simulated twin of a trial's scene for the operator: object positions and the image of the front camera."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ class SetupStep:
 
     Attributes:
         name: Name of the object.
-        title: Its title ("red block").
-        place: "table", the name of the container that holds it, or "absent".
-        position_m: Point of the table below its center, in the arm's base frame: x ahead, y left; None if absent.
-        text: Sentence for the operator.
+        title: Displayed name ("red block").
+        place: "table", the name of the container with the object, or "absent".
+        position_m: Point on the table below the object's center, in the arm's base frame: x ahead, y left; None if
+            absent.
+        text: Instruction in one sentence.
     """
 
     name: str
@@ -38,13 +39,13 @@ class SetupStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwinView:
-    """Image of the twin's front camera.
+    """Front camera image of the twin.
 
     Attributes:
         image: (height, width, 3) uint8 RGB.
-        masks: (height, width) bool of the visible part of each object, by name.
-        pixels_per_m: (2, 2) motion in the image [pixel] per meter along x and y of the table, by name.
-        cloth: Color of the tablecloth, or an empty text without one.
+        masks: (height, width) bool mask of the visible part of each object, by name.
+        pixels_per_m: (2, 2) image displacement [pixel] per meter along x and y of the table, by object name.
+        cloth: Color of the tablecloth, or an empty string without one.
     """
 
     image: np.ndarray
@@ -54,10 +55,10 @@ class TwinView:
 
 
 class Twin:
-    """Builder of the twin's scenes and images; only one thread, which renders, may use it."""
+    """Builder of twin scenes and their images; it may be used only by the rendering thread."""
 
     def __init__(self, plan: RealPlan, *, size: tuple[int, int], quality: str = "standard") -> None:
-        """Prepare for images of a size (width, height) [pixel]."""
+        """Store the plan and the image size (width, height) [pixel]."""
         self._plan, self.size, self._quality = plan, size, quality_preset(quality)
         self._renderers = Renderers(1)
         self._key: tuple[str, int] | None = None
@@ -81,11 +82,11 @@ class Twin:
         return self._scene
 
     def cloth(self, trial: PlannedTrial) -> str:
-        """Return the color of the tablecloth, or an empty text without one."""
+        """Return the color of the tablecloth, or an empty string without one."""
         return resolve_condition(self._plan.task, trial.condition).condition.cloth or ""
 
     def steps(self, trial: PlannedTrial) -> tuple[SetupStep, ...]:
-        """Return what to do with each object of the task, absent ones last."""
+        """Return the setup instruction for each object of the task, with absent objects last."""
         scene = self.scene(trial)
         condition, state = scene.condition, scene.reset(check_premise=False)
         known = {o.name: o for c in scene.task.training for o in c.objects}
@@ -109,7 +110,7 @@ class Twin:
         return (*found, *absent)
 
     def view(self, trial: PlannedTrial) -> TwinView:
-        """Return the image of a trial's initial scene."""
+        """Render a trial's initial scene."""
         scene = self.scene(trial)
         if self._view is None:
             scene.reset(check_premise=False)
@@ -123,7 +124,7 @@ class Twin:
         return self._view
 
     def _motions(self, scene: Scene) -> dict[str, np.ndarray]:
-        """Return the motion in the image per meter along the table, for each object."""
+        """Return the image displacement per meter along the table for each object."""
         camera = camera_matrices(scene.model, scene.data, FRONT, width=self.size[0], height=self.size[1])
         state = scene.state()
         found = {}

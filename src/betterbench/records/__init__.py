@@ -3,7 +3,7 @@
 - ``record``, ``metadata``, ``columns``, ``parquet``: the log of one episode and its file; ``builder`` creates it step
   by step.
 - ``run``, ``journal``, ``scene_archive``: a run's folder, its finished trials, and its compiled scenes.
-- ``demonstration``, ``segmenting``, ``twins``: additional data of demonstrations.
+- ``demonstration``, ``segmenting``, ``twins``: data stored only with demonstrations.
 - ``modalities``: files with images, depth, masks and boxes of recorded states.
 
 Each public name is imported from its module at first use: a process that renders modalities needs no tasks and no

@@ -1,4 +1,4 @@
-"""Arrays of equal length as a Parquet file: one column per array, rows of numbers as lists of fixed size."""
+"""Parquet files of arrays with equal length: one column per array, with fixed-size lists for rows of numbers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.json_form import read_bounded
 from betterbench.records.parquet import COMPRESSION_LEVEL
 
 MAX_BYTES = 1 << 28
-"""Largest file that is read [byte]."""
+"""Maximum size of a file to read [byte]."""
 
 _KINDS = {"number": (pa.float64(), np.float64), "boolean": (pa.bool_(), np.bool_)}
 
@@ -25,7 +25,7 @@ Column = tuple[str, int]
 
 
 def array_bytes(columns: Mapping[str, Column], arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Return a Parquet file (zstd) of arrays, each (rows,) or (rows, width); the same arrays give the same bytes."""
+    """Encode arrays, each (rows,) or (rows, width), as a Parquet file (zstd); equal arrays give equal bytes."""
     schema = pa.schema([(name, _type(column)) for name, column in columns.items()])
     made = []
     for name, (kind, width) in columns.items():
@@ -38,7 +38,7 @@ def array_bytes(columns: Mapping[str, Column], arrays: Mapping[str, np.ndarray])
 
 
 def read_arrays(path: Path, columns: Mapping[str, Column], *, cure: str) -> dict[str, np.ndarray]:
-    """Return the arrays of a file by name, (rows,) or (rows, width); numbers may be NaN.
+    """Read the arrays of a file by name, (rows,) or (rows, width); numbers may be NaN.
 
     Raises:
         RecordError: If the file cannot be read, or a column is missing, has another kind or has empty cells.

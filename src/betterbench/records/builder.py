@@ -1,4 +1,4 @@
-"""Builder of a record, one control step at a time."""
+"""Incremental construction of a record, one control step at a time."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _FLOAT64 = np.dtype(np.float64)
 
 
 class RecordBuilder:
-    """Builder that collects the states of one episode.
+    """Builder of a record from the states of one episode.
 
-    Appending copies the simulator's arrays and keeps a reference to the state, which is a frozen value. All conversion
-    happens in :meth:`finish`, so appending takes only a few microseconds per control step.
+    Appending copies the simulator's arrays and stores a reference to the immutable state. All conversion happens in
+    :meth:`finish`, so appending takes only a few microseconds per control step.
 
     Raises:
         InvalidInputError: If the metadata cannot be written as JSON or has another schema version.
@@ -55,12 +55,12 @@ class RecordBuilder:
 
     @property
     def states(self) -> tuple[WorldState, ...]:
-        """The appended states."""
+        """All states appended so far."""
         return tuple(self._states)
 
     @property
     def actions(self) -> npt.NDArray[np.float64]:
-        """The appended actions, shape (rows after the first, dim)."""
+        """All actions appended so far, shape (number of rows - 1, dim)."""
         size, end = self._no_action.nbytes, len(self._rows[0]) - self._no_action.nbytes if self._rows else 0
         asked = b"".join([row[end - size : end] for row in self._rows[1:]])
         return np.frombuffer(asked).reshape(-1, len(self._no_action))
@@ -75,7 +75,7 @@ class RecordBuilder:
         forbidden: bool = False,
         **given: npt.NDArray[Any] | None,
     ) -> None:
-        """Append one row and its relations; raises the errors of :meth:`append_state` and :meth:`append_truth`."""
+        """Append one row with its relations; raise the errors of :meth:`append_state` and :meth:`append_truth`."""
         self._check_truths(predicates, subgoals)
         self.append_state(state, **given)  # type: ignore[arg-type]
         self.append_truth(predicates=predicates, subgoals=subgoals, goal=goal, forbidden=forbidden)
@@ -91,11 +91,11 @@ class RecordBuilder:
         action: npt.NDArray[np.floating] | None = None,
         applied: npt.NDArray[np.floating] | None = None,
     ) -> None:
-        """Append one row, which is the state at reset or the state after an action.
+        """Append one row: the state at reset, or the state after an action.
 
         The arrays ``qpos`` (nq,), ``qvel`` (nv,), ``ctrl`` (nu,) and the activations ``act`` (na,) are copied;
-        activations are part of the physical state. ``action`` is the policy's answer and ``applied`` its clipped form,
-        both (dim,). Both are None only at reset.
+        activations are part of the physical state. ``action`` is the policy's action and ``applied`` the action after
+        clipping, both (dim,). They are None only at reset.
 
         Raises:
             InvalidInputError: If the step is out of order or an array changes its shape.
@@ -129,10 +129,10 @@ class RecordBuilder:
     def append_truth(
         self, *, predicates: Sequence[bool] = (), subgoals: Sequence[bool] = (), goal: bool, forbidden: bool = False
     ) -> None:
-        """Append the relations of the first row that lacks them, in metadata order.
+        """Append the relations of the first row without relations, in metadata order.
 
         Raises:
-            InvalidInputError: If a truth value is missing, or every row already has its relations.
+            InvalidInputError: If a value is missing, or every row already has its relations.
         """
         self._check_truths(predicates, subgoals)
         if len(self._truths) >= len(self._states):
@@ -149,7 +149,7 @@ class RecordBuilder:
         clipped_actions: int = 0,
         invalid_actions: int = 0,
     ) -> Record:
-        """Return the episode record; the arguments are the same as for :class:`Outcome`.
+        """Return the finished record; the arguments are those of :class:`Outcome`.
 
         Raises:
             InvalidInputError: If there are no rows, a row lacks its relations, a state does not list the scene's
@@ -219,7 +219,7 @@ class RecordBuilder:
         return columns
 
     def _held(self) -> npt.NDArray[np.int16]:
-        """Return the held object's index in every row, or -1."""
+        """Return the index of the held object in every row, or -1."""
         index = {o.name: i for i, o in enumerate(self._info.objects)}
         held = [-1 if s.held is None else index.get(s.held, -2) for s in self._states]
         if -2 in held:
@@ -229,12 +229,12 @@ class RecordBuilder:
         return np.array(held, dtype=np.int16)
 
     def _check_scene(self, state: WorldState) -> None:
-        """Raise InvalidInputError if a state belongs to another scene than the metadata."""
+        """Raise InvalidInputError if a state does not belong to the scene of the metadata."""
         if state.info != self._info:
             raise InvalidInputError(
                 "state.info", "differs from the scene of the metadata", "Use the same SceneInfo for both"
             )
-        self._info = state.info  # makes the next comparison a fast identity check
+        self._info = state.info  # so that the next comparison is a fast identity check
 
     def _check_truths(self, predicates: Sequence[bool], subgoals: Sequence[bool]) -> None:
         """Raise InvalidInputError if the number of truth values differs from the metadata."""
@@ -244,7 +244,7 @@ class RecordBuilder:
             raise InvalidInputError("predicates, subgoals", problem, cure)
 
     def _attend(self, simulator: tuple[npt.NDArray[np.float64], ...]) -> None:
-        """Check the simulator's arrays at first use in an episode; raise InvalidInputError if a shape has changed."""
+        """Check the shapes of the simulator's arrays; raise InvalidInputError if a shape changes during the episode."""
         shapes = tuple(a.shape for a in simulator)
         for name, shape, known in zip(_SIMULATOR_ROWS, shapes, self._shapes or shapes, strict=True):
             if len(shape) != 1:
@@ -265,10 +265,10 @@ class RecordBuilder:
 
 
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
-    """Return one value per row as an array (T, *shape). Raises ValueError for a wrong shape.
+    """Return the values of all rows as an array (T, *shape). Raises ValueError for a wrong shape.
 
-    Nested values are flattened first; this takes a third of the time that NumPy needs to find their shape. A value
-    that is identical to the previous row, as for objects at rest, is flattened only once.
+    Nested values are flattened first, which takes a third of the time that NumPy needs to find their shape. A value
+    that is the same object as in the previous row, as for objects at rest, is flattened only once.
     """
     new = [0, *compress(range(1, len(values)), map(is_not, values[1:], values))]
     flat: Iterable[Any] = [values[i] for i in new]
@@ -283,7 +283,7 @@ def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.flo
 
 
 def _collect_contacts(states: Sequence[WorldState]) -> tuple[tuple[str, ...], Contacts]:
-    """Return the names of all touching bodies, in order of appearance, and the contacts in all states."""
+    """Return the names of all bodies in contact, in order of appearance, and the contacts of all states."""
     found = list(chain.from_iterable(state.contacts for state in states))
     first, second, forces = zip(*found, strict=True) if found else ((), (), ())
     index = {name: i for i, name in enumerate(dict.fromkeys(chain.from_iterable(zip(first, second, strict=True))))}

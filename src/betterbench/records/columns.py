@@ -1,4 +1,4 @@
-"""Columns of a record and their Parquet form."""
+"""Columns of a record, and their conversion to and from Parquet."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Column(NamedTuple):
     """One column of a record, named like its field and its Parquet column.
 
     Attributes:
-        kind: Type of each number.
+        kind: Data type of each number.
         width: Name of the width, or None for one number per row.
-        tail: Numbers per item of the width (3 for a position).
+        tail: Number of values per item of the width (3 for a position).
     """
 
     name: str
@@ -68,7 +68,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("goal", "bool"),
     Column("forbidden", "bool"),
 )
-"""All columns with one value per row and width. Contacts are stored separately, because their number varies."""
+"""All columns with a fixed number of values per row. Contacts are stored separately, because their number varies."""
 
 CONTACTS = "contacts"
 """Name of the Parquet column with the contacts of each row."""
@@ -83,7 +83,7 @@ _CONTACT_FIELDS = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts:
-    """The touching pairs of all rows, concatenated.
+    """Contact pairs of all rows, concatenated.
 
     Attributes:
         offsets: (T + 1,) int32; the pairs of row ``t`` are ``offsets[t]`` to ``offsets[t + 1]``.
@@ -97,7 +97,7 @@ class Contacts:
 
 
 def arrow_schema(widths: Widths) -> pa.Schema:
-    """Return the Parquet schema for these widths; columns of width zero are omitted."""
+    """Return the Parquet schema for given widths; columns of width zero are omitted."""
     fields = []
     for column in COLUMNS:
         number = _NUMBERS[column.kind]
@@ -113,7 +113,7 @@ def arrow_schema(widths: Widths) -> pa.Schema:
 
 
 def to_table(arrays: Mapping[str, npt.NDArray[np.generic]], contacts: Contacts, widths: Widths) -> pa.Table:
-    """Return the Parquet form of a record's columns."""
+    """Convert a record's columns to a Parquet table."""
     schema = arrow_schema(widths)
     parts: list[pa.Array] = []
     for field in schema:
@@ -136,7 +136,7 @@ def to_table(arrays: Mapping[str, npt.NDArray[np.generic]], contacts: Contacts, 
 
 
 def from_table(table: pa.Table, widths: Widths, bodies: int) -> tuple[dict[str, npt.NDArray[np.generic]], Contacts]:
-    """Return a record's columns by name, and the contacts, from a table that matches ``arrow_schema(widths)``.
+    """Convert a table with the schema ``arrow_schema(widths)`` to a record's columns by name, and its contacts.
 
     Raises:
         RecordError: If an index is out of range.

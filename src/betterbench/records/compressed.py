@@ -1,4 +1,4 @@
-"""Compressed blocks of bytes for frequent individual reads, with LZ4, which decompresses fastest."""
+"""Compression of byte blocks that are read often and individually, with LZ4, which decompresses fastest."""
 
 from __future__ import annotations
 

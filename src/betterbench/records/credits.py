@@ -9,7 +9,7 @@ from typing import Protocol
 from betterbench.records.run import RunFolder
 
 LIBRARY_CREDIT = "betterbench procedural library, Apache-2.0"
-"""Credit for all objects made by our generators, according to the license file of the project."""
+"""Credit for all generated objects, as in the project's license file."""
 
 
 class CreditedObject(Protocol):
@@ -42,7 +42,7 @@ class AssetCredit:
 
     @property
     def text(self) -> str:
-        """Credit in one line."""
+        """Credit line."""
         return f"{self.asset}: {self.source}; license {self.license}"
 
 

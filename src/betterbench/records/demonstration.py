@@ -12,11 +12,10 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import strict_form
 
 DemonstratorKind = Literal["expert", "amplified", "teleoperated"]
-"""Kind of demonstrator: a privileged expert, other demonstrations adapted to a new initial state, or a person."""
+"""Kind of demonstrator: a privileged expert, a method that adapts other demonstrations, or a person."""
 
 SkillKind = Literal["pick", "place", "slide", "miss"]
-"""Kind of skill: pick an object, place it, slide it along its rails, or miss (close and open the gripper on
-nothing)."""
+"""Kind of skill: pick an object, place it, slide it along its rails, or miss (close and open the empty gripper)."""
 
 _Row = Annotated[int, Field(ge=0)]
 
@@ -59,8 +58,8 @@ class SkillWindow:
     """Rows in which the gripper is near an object in order to pick, place or slide it.
 
     Attributes:
-        kind: Effect on the object.
-        object: Object name; for a miss, the object that was picked next, or "".
+        kind: Kind of skill.
+        object: Object name; for a miss, the object picked next, or "".
         target: Target of the placement, or "" if no subgoal has this target.
         relation: Relation to the target, or "" without a target.
         region: Region of the target, or "" if it has only one.

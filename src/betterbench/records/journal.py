@@ -1,8 +1,8 @@
-"""Run journal with one line per finished trial, the only source for resuming a run.
+"""Run journal with one line per finished trial, which alone determines how a run resumes.
 
-Each line contains its record's SHA-256, its scene's digest, and a link (the SHA-256 of the previous link and the line
-itself). The links detect changed, missing or reordered lines. Journals of older versions lack the scene digest, or all
-three.
+Each line contains the SHA-256 of its record, the digest of its scene, and a hash link (the SHA-256 of the previous link
+and the line). Links reveal changed, missing or reordered lines. Journals of older versions lack the scene digest, or
+all three.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ TrialStatus = Literal["done", "error"]
 
 @dataclass(frozen=True, slots=True)
 class JournalEntry:
-    """One finished trial.
+    """Journal entry of one finished trial.
 
     Attributes:
         condition: Condition name within the task ("train1", "L3").
         status: "done" if its record is on disk, "error" if the trial must be repeated.
         message: Description of the failure, for "error".
         wall: Wall-clock figures by name with their unit ("duration_s", "policy_latency_p50_s"); records contain none.
-        ground_truth: Ground truth that a faulty policy reports about its own episode, by name; not used by records or
-            verdicts.
+        ground_truth: Ground truth that a faulty policy reports about its own episode, by name; it affects neither
+            records nor verdicts.
         record: SHA-256 of the record file, or None if there is no record or an older version wrote the line.
-        scene: Digest of the scene's files (:func:`~betterbench.records.scene_archive.scene_digest`), or None in the
-            same cases.
+        scene: Digest of the scene's files (:func:`~betterbench.records.scene_archive.scene_digest`), or None if there
+            is no record or an older version wrote the line.
     """
 
     task: str
@@ -60,7 +60,7 @@ _Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
-    """JSON representation of an entry. All fields are written; journals of older versions have no ground truth."""
+    """JSON form of an entry. All fields are written; journals of older versions have no ground truth."""
 
     task: str
     condition: str
@@ -126,7 +126,7 @@ class Journal(LineJournal):
         self._append(entry)
 
     def reopen(self, key: TrialId, reason: str) -> None:
-        """Append a line which states that a finished trial without a usable record must be repeated.
+        """Append a line that marks a finished trial without a usable record for repetition.
 
         Raises the same errors as :meth:`append`. Does nothing if the trial is not finished.
         """
@@ -161,7 +161,8 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
     for number, line in enumerate(lines, start=1):
         where = f"{path}: line {number}"
         form = read_form(_LINE, line, where=f"{where} is corrupt", cure=_LINE_CURE, raises=RecordError)
-        fields = form.model_dump(exclude_unset=True)  # the link covers only the fields of the version that wrote it
+        # the link covers only the fields that existed in the version that wrote the line
+        fields = form.model_dump(exclude_unset=True)
         told = fields.pop("link", None)
         if told is not None or link:
             link = link_after(link, fields)

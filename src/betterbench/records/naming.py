@@ -1,4 +1,4 @@
-"""Unique names for several runs shown together."""
+"""Unique display names for runs that are shown together."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
 
 
 def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
-    """Return unique names. Equal names get the run folder, and then a number if necessary."""
+    """Make names unique by adding the run folder to equal names, and then a number if necessary."""
     counts = Counter(names)
     named = [
         name if counts[name] == 1 else f"{name} ({Path(place).resolve().name if str(place) else number})"
@@ -58,7 +58,7 @@ def _declared(run: RunFolder) -> str:
 
 
 def _shown(name: object) -> str:
-    """Return an external name as one line of bounded length, or an empty string for an invalid name."""
+    """Return an untrusted name as one line of bounded length, or an empty string for an invalid name."""
     line = "".join(c if c.isprintable() else " " for c in name).strip() if isinstance(name, str) else ""
     return line if len(line) <= MOST_CHARACTERS else f"{line[: MOST_CHARACTERS - 1]}…"
 

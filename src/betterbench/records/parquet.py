@@ -26,11 +26,12 @@ METADATA_KEY = b"betterbench"
 """Key for the JSON document in the Parquet schema metadata."""
 
 SEAL_KEY = b"betterbench.sha256"
-"""Key for the SHA-256 of the complete file, computed with the digest itself set to zeros."""
+"""Key for the SHA-256 of the complete file, computed with the digest replaced by zeros."""
 
 COMPRESSION_LEVEL = 1
-"""Level of zstd. Its default, 3, saves less than 1 % of an episode and takes a fifth longer; level 9 takes more than
-twice as long. Byte stream split for the arm's floats made 17 of 18 episodes larger, by 4 % in the median."""
+"""Compression level of zstd. The default level 3 makes an episode less than 1 % smaller and takes a fifth longer; level
+9 takes more than twice as long. Byte stream split for the arm's floats made 17 of 18 episodes larger, by 4 % in the
+median."""
 
 NO_DIGEST = b"0" * 64
 """Placeholder for the digest in a file that is not sealed yet."""
@@ -38,10 +39,10 @@ NO_DIGEST = b"0" * 64
 _SEAL = re.compile(re.escape(SEAL_KEY) + rb"\x18\x40([0-9a-f]{64})")
 
 MAX_FILE_BYTES = 1 << 30
-"""Largest file that is read [bytes]. An episode of an hour at 60 kB/s takes 0.2 GiB."""
+"""Maximum size of a file to read [bytes]. A one-hour episode at 60 kB/s has 0.2 GiB."""
 
 MAX_UNPACKED_BYTES = 2 << 30
-"""Largest total size of all columns after decompression [bytes]. An hour with 500 numbers per row takes 0.3 GB."""
+"""Maximum total size of all columns after decompression [bytes]. One hour with 500 numbers per row has 0.3 GB."""
 
 
 _CURE = "Record the trial again"
@@ -109,7 +110,7 @@ class _TrialOnly(BaseModel, strict=True):
 
 
 class RecordBrief(BaseModel):
-    """Trial, assets and outcome of a record, which can be compared without reading the columns."""
+    """Trial, assets and outcome of a record, which can be read without the columns."""
 
     metadata: _TrialOnly
     outcome: Outcome
@@ -119,7 +120,7 @@ _DOCUMENT, _VERSION, _BRIEF = TypeAdapter(_Document), TypeAdapter(_VersionOnly),
 
 _PLACE = f"Give a record of a run, RUN/records/TASK/CONDITION/SEED.parquet. {AGAIN}"
 _WHOLE = f"Copy it again from an intact source. {AGAIN}"
-"""Remedy for a truncated or changed record. Resuming a run moves such a record aside and does not delete it."""
+"""Remedy for a truncated or changed record. A resumed run moves such a record aside instead of deleting it."""
 _MAGIC = b"PAR1"
 
 
@@ -155,14 +156,14 @@ def record_bytes(record: Record) -> bytes:
 
 
 def seal(data: bytes) -> bytes:
-    """Insert the digest into a record file. Raises RecordError if the file lacks the placeholder."""
+    """Insert the digest into a record file. Raises RecordError if the file has no placeholder."""
     start, end = _seal_span(data)
     blank = data[:start] + NO_DIGEST + data[end:]
     return data[:start] + hashlib.sha256(blank).hexdigest().encode("ascii") + data[end:]
 
 
 def _seal_span(data: bytes) -> tuple[int, int]:
-    """Return the span of the digest in the file. Raises RecordError unless the digest occurs exactly once."""
+    """Return the byte range of the digest in the file. Raises RecordError unless the digest occurs exactly once."""
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
         raise RecordError(f"is damaged or not a record. {_PLACE}")
@@ -188,23 +189,23 @@ def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
     """Read only the outcome of a record's episode, which is fast.
 
     Raises:
-        RecordError: As :func:`read_record`, with fewer checks.
+        RecordError: The errors of :func:`read_record`, but with fewer checks.
     """
     return read_brief(path, digest=digest).outcome
 
 
 def read_brief(path: Path, *, digest: str | None = None) -> RecordBrief:
-    """Read the trial and a record's outcome; raise the errors of :func:`read_outcome`."""
+    """Read the trial and the outcome of a record; raise the errors of :func:`read_outcome`."""
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
         return read_form(_BRIEF, _document_bytes(file), where="metadata", cure=_CURE, sealed=True)
 
 
 def _intact(path: Path, digest: str | None) -> bytes:
-    """Return the content of a record's file. Raises RecordError if it is too large, damaged, or not as expected."""
+    """Return the content of a record file. Raises RecordError if it is too large, damaged, or has another digest."""
     data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure=_PLACE, raises=RecordError)
     if not data.endswith(_MAGIC) and (digest is not None or data.startswith(_MAGIC)):
         raise RecordError(f"is damaged (its end is missing). {_WHOLE}")
-    # the Parquet reader is native code that can crash on damaged files, so it only reads intact files
+    # the Parquet reader is native code that may crash on damaged files, so check the digest first
     try:
         intact = seal(data) == data
     except RecordError:

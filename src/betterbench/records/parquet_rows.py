@@ -1,4 +1,4 @@
-"""Reader for rows of Parquet files from other programs, which reads large cells on demand."""
+"""Reader for Parquet files written by other programs, which loads large cells on demand."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CURE = "Download the file again"
 
 
 class ParquetRows:
-    """Parquet file from another program, which several threads may read.
+    """Parquet file written by another program; several threads may read it.
 
     Only one row group of one column is held in memory, so that files with embedded images can be larger than memory.
     """

@@ -55,7 +55,7 @@ _HASH = re.compile(r"[0-9a-f]{8,128}")
 
 @growing_form
 class _PolicyChange(TypedDict):
-    """Record that a run was continued with another policy, with the time."""
+    """Note that a run was continued with another policy, with the time."""
 
     policy: dict[str, Any]
     trials_before: NotRequired[Annotated[int, Field(ge=0)]]
@@ -85,7 +85,7 @@ _RUN_DOCUMENT = TypeAdapter(_RunDocument)
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """Folder of one run.
+    """Folder of one evaluation run.
 
     ``plan`` defines the run, which can only be resumed with the same plan. ``context`` is further information that may
     differ on resuming, such as the machine and the policy handshake.
@@ -97,7 +97,7 @@ class RunFolder:
     _planned: Mapping[TrialId, Mapping[str, Any]] | None = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Make the path absolute, so that a later change of the working directory does not move the run."""
+        """Make the path absolute, so that it stays valid if the working directory changes."""
         object.__setattr__(self, "path", self.path.absolute())
         object.__setattr__(self, "_planned", _planned(self.plan))
 
@@ -195,7 +195,7 @@ class RunFolder:
         return is_locked(self.path / LOCK_NAME)
 
     def amended(self, changes: Mapping[str, Any]) -> RunFolder:
-        """Return the run after adding information to its context.
+        """Add information to the context, and return the updated run.
 
         Raises:
             RunConflictError: If a process is writing to the run.
@@ -215,7 +215,7 @@ class RunFolder:
         return True
 
     def _grown(self, plan: Mapping[str, Any]) -> RunFolder:
-        """Write a plan that extends the current plan, and return the run."""
+        """Write a plan that extends the current one, and return the updated run."""
         done = sum(entry.status == "done" for entry in self.entries())
         at_utc = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         step = {"at_utc": at_utc, "trials_before": len(self.plan["trials"]), "done_before": done}
@@ -223,7 +223,7 @@ class RunFolder:
         return self._rewritten(plan, context)
 
     def _rewritten(self, plan: Mapping[str, Any], context: Mapping[str, Any]) -> RunFolder:
-        """Write ``run.json`` with another plan or context, and return the run."""
+        """Write ``run.json`` with a new plan or context, and return the updated run."""
         form = _plain({"plan": dict(plan), "context": dict(context)})
         with self.locked():
             write_durably(self.path / "run.json", _run_json(form["plan"], form["context"]))
@@ -232,8 +232,8 @@ class RunFolder:
     def journal(self, *, renews: bool = False) -> Journal:
         """Open the journal for appending, which locks the folder until it is closed.
 
-        With ``renews``, the journal continues if the folder is removed or moved. The caller then restores the run and
-        repeats the trials whose records are missing.
+        With ``renews``, the journal can continue after the folder was removed or moved. The caller must then restore
+        the run and repeat the trials whose records are missing.
 
         Raises:
             RecordError: If the journal lists trials that are not planned. Other errors are the same as for
@@ -267,7 +267,7 @@ class RunFolder:
         return entry.record or file_digest(self.record_path(entry.task, entry.condition, entry.seed))
 
     def _say_unlisted(self, entries: tuple[JournalEntry, ...]) -> None:
-        """Warn once about records that the journal does not list, except in the process that is writing them."""
+        """Warn once about records that the journal does not list, unless this process is writing them."""
         told = (self.path, len(entries))
         if told in _TOLD or self.is_running:
             return
@@ -340,7 +340,7 @@ class RunFolder:
         return record
 
     def read_brief(self, trial: TrialId, *, entry: JournalEntry | None = None) -> RecordBrief:
-        """Read only the trial and a record's outcome, which is fast; raise the errors of :meth:`read_record`.
+        """Read only the trial and the outcome of a record, which is fast; raise the errors of :meth:`read_record`.
 
         If ``entry`` is given, the journal is not read.
         """
@@ -350,11 +350,11 @@ class RunFolder:
         return brief
 
     def outcome(self, entry: JournalEntry) -> Outcome:
-        """Return the trial outcome that a journal line describes; raises the same errors as :meth:`read_record`."""
+        """Return the outcome of the trial in a journal entry; raise the errors of :meth:`read_record`."""
         return self.read_brief(entry.key, entry=entry).outcome
 
     def succeeded(self, trial: TrialId, entry: JournalEntry | None = None) -> bool:
-        """Return whether a trial succeeded, from its record; arguments and errors as in :meth:`read_brief`."""
+        """Return whether a trial succeeded, from its record; arguments and errors are those of :meth:`read_brief`."""
         return self.read_brief(trial, entry=entry).outcome.success
 
     @staticmethod
@@ -362,7 +362,7 @@ class RunFolder:
         return entry.record if entry is not None and entry.status == "done" else None
 
     def _check_record(self, path: Path, trial: TrialId, found: RecordMetadata | Any) -> None:  # noqa: ANN401
-        """Raise RecordError if the metadata of a record disagree with its path or the plan."""
+        """Raise RecordError if the metadata of a record contradict its path or the plan."""
         wanted: dict[str, object] = {"task": trial.task, "condition": trial.condition, "seed": trial.seed}
         if self._planned is not None:
             if trial not in self._planned:
@@ -411,17 +411,17 @@ class RunFolder:
         return path
 
     def keep_scene(self, scene: StorableScene) -> str:
-        """Store the scene of a trial unless it exists, and return its digest for the journal.
+        """Store the scene of a trial unless it is already stored, and return its digest for the journal.
 
         An empty file marks a scene that is stored elsewhere. A file without a scene is moved aside.
 
         Raises:
             RunConflictError: If a different scene has the same name, from another version or another source.
-            InvalidInputError: As :func:`~betterbench.records.scene_archive.write_scene`.
+            InvalidInputError: The errors of :func:`~betterbench.records.scene_archive.write_scene`.
         """
         name = scene.content_hash
         path = self.scene_path(name)
-        if name not in _DIGESTS:  # computing the digest takes 30 ms, so do this once per scene
+        if name not in _DIGESTS:  # computing the digest takes 30 ms, so do it only once per scene
             _DIGESTS[name] = scene_digest(name, scene.files())
         digest = _DIGESTS[name]
         if has_digest(path, digest) or (path.is_file() and path.stat().st_size == 0):
@@ -489,7 +489,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the folder lock. Raises RunConflictError if another process is writing to it."""
+        """Context manager that locks the folder. Raises RunConflictError if another process is writing to it."""
         with RunLock(self.path / LOCK_NAME):
             yield
 
@@ -539,7 +539,7 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
 
 
 def _plain(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return data as if they had been written to JSON and read back. Raises InvalidInputError for other data."""
+    """Return data as after a JSON round trip. Raises InvalidInputError for data that JSON cannot represent."""
     found: dict[str, Any] = json.loads(dump_json(form))
     return found
 
@@ -557,7 +557,7 @@ def _copy_task_files(path: Path, plan: Mapping[str, Any]) -> None:
 
 
 def keep_copies(path: Path) -> None:
-    """Keep a copy of each loaded user's file in an output folder."""
+    """Copy each loaded user file to an output folder."""
     require_inside(path / COPIES, path)
     for file in loaded_files():
         if not (path / COPIES / file.copy_name).exists():
@@ -588,7 +588,7 @@ def _seed(seed: int) -> int:
 
 
 _GROWING = ("trials", "task_versions", "task_files")
-"""Parts of a plan that may grow when a run is continued without changing planned trials."""
+"""Plan fields that may grow when a run is extended without changing its planned trials."""
 
 
 def holds_more(plan: Mapping[str, Any], other: Mapping[str, Any]) -> bool:

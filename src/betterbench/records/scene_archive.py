@@ -1,9 +1,9 @@
-"""Archive of a compiled scene, a reproducible zip file that may come from an untrusted source.
+"""Scene archives: compiled scenes as reproducible zip files, which may come from an untrusted source.
 
-The zip file's comment contains a digest of the scene name and all scene files (:func:`scene_digest`). The
-digest is verified before any file is used, to keep MuJoCo from loading a changed model or the archive of another scene.
-A run's journal also contains the digest of each trial's scene; it detects an archive that was replaced together with
-its digest.
+The zip file's comment contains a digest of the scene name and all scene files (:func:`scene_digest`). The digest is
+verified before any file is used, so that MuJoCo never loads a changed model or the archive of another scene. A run's
+journal also contains the digest of each trial's scene, which reveals an archive that was replaced together with its
+digest.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from betterbench.jobs.durable import write_durably
 from betterbench.json_form import content_digest, open_ordinary, read_bounded, say_unsealed
 
 MAX_SCENE_BYTES = 256 * 1024 * 1024
-"""Largest size of a stored scene after decompression."""
+"""Maximum size of a stored scene after decompression [byte]."""
 
 MAX_SCENE_FILES = 10_000
 """Maximum number of files of a stored scene."""
 
 _LEVEL = 3
-"""Compression level, which takes half as long as zlib's default 6 (60 to 100 ms) and makes archives 5 % larger."""
+"""Compression level. It takes half as long as zlib's default level 6 (60 to 100 ms) and makes archives 5 % larger."""
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip archive can store
 _SEAL_MARK = b"betterbench scene sha256 "
 _READ_BLOCK = 1 << 20
@@ -43,7 +43,7 @@ class StorableScene(Protocol):
 
     @property
     def content_hash(self) -> str:
-        """Name of the stored scene; within one process it identifies the files."""
+        """Name of the stored scene, which identifies its files within one process."""
 
     def files(self) -> dict[str, bytes]:
         """Return the stored files: content by name."""
@@ -90,9 +90,10 @@ def _archive(files: Mapping[str, bytes], digest: str) -> bytes:
 
 
 def _archive_of_another_run(digest: str) -> bytes | None:
-    """Return the bytes of an archive that this process wrote before, or None if the file is gone or changed.
+    """Return the bytes of an archive that this process wrote earlier, or None if the file is gone or was changed.
 
-    Several policies are evaluated on the same scenes. Reading an archive takes 1 ms of CPU time, making it 34 ms.
+    Several policies are evaluated on the same scenes. Reading an archive takes 1 ms of CPU time, creating it takes 34
+    ms.
     """
     path, checksum = _WRITTEN.get(digest, (None, ""))
     if path is None:
@@ -106,7 +107,7 @@ def _archive_of_another_run(digest: str) -> bytes | None:
 
 
 def has_digest(path: Path, digest: str) -> bool:
-    """Return whether an archive contains a digest. Reading the archive verifies its files."""
+    """Return whether an archive contains a digest. The files are verified later, when the archive is read."""
     seal = _seal(digest)
     try:
         with open_ordinary(path) as stream:

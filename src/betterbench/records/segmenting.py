@@ -1,4 +1,4 @@
-"""Segmentation of records into subgoals, derived only from the states.
+"""Segmentation of records into subgoals, based only on the states.
 
 A skill lasts from the action that closes the gripper to the action that opens it. If an object was held in between, the
 skill is a pick and place; if a drawer moved, a slide; otherwise, a miss. A skill's window begins when the tool comes
@@ -27,12 +27,12 @@ LEFT_M = 0.10
 HELD_ROWS = 3
 """Minimum number of rows for which a picked object is held."""
 SLID_M = 0.005
-"""Minimum motion of a drawer that counts as a slide [m], equal to the largest gap of a closed drawer."""
+"""Minimum motion of a drawer to count as a slide [m], equal to the largest gap of a closed drawer."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Closure:
-    """Rows [closed, opened) in which the gripper is commanded to close, with the object and the effect on it."""
+    """Rows [closed, opened) in which the gripper is commanded to close, with the affected object and the effect."""
 
     closed: int
     opened: int
@@ -41,7 +41,7 @@ class _Closure:
 
 
 def subgoal_segments(record: Record, condition: Condition) -> tuple[SubgoalSegment, ...]:
-    """Return an episode's segments, which cover all its rows, or an empty tuple if the gripper never closed.
+    """Return the segments of an episode, which cover all rows; an empty tuple if the gripper never closed.
 
     Args:
         record: The episode record.
@@ -76,7 +76,7 @@ def _segment(goal: Subgoal, name: str, start: int, stop: int, skills: list[Skill
 
 
 def _closures(record: Record) -> Iterator[_Closure]:
-    """Yield each interval from the gripper's closing to its next opening, with its effect."""
+    """Yield each interval from a gripper closing to the next opening, with its effect."""
     closed = record.gripper_command > 0.0
     edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1
     starts = [int(e) for e in edges if closed[e]]
@@ -105,7 +105,7 @@ def _travel(record: Record, index: int, start: int, stop: int) -> float:
 
 
 def _served(record: Record, condition: Condition, closure: _Closure, row: int, credited: set[int]) -> Subgoal | None:
-    """Return the subgoal that a closure has newly achieved by a row, or None."""
+    """Return the subgoal that a closure has newly achieved at a row, or None."""
     if closure.kind == "miss" or closure.opened >= len(record):
         return None
     state = record.state(row)
@@ -122,7 +122,7 @@ def _served(record: Record, condition: Condition, closure: _Closure, row: int, c
 def _windows(
     record: Record, closure: _Closure, served: Subgoal | None, free_from: int, until: int, *, next_object: str
 ) -> Iterator[SkillWindow]:
-    """Yield the windows of one closure between two rows: a pick and its placement, a slide, or a miss."""
+    """Yield the skill windows of one closure between two rows: a pick and its placement, a slide, or a miss."""
     start = _begin(record, closure.closed, free_from)
     place = ("", "", "") if served is None else (served.target, served.relation, served.region)
     if closure.kind == "miss":
@@ -156,6 +156,6 @@ def _end(record: Record, change: int, away_m: float, latest: int) -> int:
 
 
 def _distances(record: Record, start: int, stop: int, row: int) -> np.ndarray:
-    """Return the distance of the tool in the rows from ``start`` to ``stop`` from its position in another row [m]."""
+    """Return the distances of the tool in rows ``start`` to ``stop`` from its position in another row [m]."""
     found: np.ndarray = np.linalg.norm(record.ee_position[start:stop] - record.ee_position[row], axis=1)
     return found

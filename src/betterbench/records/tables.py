@@ -24,7 +24,7 @@ _KINDS = {
 def table_bytes(
     columns: Mapping[str, str], rows: Sequence[Mapping[str, PlainCell]], metadata: Mapping[str, str]
 ) -> bytes:
-    """Return a Parquet file (zstd) of rows; the same rows give the same bytes on one installation.
+    """Encode rows as a Parquet file (zstd); equal rows give equal bytes on one installation.
 
     Args:
         columns: Kind of each column by name: "text", "integer", "number", "texts" or "integers"; any cell may be None.

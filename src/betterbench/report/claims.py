@@ -1,4 +1,4 @@
-"""Statistical tests of the conclusions about a policy, and the trials needed to decide an open conclusion."""
+"""Statistical tests behind the conclusions about a policy, and the trials needed for conclusions that remain open."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ from betterbench.tasks.user_files import options_for
 from betterbench.tasks.worlds.facts import facts_of_task
 
 USUAL_SHARE = 0.2
-"""Fraction of failed trials that a kind of failure must significantly exceed (exact binomial test) to be a conclusion
-if no illusion gap supports it, as in training or without training twins."""
+"""Share of failed trials that a kind of failure must significantly exceed (exact binomial test) to be a conclusion
+without an illusion gap, as in training or without training twins."""
 
 FEW = 3
-"""Minimum number of trials for a policy's habit, for a task's habit (if failures are rare) or for an axis."""
+"""Minimum number of trials for a conclusion about a policy's habit, about one task (if failures are rare) or about an
+axis."""
 
 MOST_PAIRS = 100
 """Largest recommended number of pairs per variation."""
@@ -36,16 +37,16 @@ _SETTINGS = (
     ("--quality", "render_quality", "standard"),
     ("--looks", "looks", "seen"),
 )
-"""Options of ``better eval``, the version field of a record for each, and the value without the option."""
+"""Options of ``better eval``, each with its version field in records and its default value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grounds:
-    """Basis of a conclusion: its test, and the run needed to decide it.
+    """Statistical basis of a conclusion: its test, and the run needed to decide it.
 
     Attributes:
-        supported: Whether the test is passed at the usual level; True for a conclusion that only counts outcomes.
-        test: The tested statement.
+        supported: Whether the test is passed; True for a conclusion that only counts outcomes.
+        test: Description of the test.
         p_value: The p-value of that test, or None without a test.
         deciding: Sentence on the trials needed to decide the conclusion; empty if nothing is open.
         command: Command for these trials, if known.
@@ -59,7 +60,7 @@ class Grounds:
 
 
 DESCRIBED = Grounds(True)
-"""Grounds of a conclusion that only counts outcomes."""
+"""Basis of a conclusion that only counts outcomes."""
 
 
 def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = None) -> Grounds:
@@ -121,7 +122,7 @@ def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
 def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
     """Return the basis of the claim that no failure was found, for a run in which all variation trials succeeded.
 
-    Six solved trials rule out a policy that fails half of the variation trials; five do not.
+    At least six solved trials are needed to rule out a policy that fails half of the variation trials.
     """
     p = chance_p(Rate(n, n), chance=0.5)
     test = "variation trials solved, against one half (exact binomial)"
@@ -166,10 +167,10 @@ def _above(count: int, n: int, share: float) -> float:
 
 
 def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
-    """Return the variations and numbers of pairs needed for a verdict, and the command that runs them with new seeds.
+    """Return a sentence on the pairs needed for a verdict, and the command that runs them with new seeds.
 
-    The new run is judged alone: pooling it with the earlier pairs would bias the result, because their outcome was the
-    reason for the new run.
+    The new run must be judged alone. Pooling it with the earlier pairs would bias the result, because their outcome was
+    the reason for the new run.
     """
     varied = [t for t in diagnosis.trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
     failed = Counter((t.task, t.pool) for t in varied if t.kind is not Kind.NONE)
@@ -214,9 +215,9 @@ def _evaluation(
 
 
 def _settings(versions: Mapping[str, str]) -> Iterator[str]:
-    """Yield the options that repeat the non-default settings of a run in a new run.
+    """Yield the command-line options for the non-default settings of a run.
 
-    Settings that are mixed in the run, or missing in its records, are omitted.
+    Settings that vary within the run, or are missing in its records, are omitted.
     """
     for option, name, usual in _SETTINGS:
         value = versions.get(name, usual)

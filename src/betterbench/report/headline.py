@@ -1,4 +1,4 @@
-"""Verdict on a policy in a few sentences, computed from the diagnosis, for the top of the report."""
+"""Summary of a policy's diagnosis in a few sentences, for the top of the report."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ from betterbench.statistics.wording import listed, p_text, plural, points
 from betterbench.tasks.labels import Kind, Label
 
 RARE_SHARE = 0.05
-"""Maximum share of failed variation trials that count as exceptions: one of the suite's usual 20 trials."""
+"""Maximum share of failed variation trials that are treated as exceptions: one of the usual 20 trials."""
 
 WEAK_SHARE = 0.5
-"""Success rate on training conditions below which a policy has not learned the task, so that its success rates say
-nothing about its reasoning. Its first attempts can still be judged."""
+"""Success rate on training conditions below which a policy has not learned the task. Its success rates then do not show
+how it reasons, but its first attempts can still be judged."""
 
 
 ANYWHERE = (Label.EARLY_HALT, Label.EXECUTION_FAILURE, Label.TIMEOUT)
-"""Labels that can occur in any condition, so that they do not identify an axis."""
+"""Labels that can occur in any condition and therefore do not identify an axis."""
 
 LONGEST_REASON = 300
 """Maximum length of the reason for a breakdown on the first screen [characters]."""
 
 SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
-"""Labels of rules by which a policy picks at a slot, regardless of the object in it."""
+"""Labels of rules by which a policy picks from a slot regardless of the object in it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
     """Leading failure mode of some trials, with its counts among the failures and among all trials.
 
-    ``look_alikes`` is the number of trials in which a policy took a look-alike from a trained slot because of the same
-    rule; 0 if the rule has more trials of its own.
+    ``look_alikes`` is the number of further trials that the same rule explains, in which the policy took a look-alike
+    from a trained slot; 0 if more trials have the label itself.
     """
 
     label: Label
@@ -102,9 +102,9 @@ class Headline:
         family: Color family of the main failure; "right" without a failure.
         effect: The instruction effect, over pairs of trials that differ only in the instruction.
         effect_sentence: Meaning of the instruction effect, one sentence.
-        needless: Successful trials in which the policy also repeated a training step that was not requested.
+        needless: Number of successful trials in which the policy also repeated a training step that was not requested.
         segments: Outcomes of the variation trials.
-        breakdown: Outcome of most trials if the policy itself failed to run.
+        breakdown: Error that ended most trials if the policy itself failed to run.
         claim: Test behind the conclusion, and the trials needed to decide the conclusion if the test is not passed.
     """
 
@@ -189,7 +189,7 @@ def verdict_line(diagnosis: RunDiagnosis) -> str:
 
 
 def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
-    """Return the leading failure mode of variation trials with its counts, or None without failures."""
+    """Return the most important failure mode of variation trials with its counts, or None without failures."""
     failed = [trial for trial in trials if _has_failed(trial)]
     label = main_failure(trials)
     if label is None:
@@ -199,7 +199,7 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 
 
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
-    """Return the number of look-alikes that a label's rule explains, or 0 if the rule has more trials of its own."""
+    """Return the number of look-alikes explained by a label's rule, or 0 if more trials have the label itself."""
     taken = [trial for trial in failed if trial.label is Label.SEMANTIC_FEATURE_COLLAPSE]
     if label not in SLOT_RULES or len(taken) < count:
         return 0
@@ -209,9 +209,9 @@ def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> 
 def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
     """Return the most frequent label within the most frequent failure kind, or None without failures.
 
-    A policy that follows a rule to a slot takes any object there, including look-alikes. If such a rule is proven and
-    most of the look-alikes taken were in a trained slot of the target, the rule explains them and is named. An
-    exception is a policy for which the objects' appearance explains all of these attempts and more.
+    A policy with a slot rule takes any object from the slot, including look-alikes. If such a rule is proven and most
+    look-alikes were taken from a trained slot of the target, the rule explains them and is named. The exception is a
+    policy whose attempts, including further ones, are all explained by the appearance of the objects.
     """
     kinds = Counter(trial.kind for trial in trials if _has_failed(trial))
     if not kinds:
@@ -235,7 +235,7 @@ def _has_failed(trial: TrialDiagnosis) -> bool:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Return whether a slot rule only leads to objects that look like the target, and is often violated otherwise."""
+    """Return whether a slot rule leads only to objects that look like the target, and is otherwise often violated."""
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
     right = sum(bool(trial.intention_correct) and rule in _exposed(trial) for trial in trials)
@@ -253,8 +253,8 @@ def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
 def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple[str, str, Grounds]:
     """Return the main sentence, its color family and its test.
 
-    A proof that the instruction is not used comes before the failures of the variations, unless a habit explains the
-    wrong first attempts of the whole run: in a few variations, a habit may coincide with the blind choice.
+    Proof that the instruction is not used takes precedence over the failures of the variations, unless a habit explains
+    the wrong first attempts in the whole run. In a few variations, a habit may coincide with a blind choice.
     """
     trials = diagnosis.trials
     varied = [trial for trial in trials if trial.variation is not None and trial.kind is not Kind.UNFINISHED]
@@ -323,7 +323,7 @@ def _by_failures(
 def _confused(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis], main: Label) -> str:
     """Return the sentence on confused words or targets, for a main label that does not name them.
 
-    A proven rule is stated first. A habit of placing is ruled out if objects go to targets that they never had in
+    A proven rule is stated first. A placing habit is ruled out if objects are brought to targets that they never had in
     training.
     """
     reasoning = [trial for trial in failed if trial.kind is Kind.REASONING]
@@ -393,7 +393,7 @@ def _is_majority(failed: Sequence[TrialDiagnosis], main: Label) -> bool:
 
 
 def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str:
-    """Return a conclusion with its share among failures of its kind, if that share is less than half."""
+    """Extend a conclusion by its share among the failures of its kind, if that share is less than half."""
     if _is_majority(failed, main):
         return text
     same, kind = _counts(failed, main)
@@ -421,7 +421,7 @@ def _unused_instruction(diagnosis: RunDiagnosis) -> tuple[str, str, Grounds] | N
 
 
 def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
-    """Return the conclusion for failures that chance explains."""
+    """Return the conclusion for failures that may be due to chance."""
     text = f"{NOTHING_YET}: {failed} of {plural(n, 'variation trial')} failed"
     if gap.missing:
         return f"{text}, and there are no training twins to compare them with."
@@ -433,8 +433,8 @@ def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
 def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
     """Return the sentence, family and test for a failure that is rare overall but frequent in some task conditions.
 
-    Training conditions are included, for a policy that fails one task from the beginning. A failure that is scattered
-    over other tasks too is not a habit.
+    Training conditions are included, because a policy may fail one task already in training. A failure that also occurs
+    scattered over other tasks is not a habit.
     """
     groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:

@@ -1,4 +1,4 @@
-"""Table of a model's knowledge next to a policy's behavior, for the report page."""
+"""Table for the report page that compares a model's knowledge with a policy's behavior."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of labels and axes on the page, with the meaning of each label in one sentence."""
+"""Names of labels and axes on the page, with a one-sentence explanation of each label."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ AXIS_NAMES: dict[str, str] = {
     Axis.TEMPORAL_EXTRAPOLATION.value: "Temporal extrapolation",
     **TITLES,
 }
-"""Axes and their names, in the paper's order; LIBERO-Plus axes come last."""
+"""Axes and their names in the paper's order, followed by the axes of LIBERO-Plus."""
 
 AXIS_PLACES: dict[str, str] = {
     Axis.SPATIAL_LAYOUT_SHIFT.value: "where objects are at other places than in training",

@@ -1,4 +1,4 @@
-"""Formatting of numbers for sentences and cells: percentages with counts, differences with intervals."""
+"""Number formatting for sentences and cells: percentages with counts, differences with intervals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.statistics import Rate, percent, round_half_up
 from betterbench.statistics.wording import minus, signed
 
 MISSING = "not measured"
-"""Text for a number that a run does not have."""
+"""Text for a missing number."""
 
 THIN = "\N{NARROW NO-BREAK SPACE}"
 

@@ -1,4 +1,4 @@
-"""Agreement of two reviewers on the objects or scenes that both judged."""
+"""Inter-reviewer agreement on the objects or scenes that both reviewers judged."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ VERDICTS = ("accept", "fix", "reject")
 
 @dataclass(frozen=True, slots=True)
 class ReviewAgreement:
-    """Agreement of two reviews.
+    """Agreement between two reviews.
 
     Attributes:
-        all: Table over accept, fix and reject.
-        usable: Table over use (accept or fix) and reject.
-        only_first: Number of objects or scenes that only the first reviewer judged; they are not in the tables.
-        only_second: The same for the second reviewer.
+        all: Agreement table with the verdicts accept, fix and reject.
+        usable: Agreement table with two verdicts: use (accept or fix) and reject.
+        only_first: Number of objects or scenes that only the first reviewer judged, which are not in the tables.
+        only_second: Number of objects or scenes that only the second reviewer judged.
         apart: Names and verdicts of the items on which the reviewers disagree, in the order of the first review.
         what: "objects" or "scenes".
     """
@@ -94,7 +94,7 @@ def is_scene_review(path: Path) -> bool:
 
 
 def _verdicts(path: Path, *, of_scenes: bool) -> dict[tuple[str, str], tuple[str, str]]:
-    """Return the name and the verdict of each judged object or scene, by content hash and condition."""
+    """Return the name and verdict of each judged object or scene, by content hash and condition."""
     if of_scenes:
         return last_verdicts(read_scene_reviews(path), str(path))
     reviews = read_reviews(path)

@@ -1,4 +1,4 @@
-"""Base of the states of a review: a queue, the current item, an edit in progress, verdicts and undo."""
+"""Base class of reviews: a queue, the current item, an edit in progress, verdicts and undo."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.jobs.decisions import DecisionJournal, DecisionLine, History, U
 
 
 class Named(Protocol):
-    """An item of a queue."""
+    """Queue item with a name."""
 
     @property
     def name(self) -> str:
@@ -28,24 +28,24 @@ EditT = TypeVar("EditT")
 
 @dataclass(slots=True)
 class Desk(Generic[ItemT, LineT, EditT]):
-    """State of one review; a subclass keeps edits, writes decisions and opens items.
+    """State of one review. Subclasses store edits, write decisions and open items.
 
     Attributes:
         queue: Items to review.
-        journal: File of the decisions.
-        author: Reviewer name.
+        journal: File with the decisions.
+        author: Name of the reviewer.
         index: Index of the current item.
-        mode: Target of the gizmo.
+        mode: Kind of target that the gizmo moves.
         selected: Index of the selected part of the item.
-        edit: Change in progress, None if there is none.
-        message: Result of the last command, one sentence.
+        edit: Unsaved change, or None.
+        message: Result of the last command, in one sentence.
         is_problem: Whether ``message`` reports an error.
     """
 
     ITEM: ClassVar[str] = "item"
-    """An item of the queue, in messages."""
+    """Noun for a queue item in messages."""
     SUBJECT: ClassVar[str] = "item"
-    """The subject of a decision, in messages."""
+    """Noun for the subject of a decision in messages."""
 
     queue: Sequence[ItemT]
     journal: DecisionJournal[LineT]
@@ -64,19 +64,19 @@ class Desk(Generic[ItemT, LineT, EditT]):
 
     @property
     def history(self) -> History[LineT]:
-        """The decisions about the current item."""
+        """Decisions about the current item."""
         raise NotImplementedError
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the valid verdict on each item of the queue."""
+        """Return the current verdict on each queue item."""
         raise NotImplementedError
 
     def keep(self) -> bool:
-        """Write the edit in progress as a change; return False if this fails, with the reason in ``message``."""
+        """Save the edit in progress as a change; return False on failure, with the reason in ``message``."""
         raise NotImplementedError
 
     def drag(self, pose: Pose) -> None:
-        """Move the target of the gizmo to a pose."""
+        """Move the gizmo's target to a pose."""
         raise NotImplementedError
 
     def _open(self) -> None:
@@ -88,7 +88,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         raise NotImplementedError
 
     def _undone(self, review: LineT) -> None:
-        """Show that a decision about the current item is undone."""
+        """Update the state after a decision about the current item was undone."""
         raise NotImplementedError
 
     # -------------------------------------------------------------------------------------------------------- moving
@@ -99,7 +99,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         self._go(open_ones[0] if open_ones else 0)
 
     def step(self, by: int) -> None:
-        """Show another item of the queue; an edit in progress is kept first."""
+        """Go to another queue item; an edit in progress is saved first."""
         if self.keep():
             self._go((self.index + by) % len(self.queue))
 
@@ -109,17 +109,17 @@ class Desk(Generic[ItemT, LineT, EditT]):
         self._open()
 
     def choose(self, mode: str) -> None:
-        """Choose the target of the gizmo; an edit in progress is kept first."""
+        """Choose the gizmo's target; an edit in progress is saved first."""
         if mode != self.mode and self.keep():
             self.mode, self.selected = mode, 0
 
     def select_next(self) -> None:
-        """Select the next part of the item; an edit in progress is kept first."""
+        """Select the next part of the item; an edit in progress is saved first."""
         if self.keep():
             self.selected += 1
 
     def drop_edit(self) -> None:
-        """Drop the edit in progress."""
+        """Discard the edit in progress."""
         self.edit = None
         self._say("The edit was dropped.")
 
@@ -130,7 +130,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         raise NotImplementedError
 
     def reject(self, reason: str) -> bool:
-        """Reject the item for a reason, and show the next one; return whether it was rejected."""
+        """Reject the item with a reason and show the next one; return whether this succeeded."""
         if not reason.strip():
             self._say("Write the reason of the rejection first.", problem=True)
             return False
@@ -146,7 +146,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         return True
 
     def undo(self) -> None:
-        """Drop the edit in progress; without an edit, undo the last active decision."""
+        """Discard the edit in progress or, without an edit, undo the last active decision."""
         if self.edit is not None:
             self.drop_edit()
             return
@@ -159,7 +159,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
             self._undone(review)
 
     def _tried(self, write: Callable[[], None]) -> bool:
-        """Return whether a function succeeds; an error becomes the message."""
+        """Call a function and return whether it succeeded; an error becomes the message."""
         try:
             write()
         except (BetterError, ValidationError) as error:
@@ -168,7 +168,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         return True
 
     def complain(self, problem: str) -> None:
-        """Show a problem of the page."""
+        """Show a problem reported by the page."""
         self._say(problem, problem=True)
 
     def _say(self, text: str, *, problem: bool = False) -> None:

@@ -1,6 +1,6 @@
-"""Base of the pages of ``better review``: a queue of commands from keys, buttons and fields of a browser page.
+"""Base class of the ``better review`` pages: a queue of commands from keys, buttons and fields in the browser.
 
-Callbacks of the page only put commands into a queue; :meth:`CommandPage.run` executes them in order.
+Page callbacks only put commands into a queue; :meth:`CommandPage.run` executes the commands in order.
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ DeskT = TypeVar("DeskT", bound=Desk[Any, Any, Any])
 
 PANEL_PX = 380
 MOST_WAITING = 200
-"""Maximum number of queued commands; a person does not send more."""
+"""Maximum number of queued commands, more than a person can send."""
 
 
 class CommandPage(Generic[DeskT]):
-    """A page of a review, whose keys, buttons and fields send commands; a subclass executes its own commands.
+    """Review page whose keys, buttons and fields send commands; subclasses execute additional commands.
 
     Attributes:
-        server: The server of the page.
+        server: Server of the page.
     """
 
     def __init__(self, desk: DeskT, taps: Mapping[str, str], *, host: str, port: int) -> None:
-        """Listen.
+        """Start listening.
 
         Args:
-            desk: State of the review.
-            taps: Command of each key, by key code.
-            host: Interface.
+            desk: Review state.
+            taps: Command by key code.
+            host: Network interface to listen on.
             port: Port; 0 for any free port.
 
         Raises:
             MissingDependencyError: If viser is not installed.
-            InvalidInputError: If the port is taken.
+            InvalidInputError: If the port is in use.
         """
         self._desk = desk
-        self._version = 0  # part of the node names, because a page remembers a removed node's pose under its name
+        self._version = 0  # part of the node names, because the browser remembers the pose of a removed node by name
         self._marks: list[Any] = []
         self._commands: queue.Queue[tuple[str, Any]] = queue.Queue(MOST_WAITING)
         self.server = PageServer(host=host, port=port, verb="better review", complain=self._complain)
@@ -62,22 +62,22 @@ class CommandPage(Generic[DeskT]):
         self.show()
 
     def show(self, *, is_dragging: bool = False) -> None:
-        """Show the state of the review; while the user drags the gizmo, the page controls its pose."""
+        """Update the page; while the user drags the gizmo, the browser controls its pose."""
         raise NotImplementedError
 
     def obey(self, command: str, value: Any, stopped: threading.Event) -> None:  # noqa: ANN401 - of the page
-        """Execute a command, and show the result."""
+        """Execute a command and show the result."""
         raise NotImplementedError
 
     def run(self, stopped: threading.Event) -> None:
-        """Execute the commands of the page until the event is set."""
+        """Execute queued commands until the event is set."""
         self.begin()
         while not stopped.is_set():
             try:
                 command, value = self._commands.get(timeout=0.1)
             except queue.Empty:
                 continue
-            while command == "drag" and not self._commands.empty():  # only the newest pose of a drag is used
+            while command == "drag" and not self._commands.empty():  # use only the newest pose of a drag
                 following, newest = self._commands.queue[0]
                 if following != "drag":
                     break
@@ -102,7 +102,7 @@ class CommandPage(Generic[DeskT]):
             self._put("drag", (Pose((x, y, z), quaternion), event.phase == "end"))
 
     def _is_of_page(self, command: str, value: Any) -> bool:  # noqa: ANN401
-        """Execute a command without a key, from the gizmo or about a problem; return whether it was such a command."""
+        """Execute a command that comes from the gizmo or reports a problem; return whether it was such a command."""
         if command == "drag":
             pose, is_over = value
             self._desk.drag(pose)
@@ -113,7 +113,7 @@ class CommandPage(Generic[DeskT]):
         return command in ("drag", "complain")
 
     def _common_verbs(self, modes: Sequence[str]) -> dict[str, Callable[[Any], object]]:
-        """Return the commands of every review, and those that choose a mode."""
+        """Return the commands common to all reviews, and the commands that choose a mode."""
         desk = self._desk
         do: dict[str, Callable[[Any], object]] = {
             "previous": lambda _: desk.step(-1),
@@ -132,7 +132,7 @@ class CommandPage(Generic[DeskT]):
             self._reason.value = ""
 
     def _set_stage(self, light: float) -> Any:  # noqa: ANN401 - viser's
-        """Set up the empty view with an intensity of its surroundings, and return it."""
+        """Set up the empty view with a given environment light intensity, and return it."""
         scene = self._viser.scene
         scene.set_up_direction("+z")
         scene.world_axes.visible = False
@@ -141,7 +141,7 @@ class CommandPage(Generic[DeskT]):
         return scene
 
     def _begin_marks(self) -> None:
-        """Remove the marks of the former state, and begin new names."""
+        """Remove all marks of the previous state and start new node names."""
         for node in self._marks:
             node.remove()
         self._marks = []
@@ -150,7 +150,7 @@ class CommandPage(Generic[DeskT]):
     # ---------------------------------------------------------------------------------------------------------- panel
 
     def _begin_verdicts(self, gui: Any) -> None:  # noqa: ANN401 - viser's
-        """Add the head, the status, and the buttons and the reason of a verdict to the panel."""
+        """Add the heading, the status, the verdict buttons and the reason field to the panel."""
         item, subject = self._desk.ITEM, self._desk.SUBJECT
         self._head = gui.add_html("")
         self._status = gui.add_html("")
@@ -160,7 +160,7 @@ class CommandPage(Generic[DeskT]):
         self._button("Undo  ⌫", "undo", "orange", f"Undoes the last decision about this {subject}.")
 
     def _begin_panel(self, eye: Vector, look_at: Vector) -> Any:  # noqa: ANN401 - viser's
-        """Set up the empty panel and the view, and return the object that makes panel elements."""
+        """Set up the empty panel and the view, and return the GUI interface."""
         gui = self._viser.gui
         gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=False, brand_color=(46, 134, 222))
         gui.set_panel_label("better review")
@@ -171,7 +171,7 @@ class CommandPage(Generic[DeskT]):
         return gui
 
     def _listen(self) -> None:
-        """Accept the keys of the page."""
+        """Register the key handlers of the page."""
         gui = self._viser.gui
         text = gui.add_text("", MARK + "{}")
         text.on_update(self._typed)
@@ -198,12 +198,12 @@ class CommandPage(Generic[DeskT]):
         self.server.expect(button, "button")
 
     def _input(self, element: Any, kind: InputKind, command: str | None) -> Any:  # noqa: ANN401
-        """Accept typed values of a field; with a command, each new value sends it."""
+        """Store values typed into a field; if a command is given, each new value sends it."""
         self.server.expect(element, kind)
         if command is not None:
 
             async def typed(event: Any) -> None:  # noqa: ANN401
-                if event.client_id is not None:  # typed by a person; None means that this program set the value
+                if event.client_id is not None:  # the client that typed the value; None if this program set it
                     self._put(command, event.target.value)
 
             element.on_update(typed)
@@ -215,4 +215,4 @@ def _choose(desk: Desk[Any, Any, Any], mode: str, _: object) -> None:
 
 
 WORKING = '<div style="padding:4px 10px;font-size:13px"><b>working …</b></div>'
-"""Content of the status while a command takes seconds."""
+"""Status shown while a slow command is running."""

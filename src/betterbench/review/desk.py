@@ -1,7 +1,7 @@
-"""State of one person's review, without the browser page: current object, edit in progress, and decisions.
+"""State of one person's object review, without the browser page: current object, unsaved edit, and decisions.
 
-An edit is a change that is not yet kept. :meth:`ReviewDesk.keep`, another kind of edit, or a verdict keeps the edit,
-which becomes a line of the journal.
+An edit is an unsaved change. It is saved as a line of the journal by :meth:`ReviewDesk.keep`, by an edit of another
+kind, or by a verdict.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ MODES: tuple[Mode, ...] = ("pose", "support", "grasp", "frame")
 TURN_DEGREES, FINE_DEGREES = 90.0, 5.0
 SIZE_STEP = 1.05
 FRAME_NAMES = ("opening", "inside", "floor", "top", "rim", "base", "slot")
-"""Names for a new placement frame; the first free name is used."""
+"""Names for new placement frames; the first free name is used."""
 
 
 @dataclass(slots=True)
 class ReviewDesk(Desk[QueuedObject, Review, Change]):
-    """State of one review of objects.
+    """State of one object review.
 
-    The targets of the gizmo are the pose, the support plane, a grasp or a placement frame (``MODES``).
+    The gizmo can move the pose, the support plane, a grasp or a placement frame (``MODES``).
     """
 
     ITEM: ClassVar[str] = "object"
@@ -67,12 +67,12 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def state(self) -> ReviewState | None:
-        """The current object with its kept changes, None if it cannot be imported."""
+        """The current object with all saved changes; None if it cannot be imported."""
         return self.at_hand.state
 
     @property
     def history(self) -> History:
-        """The decisions about the current object."""
+        """Decisions about the current object."""
         return self.journal.history(self.at_hand.content)
 
     @property
@@ -81,7 +81,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
         return sum(verdict is not None for verdict in self.verdicts())
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the valid verdict on each object of the queue."""
+        """Return the current verdict on each object in the queue."""
         return [self.journal.history(item.content).verdict for item in self.queue]
 
     @property
@@ -92,7 +92,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def solid(self) -> Solid | None:
-        """Cells of the current object."""
+        """Voxels of the current object."""
         state = self.state
         if state is None:
             return None
@@ -103,7 +103,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def grasp(self) -> Grasp | None:
-        """The selected grasp, as edited."""
+        """The selected grasp, including the edit in progress."""
         if isinstance(self.edit, GraspChange):
             return self.edit.after
         grasps = () if self.state is None else self.state.imported.draft.grasps
@@ -111,7 +111,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def region(self) -> Region | None:
-        """The selected placement frame, as edited."""
+        """The selected placement frame, including the edit in progress."""
         if isinstance(self.edit, RegionChange):
             return self.edit.after
         regions = () if self.state is None else self.state.imported.draft.regions
@@ -119,12 +119,12 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def plane(self) -> Plane:
-        """The support plane, as edited."""
+        """The support plane, including the edit in progress."""
         return self.edit.after if isinstance(self.edit, SupportChange) else Plane()
 
     @property
     def turn(self) -> Quaternion:
-        """The rotation of the edit, relative to the kept state (w, x, y, z)."""
+        """Rotation of the edit in progress, relative to the saved state (w, x, y, z)."""
         if not isinstance(self.edit, PoseChange):
             return IDENTITY_QUATERNION
         w, x, y, z = self.edit.before
@@ -136,24 +136,24 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # ------------------------------------------------------------------------------------------------------- editing
 
     def turn_by(self, axis: Sequence[float], degrees: float) -> None:
-        """Rotate the object further, about a world axis."""
+        """Rotate the object about a world axis, in addition to earlier rotations."""
         step = from_axis_angle([math.radians(degrees) * v for v in axis])
         self.turn_to(normalize(multiply(step, self.turn)))
 
     def turn_to(self, turn: Quaternion) -> None:
-        """Rotate the object relative to its kept state."""
+        """Set the rotation of the object relative to its saved state."""
         state = self._begin(PoseChange)
         if state is not None:
             self.edit = PoseChange(state.turned, normalize(multiply(turn, state.turned)))
 
     def size(self, longest_m: float) -> None:
-        """Set the longest side of the object [m]."""
+        """Scale the object to a longest side [m]."""
         state = self._begin(ScaleChange)
         if state is not None:
             self.edit = ScaleChange(max(state.size_m), longest_m)
 
     def size_by(self, factor: float) -> None:
-        """Scale the object further."""
+        """Scale the object by a factor, in addition to earlier scaling."""
         if self.state is not None:
             longest = self.edit.after if isinstance(self.edit, ScaleChange) else max(self.state.size_m)
             self.size(round(factor * longest, 4))
@@ -171,7 +171,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
             self.edit = NameChange(state.name, name.strip())
 
     def drag(self, pose: Pose) -> None:
-        """Move the target of the gizmo to a pose in the object frame; if the target is the object, only rotate it."""
+        """Move the gizmo's target to a pose in the object frame; if the target is the object itself, only rotate it."""
         if self.mode == "pose":
             self.turn_to(pose.quaternion)
         elif self.mode == "support" and self._begin(SupportChange) is not None:
@@ -187,7 +187,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
             self.edit = RegionChange(former, moved)
 
     def add(self) -> None:
-        """Begin a new grasp or placement frame in the middle of the object."""
+        """Add a new grasp or placement frame in the middle of the object."""
         state = self.state
         if state is None or not self.keep():
             return
@@ -220,7 +220,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
         self.keep()
 
     def keep(self) -> bool:
-        """Write the edit in progress as a change; return False if this fails, with the reason in ``message``."""
+        """Save the edit in progress as a change; return False on failure, with the reason in ``message``."""
         edit, state, item = self.edit, self.state, self.at_hand
         if edit is None or state is None:
             return True
@@ -228,7 +228,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
         if edit.before == edit.after:
             return True
         try:
-            self.journal.check(self._review(edit))  # a size of meters would be computed for a minute
+            self.journal.check(self._review(edit))  # a size of several meters would take a minute to compute
             new = changed(state, edit, where=item.name)
             self._write(edit)
         except (BetterError, ValidationError) as error:
@@ -241,7 +241,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # ------------------------------------------------------------------------------------------------------ decisions
 
     def accept(self) -> None:
-        """Accept the object, with its changes if there are any, and show the next one."""
+        """Accept the object, including its changes, and show the next one."""
         if self.keep() and self.state is not None:
             self._judge(Verdict("fix" if self.history.changes else "accept"))
 
@@ -263,13 +263,13 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # --------------------------------------------------------------------------------------------------------- trials
 
     def try_drop(self) -> Tryout | None:
-        """Drop the object in simulation; an edit in progress is kept first."""
+        """Drop the object in simulation; an edit in progress is saved first."""
         asset = self.asset if self.keep() else None
         asset = self.asset if asset is not None else None
         return None if asset is None else self._told(try_drop(asset))
 
     def try_lift(self) -> Tryout | None:
-        """Lift the object by the selected or first grasp in simulation; an edit in progress is kept first."""
+        """Lift the object by the selected or first grasp in simulation; an edit in progress is saved first."""
         if not self.keep():
             return None
         asset = self.asset
@@ -286,9 +286,9 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # -------------------------------------------------------------------------------------------------------- helpers
 
     def _begin(self, kind: type[Change]) -> ReviewState | None:
-        """Return the state to edit, after keeping an edit of another kind.
+        """Return the state to edit, after saving an edit of another kind.
 
-        Returns None if there is no state, or if keeping the edit failed.
+        Returns None if there is no state, or if saving the edit failed.
         """
         if self.edit is not None and not isinstance(self.edit, kind) and not self.keep():
             return None
@@ -296,5 +296,5 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
 
 def _free(stem: str, taken: Sequence[str]) -> str:
-    """Return a free name ("grasp", "grasp2")."""
+    """Return an unused name ("grasp", "grasp2")."""
     return next(name for k in range(1, len(taken) + 2) if (name := stem if k == 1 else f"{stem}{k}") not in taken)

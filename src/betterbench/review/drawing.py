@@ -1,4 +1,4 @@
-"""Rulers along the bounding box and texts of the panel, which the review page shows in addition to the meshes."""
+"""Bounding box rulers and panel texts, which the review page shows in addition to the meshes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ HULL_COLORS = (
 
 
 def ruler(size: Vector) -> np.ndarray:
-    """Return the lines of a bounding box that stands on z = 0, with ticks every centimeter, (n, 2, 3) [m].
+    """Return line segments of a bounding box on the plane z = 0, with ticks every centimeter, (n, 2, 3) [m].
 
     The ticks are at the front edges, toward +x and -y; every fifth tick is longer.
     """
@@ -66,7 +66,7 @@ def ruler_labels(size: Vector) -> list[tuple[str, Vector]]:
 
 
 def turned_about_middle(asset: Asset, pose: Pose) -> Pose:
-    """Return the displayed pose of an asset that is rotated about its box center and set down."""
+    """Return the displayed pose of an asset after rotating it about its box center and setting it down."""
     middle = (0.0, 0.0, 0.5 * asset.size_m[2])
     x, y, z = Pose((0.0, 0.0, 0.0), pose.quaternion).apply([-v for v in middle])
     placed = Pose((x, y, z + middle[2]), pose.quaternion)
@@ -78,7 +78,7 @@ def turned_about_middle(asset: Asset, pose: Pose) -> Pose:
 
 
 def head(desk: ReviewDesk) -> str:
-    """Return the upper part of the panel: progress, the object, and facts about it."""
+    """Return the upper part of the panel as HTML: progress, the object, and facts about it."""
     item = desk.at_hand
     verdict = desk.history.verdict
     rows = "".join(
@@ -129,7 +129,7 @@ def _facts(desk: ReviewDesk) -> list[tuple[str, str]]:
 
 
 def foot(desk: ReviewDesk) -> str:
-    """Return the lower part of the panel: the edit in progress, the last message, and the active decisions."""
+    """Return the lower part of the panel as HTML: the edit in progress, the last message, and the active decisions."""
     edit = None if desk.edit is None else said(desk.edit)
     decisions = [(_sign(r.decision), _said(r.decision), r.author) for _, r in desk.history.reviews[-6:]]
     return panel_foot(_at_hand(desk), edit, desk.message, decisions, is_problem=desk.is_problem)
@@ -147,12 +147,12 @@ def panel_foot(
     """Return the lower part of a review's panel as HTML.
 
     Args:
-        target: Target of the gizmo, as HTML.
+        target: Gizmo target, as HTML.
         edit: The edit in progress, or None.
         message: The last message.
-        decisions: Sign, text and author of the last decisions.
-        is_problem: Whether the message is about a problem.
-        between: HTML between the message and the decisions.
+        decisions: Symbol, text and author of the last decisions.
+        is_problem: Whether the message reports a problem.
+        between: HTML to insert between the message and the decisions.
     """
     color = "#eb3b5a" if is_problem else "#20bf6b"
     pending = "" if edit is None else f"{edit} — Enter keeps it, Escape drops it"
@@ -179,7 +179,7 @@ def _at_hand(desk: ReviewDesk) -> str:
 
 
 def _opening(desk: ReviewDesk, grasp: Grasp) -> str:
-    """Return a phrase with the stated width of a grasp and the opening that the object requires there."""
+    """Return a phrase with the stated width of a grasp and the gripper opening that it requires."""
     stated, jaw = f"{1000 * grasp.width_m:.0f} mm wide", gripper_opening_m()
     solid = desk.solid
     needed = None if solid is None else needed_opening_m(solid, grasp)
@@ -200,7 +200,7 @@ def _said(decision: object) -> str:
 
 
 def queue_list(queue: Sequence[QueuedObject], verdicts: Sequence[str], index: int) -> str:
-    """Return the part of the queue around the current object, as a list."""
+    """Return the part of the queue around the current object as an HTML list."""
     first = max(0, min(index - 4, len(queue) - 9))
     rows = "".join(
         f'<div style="padding:1px 4px;border-radius:3px;'

@@ -1,4 +1,4 @@
-"""The page of a review of objects: visual shape, collision shape, gripper, gizmos, and panel."""
+"""Web page for reviewing objects: visual shape, collision shape, gripper, gizmos, and panel."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SIDE_PX = 250
 EYE_M, LOOK_AT_M = (0.38, -0.06, 0.25), (0.0, 0.0, 0.085)
 """Initial position and target of the view [m]."""
 OPEN_M = 0.08
-"""Opening of the gripper that is drawn for scale [m]."""
+"""Opening of the gripper drawn for scale [m]."""
 TAP_KEYS: dict[str, str] = {
     "ArrowLeft": "previous",
     "ArrowRight": "next",
@@ -69,7 +69,7 @@ TAP_KEYS: dict[str, str] = {
     "KeyR": "reject",
     "Backspace": "undo",
 }
-"""Command of each key."""
+"""Command by key."""
 KEY_ROWS = (
     ("← →", "previous, next object"),
     ("1 2 3 4", "gizmo: pose, support plane, grasp, frame"),
@@ -87,14 +87,14 @@ KEY_ROWS = (
 
 
 class ReviewPage(CommandPage[ReviewDesk]):
-    """The page of one review."""
+    """Web page of one object review."""
 
     def __init__(self, desk: ReviewDesk, *, host: str, port: int) -> None:
-        """Listen, and build the page.
+        """Start listening and build the page.
 
         Raises:
             MissingDependencyError: If viser is not installed.
-            InvalidInputError: If the port is taken.
+            InvalidInputError: If the port is in use.
         """
         super().__init__(desk, TAP_KEYS, host=host, port=port)
         self._shown: tuple[object, ...] = ()
@@ -108,12 +108,12 @@ class ReviewPage(CommandPage[ReviewDesk]):
         self._build_panel()
 
     def obey(self, command: str, value: Any, stopped: threading.Event) -> None:  # noqa: ANN401 - of the page
-        """Execute a command, and show the result."""
+        """Execute a command and show the result."""
         tryout: Tryout | None = None
         if self._is_of_page(command, value):
             return
         if command in ("next", "previous", "accept", "reject", "keep", "drop test", "lift test"):
-            self._status.content = WORKING  # import and computation of shapes take seconds
+            self._status.content = WORKING  # importing and computing shapes take seconds
         if command in ("drop test", "lift test"):
             tryout = self._desk.try_drop() if command == "drop test" else self._desk.try_lift()
         elif command in self._do:
@@ -171,7 +171,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
             self._gripper[name] = scene.add_glb(f"/seen/gripper_{name}", data, cast_shadow=False)
 
     def show(self, *, is_dragging: bool = False) -> None:
-        """Show the state of the review; while the user drags the gizmo, the page controls its pose."""
+        """Update the page; while the user drags the gizmo, the browser controls its pose."""
         desk = self._desk
         key = (desk.index, len(desk.at_hand.states), desk.history.last)
         with self._viser.atomic():
@@ -183,7 +183,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
         self._list.content = queue_list(desk.queue, [v.verdict if v else "" for v in desk.verdicts()], desk.index)
 
     def _show_object(self) -> None:
-        """Show the object's meshes with its kept changes, and its size and mass in the panel."""
+        """Show the object's meshes with all saved changes, and its size and mass in the panel."""
         for node in self._nodes:
             node.remove()
         self._nodes, self._visual = [], None
@@ -230,7 +230,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
         self._name.value = "" if self._desk.state is None else self._desk.state.name
 
     def _show_edit(self, *, is_dragging: bool) -> None:
-        """Show the target of the gizmo, and the edit in progress."""
+        """Show the gizmo's target and the edit in progress."""
         desk, asset = self._desk, self._asset
         self._begin_marks()
         if asset is None or self._visual is None:
@@ -267,7 +267,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
         self._marks.append(frame)
 
     def _mark_support(self, asset: Asset) -> Pose:
-        """Show the support plane, and return the pose of the gizmo on it."""
+        """Show the support plane, and return the pose of its gizmo."""
         plane = self._desk.plane
         x, y, z = plane.normal
         turn = normalize((1.0 + z, -y, x, 0.0)) if z > -0.999 else (0.0, 1.0, 0.0, 0.0)
@@ -326,7 +326,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
             self._gripper[name].position, self._gripper[name].wxyz = pose.position, pose.quaternion
 
     def _play(self, tryout: Tryout, stopped: threading.Event) -> None:
-        """Show a trial's motion in real time; late frames are skipped."""
+        """Play the motion of a test in real time, skipping late frames."""
         if self._visual is None:
             return
         self._turn.visible = self._frame.visible = False
@@ -369,7 +369,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
 
 
 def _closer(pose: Pose, opened_m: float) -> Pose:
-    """Return the pose of a gripper body for a smaller opening [m]; the fingers open along the y axis."""
+    """Return the pose of a gripper body at a smaller opening [m]; the fingers open along the y axis."""
     x, y, z = pose.position
     return Pose((x, y * opened_m / OPEN_M, z), pose.quaternion)
 

@@ -1,4 +1,4 @@
-"""The objects to review: mesh files, each imported when it is first shown, and assets of asset folders."""
+"""Queue of the objects to review: mesh files, imported when first shown, and assets in asset folders."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ MOST_FILES = 10_000
 
 @dataclass(slots=True)
 class QueuedObject:
-    """One object of a review.
+    """Object in a review queue.
 
     Attributes:
         path: Mesh file of the object.
-        content: Hash of the file's content.
-        states: The object as imported, then after each active change; empty before the import.
-        problem: Reason why the import failed, "" if it did not.
-        wishes: Options of the import.
-        stored: Whether the file is an asset of an asset folder, imported earlier.
+        content: Hash of the file content.
+        states: The imported object, followed by its state after each active change; empty before the import.
+        problem: Reason for a failed import; "" if the import succeeded.
+        wishes: Import options.
+        stored: Whether the file is an already imported asset in an asset folder.
     """
 
     path: Path
@@ -46,11 +46,11 @@ class QueuedObject:
 
     @property
     def state(self) -> ReviewState | None:
-        """The object with its active changes, or None if it is not imported."""
+        """The object with its active changes, or None before its import."""
         return self.states[-1] if self.states else None
 
     def load(self, history: History) -> None:
-        """Import the object and apply its active changes; if this fails, ``problem`` is set to the reason."""
+        """Import the object and apply its active changes; on failure, set ``problem`` to the reason."""
         if self.states or self.problem:
             return
         try:
@@ -65,7 +65,7 @@ class QueuedObject:
 
 
 def mesh_files(given: Sequence[Path]) -> list[Path]:
-    """Return the distinct mesh files among files and in folders; files of a folder are sorted by name.
+    """Return the distinct mesh files among the given files and folders; files in a folder are sorted by name.
 
     Raises:
         InvalidInputError: If there are no mesh files or too many, or a file is missing or has an unknown format.
@@ -92,8 +92,8 @@ def queue_of(given: Sequence[Path], registered: Sequence[MeshImport] = ()) -> li
     """Return the queue of files and folders; files with the same content are one object.
 
     Args:
-        given: Files and folders; if none are given, the registered files are the queue.
-        registered: Files that task files import; the options in the task file apply to these files in the queue.
+        given: Files and folders; the registered files if empty.
+        registered: Mesh files imported by task files, with their import options.
 
     Raises:
         InvalidInputError: As for :func:`mesh_files`, or if a registered file does not exist.
@@ -107,10 +107,10 @@ def queue_of(given: Sequence[Path], registered: Sequence[MeshImport] = ()) -> li
 
 
 def folder_queue(folders: Sequence[Path]) -> list[QueuedObject]:
-    """Return the queue of the assets in asset folders.
+    """Return the queue for the assets in asset folders.
 
     Raises:
-        InvalidInputError: If a manifest cannot be read, or there is no asset.
+        InvalidInputError: If a manifest cannot be read, or the folders contain no assets.
     """
     queue: dict[str, QueuedObject] = {}
     for folder in folders:
@@ -122,7 +122,7 @@ def folder_queue(folders: Sequence[Path]) -> list[QueuedObject]:
 
 
 def apply_to_folder(reviews: Path, folder: Path, out: Path) -> tuple[list[str], dict[str, str]]:
-    """Write the accepted assets of a folder into a new folder, with the changes of a review.
+    """Write the accepted assets of a folder into a new folder, with the changes from a review.
 
     Returns:
         The names of the written assets, and the reason by the name of each rejected asset.

@@ -1,7 +1,7 @@
 """Statistics for small numbers of trials: intervals, exact tests, corrections for multiple testing, and power.
 
-For impossible counts, and for levels, shares and probabilities out of range, every function raises an
-``InvalidInputError`` that names the argument. Confidence levels and alpha are two-sided, strictly between 0 and 1.
+Every function raises an ``InvalidInputError`` that names the argument if counts are impossible, or a level, share or
+probability is out of range. Confidence levels and alpha are two-sided, strictly between 0 and 1.
 """
 
 from betterbench.statistics.agreement import AgreementTable

@@ -53,12 +53,12 @@ class AgreementTable:
 
     @property
     def observed(self) -> float | None:
-        """Fraction of items on which both agree, None without items."""
+        """Fraction of items on which both raters agree; None without items."""
         return sum(self.counts[k][k] for k in range(len(self.counts))) / self.n if self.n else None
 
     @property
     def expected(self) -> float | None:
-        """Fraction expected if both rated independently with their own frequencies, None without items."""
+        """Agreement expected if both raters rated independently with their own frequencies; None without items."""
         if not self.n:
             return None
         table = np.array(self.counts, dtype=float)
@@ -77,9 +77,9 @@ class AgreementTable:
         return (observed - expected) / (1.0 - expected)
 
     def interval(self, confidence: float = DEFAULT_CONFIDENCE) -> Interval | None:
-        """Return the interval of kappa from the large-sample variance (Fleiss, Cohen and Everitt, 1969).
+        """Return the confidence interval of kappa from its large-sample variance (Fleiss, Cohen and Everitt, 1969).
 
-        The interval is clipped to [-1, 1], and None if kappa is None. With few items, it is only a rough guide.
+        The interval is clipped to [-1, 1]; it is None if kappa is None. With few items, it is only approximate.
         """
         kappa, expected = self.kappa, self.expected
         if kappa is None or expected is None:

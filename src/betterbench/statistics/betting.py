@@ -1,4 +1,4 @@
-"""Tests and intervals for a bounded mean by betting, valid at any time and for any stopping rule.
+"""Betting-based tests and intervals for a bounded mean, valid at any time and for any stopping rule.
 
 A bet against "the mean is at most m" starts with wealth 1, which is multiplied by ``1 + c (x - m) / (m - low)`` for
 every value ``x``. The stake ``c`` is between 0 and 1, so the wealth never becomes negative. If the mean is at most m,
@@ -34,17 +34,17 @@ SIGNED: Span = (-1.0, 1.0)
 
 
 def evidence_above(values: Iterable[float], mean: float, *, span: Span = UNIT) -> float:
-    """Return the evidence that the mean of bounded values is above the given one, against "at most"."""
+    """Return the evidence (e-value) that the mean of bounded values exceeds a given mean."""
     return _wealth(_counted(values, mean, span), lambda x: (x - mean) / (mean - span[0]))
 
 
 def evidence_below(values: Iterable[float], mean: float, *, span: Span = UNIT) -> float:
-    """Return the evidence that the mean of bounded values is below the given one, against "at least"."""
+    """Return the evidence (e-value) that the mean of bounded values is below a given mean."""
     return _wealth(_counted(values, mean, span), lambda x: (mean - x) / (span[1] - mean))
 
 
 def anytime_interval(values: Iterable[float], *, span: Span = UNIT, confidence: float = DEFAULT_CONFIDENCE) -> Interval:
-    """Return an interval that contains the mean with the confidence level at any stopping time.
+    """Return a confidence interval of the mean that is valid at any stopping time.
 
     Args:
         values: Observed values, each within the span; their order does not matter.
@@ -78,7 +78,7 @@ def _interval(seen: tuple[float, ...], span: Span, confidence: float) -> Interva
 
 
 def _counted(values: Iterable[float], mean: float, span: Span) -> Counter[float]:
-    """Return the count of each value; raise InvalidInputError for a value outside the span or a mean not inside it."""
+    """Return the count of each value; raise InvalidInputError if a value or the mean is outside the span."""
     counts = Counter(values)
     outside = [value for value in counts if not span[0] <= value <= span[1]]
     if outside:

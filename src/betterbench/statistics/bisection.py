@@ -1,4 +1,4 @@
-"""Bisection for the last number at which a condition is true."""
+"""Bisection search for the last number at which a condition is true."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Paired bootstrap for a difference between rates, by stratum and cluster."""
+"""Stratified cluster bootstrap for paired differences between rates."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def paired_bootstrap(
     resamples: int = DEFAULT_RESAMPLES,
     confidence: float = DEFAULT_CONFIDENCE,
 ) -> Difference:
-    """Return the mean difference of pairs with its percentile bootstrap interval.
+    """Return the mean difference over pairs, with its percentile bootstrap interval.
 
-    Complete clusters are drawn with replacement, within each stratum separately. Use the task as the stratum to keep
+    Whole clusters are drawn with replacement, separately in each stratum. Use the task as the stratum to keep
     the set of tasks fixed. Use the twin as the cluster if several variations share one twin, because such pairs are not
     independent. The result does not depend on the order of the pairs.
 
@@ -85,10 +85,10 @@ def wider_paired_difference(
     clusters: Sequence[str],
     confidence: float = DEFAULT_CONFIDENCE,
 ) -> Difference:
-    """Return the difference over pairs (first succeeded, second succeeded) with the wider of two intervals.
+    """Return the difference over pairs (first succeeded, second succeeded), with the wider of two intervals.
 
-    The bootstrap accounts for variations that share the twin of their seed, but its interval has zero width if all
-    pairs agree. Newcombe's interval does not. Strata and clusters are the same as in :func:`paired_bootstrap`.
+    The bootstrap accounts for variations that share a twin, but its interval has zero width if all pairs agree.
+    Newcombe's interval always has a positive width. Strata and clusters are the same as in :func:`paired_bootstrap`.
     """
     drawn = paired_bootstrap(
         [float(first) for first, _ in outcomes],

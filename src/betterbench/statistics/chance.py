@@ -1,4 +1,4 @@
-"""Tests of a count against guessing."""
+"""Exact tests of a success count against guessing."""
 
 from __future__ import annotations
 

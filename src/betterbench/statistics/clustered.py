@@ -1,4 +1,4 @@
-"""Mean of scores that are not independent, such as answers about the same image."""
+"""Mean and interval for scores in clusters, such as answers about the same image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Differences between rates, with intervals: two rates, or a novel condition and the mean of seen conditions."""
+"""Differences between rates with intervals: two rates, or a novel condition and the mean of seen conditions."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float =
 
 
 def mean_of_rates(rates: Sequence[Rate], *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
-    """Return the mean of independent rates, each with the same weight, as benchmarks average their suites.
+    """Return the unweighted mean of independent rates, the usual average over the suites of a benchmark.
 
     The interval adds the distances to the ends of the Wilson intervals in quadrature, as for
     :func:`delta_success_rate`.
@@ -135,7 +135,7 @@ def _correlated_length(x: float, y: float, phi: float) -> float:
 
 
 def _contrast(terms: Sequence[tuple[float, Rate]], confidence: float, method: str) -> Difference:
-    """Return a weighted sum of independent rates with Wilson intervals added in quadrature."""
+    """Return a weighted sum of independent rates, with their Wilson intervals added in quadrature."""
     check_fraction("confidence", confidence)
     value = down = up = 0.0
     for weight, rate in terms:

@@ -60,7 +60,7 @@ def clopper_pearson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONF
 
 
 def normal_quantile(confidence: float) -> float:
-    """Return the half width of the central interval of a standard normal variable with this probability."""
+    """Return the half width of the central interval of a standard normal variable that has a given probability."""
     check_fraction("confidence", confidence)
     return float(special.ndtri(0.5 + confidence / 2.0))
 

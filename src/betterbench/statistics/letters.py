@@ -1,4 +1,4 @@
-"""Compact letter display: the significant pairwise differences, as a few letters per item."""
+"""Compact letter display, which shows significant pairwise differences by letters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.errors import InvalidInputError
 
 
 def compact_letters(different: Sequence[Sequence[bool]]) -> tuple[str, ...]:
-    """Return letters such that two items share a letter exactly if they do not differ significantly.
+    """Return letters for each item such that two items share a letter if and only if they do not differ significantly.
 
     This is the insert-and-absorb algorithm (Piepho, Journal of Computational and Graphical Statistics 13, 2004,
     456-466): all items begin with one letter. For every pair that differs, each shared letter is split into a letter

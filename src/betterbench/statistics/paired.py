@@ -42,9 +42,9 @@ class PairedTable:
 def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> float:
     """Return the two-sided p-value of an exact test for pairs that share their first trial.
 
-    If a variation changes nothing, the first trial and the second trials of a group are exchangeable. The statistic is
-    the sum of first minus second outcomes over all pairs, and its exact distribution over all exchanges is computed.
-    With one pair per group, this is McNemar's exact test.
+    Under the null hypothesis, the shared first trial and the second trials of a group are exchangeable. The statistic
+    is the sum of first minus second outcomes over all pairs, and its distribution over all exchanges is computed
+    exactly. With one pair per group, this is McNemar's exact test.
 
     Args:
         outcomes: (first succeeded, second succeeded) of each pair.

@@ -1,4 +1,4 @@
-"""Power of a given number of trials, and the smallest difference that they can detect.
+"""Statistical power of a number of trials, and the smallest difference that they can detect.
 
 Definition: the smallest detectable difference is the smallest true difference, in steps of 0.1 percentage points, at
 which the two-sided test at level ``alpha`` rejects "no difference" with a probability of at least ``power``.
@@ -21,7 +21,7 @@ DEFAULT_ALPHA = 0.05
 """Two-sided level of the test."""
 
 DEFAULT_POWER = 0.8
-"""Probability of detecting a true difference; 80 % is the usual planning value."""
+"""Required probability of detecting a true difference; 80 % is the usual planning value."""
 
 EXACT_ARM_LIMIT = 300
 """Maximum number of trials per arm for which power is summed over all outcomes of Barnard's test (0.2 s and 0.7 MB).
@@ -29,7 +29,7 @@ Above this number, the normal approximation is used; at the limit, both give the
 """
 
 _NEGLIGIBLE = 1e-20
-"""Probability below which a number of discordant pairs is left out of a sum (with up to 1e8 terms)."""
+"""Probability below which a number of discordant pairs is skipped in a sum (of up to 1e8 terms)."""
 
 _STEPS = 1000
 """Number of steps of 0.1 percentage points in the search for the smallest difference."""
@@ -143,7 +143,7 @@ def smallest_unpaired_difference(
 
 
 def _smallest(power_at: Callable[[float], float], room: float, power: float) -> float | None:
-    """Return the smallest step within ``room`` with enough power, by bisection, since power grows with the step."""
+    """Return the smallest step within ``room`` with enough power, by bisection because power grows with the step."""
     low, high = 0, int(np.floor(room * _STEPS + 1e-9))
     if power_at(high / _STEPS) < power:
         return None
@@ -157,7 +157,7 @@ def _smallest(power_at: Callable[[float], float], room: float, power: float) -> 
 
 
 def _normal_power(n: int, first: float, second: float, alpha: float) -> float:
-    """Return the power of the pooled score test for two arms with ``n`` trials in the normal approximation."""
+    """Return the power of the pooled score test for two arms with ``n`` trials, by the normal approximation."""
     gap = abs(first - second)
     mean = (first + second) / 2.0
     null = float(np.sqrt(2.0 * mean * (1.0 - mean) / n))
@@ -175,7 +175,7 @@ def _p_value_bytes(n: int) -> bytes:
 
 
 def _check_plan(n: int, alpha: float) -> None:
-    """Raise InvalidInputError for an empty experiment or an impossible level."""
+    """Raise InvalidInputError if there are no trials, or the level is out of range."""
     if n < 1:
         raise InvalidInputError("n", f"{n} trials cannot detect a difference", "Give at least 1")
     check_fraction("alpha", alpha)

@@ -1,4 +1,4 @@
-"""Ranking quality: the area under the ROC curve of a score, and the rank correlation of two quantities."""
+"""Ranking quality: area under the ROC curve of a score, and rank correlation of two quantities."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def ranking_area(
 
 
 def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
-    """Return the end of the interval in a given direction."""
+    """Return the end of the confidence interval in the direction of ``end``."""
     more = 0.5 * (m + n) - 1.0
 
     def near(other: float) -> bool:
@@ -171,7 +171,7 @@ def _order_p(
 
 def _transformed(value: float, n: int, quantile: float) -> tuple[float, float]:
     """Return the interval from Fisher's transformation."""
-    largest = 1.0 - 12.0 / (n * (n * n - 1.0))  # of a ranking with one exchange of neighbors
+    largest = 1.0 - 12.0 / (n * (n * n - 1.0))  # correlation of a ranking with one exchange of neighbors
     inner = max(-largest, min(largest, value))
     half = quantile * math.sqrt((1.0 + inner * inner / 2.0) / (n - 3.0))
     return math.tanh(math.atanh(inner) - half), math.tanh(math.atanh(inner) + half)
@@ -180,7 +180,7 @@ def _transformed(value: float, n: int, quantile: float) -> tuple[float, float]:
 def _resampled(
     x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], generator: np.random.Generator, confidence: float
 ) -> tuple[float, float]:
-    """Return the percentile bootstrap interval; resamples with a constant quantity are left out."""
+    """Return the percentile bootstrap interval, without resamples in which a quantity is constant."""
     drawn = (generator.integers(0, len(x), size=len(x)) for _ in range(_RESAMPLES))
     found = [told for rows in drawn if (told := _spearman(x[rows], y[rows])) is not None]
     tail = (1.0 - confidence) / 2.0

@@ -1,4 +1,4 @@
-"""Rate: fraction of trials with an outcome, and its uncertainty."""
+"""Success rates and their uncertainty."""
 
 from __future__ import annotations
 

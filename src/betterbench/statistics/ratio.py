@@ -1,4 +1,4 @@
-"""Comparison of two independent differences, as a ratio and as a difference, for the part of a gap that remains."""
+"""Ratio and difference of two independent differences, for the remaining part of a gap."""
 
 from __future__ import annotations
 

@@ -9,8 +9,8 @@ from betterbench.errors import InvalidInputError
 from betterbench.statistics.interval import check_counts
 
 _FLOAT_DIGITS = 12
-"""Number of significant decimal digits that are used from a float. A float has 15, but the last digits contain the
-noise of binary arithmetic, which would move 7.685 up or down.
+"""Number of significant decimal digits used from a float. A float has 15, but the last digits contain rounding errors
+of binary arithmetic, which would round 7.685 up or down.
 """
 
 
@@ -21,7 +21,7 @@ def round_half_up(value: float | str | Decimal | Fraction, digits: int) -> Decim
     tables of papers are rounded in decimal.
 
     Args:
-        value: A finite number. Fractions, decimals, integers and numeric strings are exact, floats are used to 12
+        value: A finite number. Fractions, decimals, integers and numeric strings are used exactly, floats with 12
             digits.
         digits: Decimals to keep, at least 0.
 

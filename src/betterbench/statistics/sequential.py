@@ -1,4 +1,4 @@
-"""Sequential tests for pairs, whose evidence may be inspected after every pair and stopped at any time.
+"""Sequential tests for pairs, in which the evidence may be inspected after every pair.
 
 An e-process starts at 1. If there is no difference, its expected value is at most 1 at any stopping time. By Ville's
 inequality, it then reaches ``1 / alpha`` with a probability of at most ``alpha``, regardless of the number of
@@ -26,7 +26,7 @@ DISCORDANT_PRIOR = 0.5
 
 @dataclass(frozen=True, slots=True)
 class EProcess:
-    """Evidence against "no difference", pair by pair.
+    """Evidence against "no difference" after each pair.
 
     Attributes:
         logs: Natural logarithm of the evidence after each pair.
@@ -59,7 +59,7 @@ class EProcess:
 
 
 def discordant_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEFAULT_ALPHA) -> EProcess:
-    """Return the evidence from dependent pairs: two policies on the same trials.
+    """Return the evidence from dependent pairs, such as two policies on the same trials.
 
     This is the sequential form of McNemar's test. If the two rates are equal, each discordant pair favors either side
     with probability 1/2. The evidence predicts the next discordant pair from the earlier pairs, with probability ``(s +
@@ -84,7 +84,7 @@ def discordant_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = D
 
 
 def two_rate_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEFAULT_ALPHA) -> EProcess:
-    """Return the evidence from two independent arms, one trial of each per pair.
+    """Return the evidence from two independent arms, with one trial of each per pair.
 
     The safe test for two proportions in blocks of two (Turner and Grünwald): the likelihood of a pair under the two
     rates estimated from earlier pairs, divided by its likelihood under their mean. The rates may drift from pair to

@@ -1,4 +1,4 @@
-"""Stimulus threshold at which answers become correct, such as the image size that a model can read.
+"""Psychometric threshold: the stimulus size at which answers become correct.
 
 The model is the psychometric function with guessing and lapses (Wichmann and Hill, "The psychometric function: I.
 Fitting, sampling, and goodness of fit", Perception & Psychophysics 63, 2001):
@@ -10,9 +10,9 @@ are read, the slope ``b``, the share ``g`` of unread items that are guessed (0 f
 and the knowledge ``k`` of each kind of item: the share of readable items that are answered correctly without guessing.
 Because ``k`` belongs to a kind, kinds that are difficult at every size do not move the threshold.
 
-Under several conditions, such as resolutions, one function is fitted to all items. If the sizes explain all differences
-between conditions, the measured and the predicted scores fall alike from one condition to another. A larger measured
-fall is reported as a further loss.
+With several conditions, such as image resolutions, one function is fitted to all items. If the sizes explain all
+differences between conditions, measured and predicted scores drop equally from one condition to another. A larger
+measured drop is reported as a further loss.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from betterbench.statistics.interval import DEFAULT_CONFIDENCE, check_fraction
 RESAMPLES = 100
 """Default number of bootstrap resamples."""
 LEAST_ITEMS, LEAST_CLUSTERS = 40, 8
-"""Minimum numbers of items and clusters for a conclusion."""
+"""Minimum number of items, and minimum number of clusters, for a conclusion."""
 EDGE = 0.02
 """Share of the items beyond each end of the interval's permitted range: a threshold among the smallest or largest 2 %
 of the sizes is not bracketed by data."""
@@ -45,13 +45,13 @@ _WIDER = 1.5
 set with 881 items in 34 clusters, the standard deviation over 14 simulations was 1.3 to 1.6 times that of the
 bootstrap."""
 _LEAST_P = 0.005
-"""Bound of the probabilities away from 0 and 1, so that a single lucky answer does not decide."""
+"""Minimum distance of probabilities from 0 and 1, so that a single lucky answer cannot determine the fit."""
 
 _PRECISION = {"maxiter": 100, "ftol": 1e-6, "gtol": 1e-4}
-"""Precision of a fit: the log-likelihood of a thousand items is exact to a thousandth."""
+"""Tolerance of a fit: the log-likelihood of a thousand items is exact to a thousandth."""
 _RESOLUTION = 1 / 40
-"""Half of the width in log size within which no fit locates a threshold; the interval is extended by it. It is the
-scale of the steepest F, which has this width even for a model with a sharp threshold."""
+"""Half width in log size within which a fit cannot locate a threshold; the interval is extended by it on both sides. It
+is the scale of the steepest F, which even a model with a sharp threshold has."""
 
 _Numbers = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
@@ -59,7 +59,7 @@ _Indices = npt.NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class FurtherLoss:
-    """Drop of the mean score from the first condition to another that the sizes do not explain.
+    """Drop in mean score from the first condition to another one that the sizes do not explain.
 
     Attributes:
         value: The loss, as a fraction; below 0 for a gain.
@@ -116,7 +116,7 @@ class Threshold:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Answer to one item.
+    """Scored answer to one item, with the size of its stimulus.
 
     Attributes:
         size: Size of the stimulus, above 0.
@@ -142,11 +142,11 @@ def fit_threshold(
     resamples: int = RESAMPLES,
     confidence: float = DEFAULT_CONFIDENCE,
 ) -> Threshold:
-    """Return the size at which items are read, by maximum likelihood with a bootstrap over clusters.
+    """Fit the size at which items can be read, by maximum likelihood with a bootstrap over clusters.
 
-    A threshold is concluded only if there are enough items and clusters, scores rise with the size (sign flips of the
-    clusters' covariances of score and log size within kinds, two-sided at 1 - confidence), and the interval lies within
-    the sizes of the items.
+    A threshold is reported only if three conditions hold. There are enough items and clusters. Scores rise with size,
+    by a two-sided sign-flip test of each cluster's covariance of score and log size within kinds, at level 1 -
+    confidence. The interval is within the range of item sizes.
 
     Args:
         readings: The items. The first one's condition is the reference of the further losses.
@@ -208,7 +208,7 @@ def fit_threshold(
 def _judged(
     found: Threshold, readings: Sequence[Reading], generator: np.random.Generator, confidence: float
 ) -> Threshold:
-    """Return a threshold, or the reason why the data do not bracket it."""
+    """Check whether the data bracket a threshold, and return it or the reason why not."""
     below, above = np.quantile([r.size for r in readings], (EDGE, 1 - EDGE))
     known = float(np.mean([found.knowledge[r.kind] for r in readings]))
     span = f"{found.smallest:.0f} to {found.largest:.0f}"
@@ -247,7 +247,7 @@ def _trend(readings: Sequence[Reading], generator: np.random.Generator) -> tuple
 
 
 def _further(cells: _Cells, value: _Numbers, drawn: _Numbers, confidence: float) -> dict[str, FurtherLoss]:
-    """Return the further loss of each condition but the first, given those of the resamples (resamples, conditions)."""
+    """Return the further loss of each condition except the first, given the losses in the resamples."""
     found = {}
     tail = (1 - confidence) / 2
     for index, name in enumerate(cells.conditions[1:], start=1):
@@ -261,7 +261,7 @@ def _further(cells: _Cells, value: _Numbers, drawn: _Numbers, confidence: float)
 
 @dataclass(frozen=True)
 class _Cells:
-    """Items counted by size, chance, kind and condition, so that the cost of a fit does not grow with their number."""
+    """Items grouped by size, chance, kind and condition, so that the cost of a fit does not grow with their number."""
 
     x: _Numbers
     chance: _Numbers
@@ -296,7 +296,7 @@ class _Cells:
         return cls(logs, chance, kind, condition, kinds, conditions, clusters, items)
 
     def counts(self, weights: _Numbers) -> tuple[_Numbers, _Numbers]:
-        """Return the sum of scores and the number of items of each cell, with a weight per cluster."""
+        """Return the sum of scores and the number of items in each cell, given a weight per cluster."""
         where, who, scores = self.of_item
         weight = weights[who]
         size = len(self.x)
@@ -305,7 +305,7 @@ class _Cells:
         return correct, total
 
     def further_losses(self, at: _Numbers, counts: tuple[_Numbers, _Numbers]) -> _Numbers:
-        """Return the measured minus the predicted fall of the mean score from the first condition, per condition."""
+        """Return, per condition, the measured minus the predicted drop in mean score from the first condition."""
         correct, total = counts
         size = len(self.conditions)
         left = np.bincount(self.condition, correct - total * self._rates(at)[0], size)
@@ -314,14 +314,14 @@ class _Cells:
         return np.asarray(mean[0] - mean, dtype=np.float64)
 
     def _rates(self, at: _Numbers) -> tuple[_Numbers, _Numbers, _Numbers]:
-        """Return the probability of a correct answer, F, and k, per cell."""
+        """Return the probability of a correct answer, F and k for each cell."""
         read = 1 / (1 + np.exp(np.clip(-math.exp(at[1]) * (self.x - at[0]), -50, 50)))
         known = at[3:][self.kind]
         floor = at[2] * self.chance
         return floor + (1 - floor) * known * read, read, known
 
     def fit(self, counts: tuple[_Numbers, _Numbers], near: _Numbers | None = None) -> _Numbers:
-        """Return the most likely log threshold, log slope, guessing and knowledge."""
+        """Return the maximum-likelihood log threshold, log slope, guessing share and knowledge."""
         from scipy.optimize import minimize  # noqa: PLC0415 - takes 0.2 s, which most commands do not need
 
         kinds = len(self.kinds)

@@ -1,4 +1,4 @@
-"""Exact tests of two independent rates, and their rejection regions."""
+"""Exact tests for two independent rates."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def binomial_probabilities(n: int, rate: float) -> npt.NDArray[np.float64]:
 
 
 def _pooled_score(n1: int, n2: int) -> npt.NDArray[np.float64]:
-    """Return the absolute pooled score statistic for every outcome of two arms, shape (n1 + 1, n2 + 1)."""
+    """Return the absolute pooled score statistic of every outcome of two arms, shape (n1 + 1, n2 + 1)."""
     k1, k2 = np.arange(n1 + 1)[:, None], np.arange(n2 + 1)[None, :]
     gap = np.abs(k1 / n1 - k2 / n2)
     pooled = (k1 + k2) / (n1 + n2)
@@ -109,7 +109,7 @@ def _pooled_score(n1: int, n2: int) -> npt.NDArray[np.float64]:
 
 
 def _common_rates() -> npt.NDArray[np.float64]:
-    """Return the common rates to search, above 0 up to 1/2; a rate and its complement swap successes and failures."""
+    """Return the common rates to search, above 0 up to 1/2; larger rates follow by swapping successes and failures."""
     rates: npt.NDArray[np.float64] = np.sin(np.linspace(0.0, np.pi / 4.0, _NUISANCE_POINTS)[1:]) ** 2
     return rates
 
@@ -138,6 +138,6 @@ def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
 
 
 def _uninformative(first: Rate, second: Rate) -> bool:
-    """Return whether the data cannot distinguish the rates: an empty arm, or the same result in all trials."""
+    """Return whether the data cannot distinguish the rates: an arm is empty, or all trials have the same result."""
     k, n = first.k + second.k, first.n + second.n
     return first.n == 0 or second.n == 0 or k in (0, n)

@@ -1,4 +1,4 @@
-"""Sequential allocation of trials: tests whether variations drop compared with their twins, with few trials.
+"""Sequential allocation of trials to test with few trials whether variations are solved less often than their twins.
 
 A question is whether one condition (a variation) is solved less often than another (its twin) on the same seeds. All
 open questions get the same seeds, round by round. After every round, questions with a verdict get no more trials. The
@@ -24,30 +24,31 @@ from betterbench.statistics.multiplicity import e_benjamini_hochberg
 from betterbench.statistics.power import DEFAULT_ALPHA
 
 DROP_MARGIN = 0.5
-"""Drop that a verdict of "no drop" excludes. It matches the power matrix, in which a policy fails a variation if it
-fails half of the trials. A smaller margin needs more trials: if no pair differs, 50 points take 5 pairs and 20 points
-15.
+"""Size of the drop that a "no drop" verdict excludes. It matches the power matrix, in which a policy fails a variation
+if it fails half of the trials. A smaller margin needs more trials: if no pair differs, 50 points take 5 pairs and 20
+points 15.
 """
 
 FIRST_PAIRS = 5
-"""Pairs of the first round: the smallest number after which unanimous pairs give a verdict."""
+"""Number of pairs in the first round: the smallest number after which unanimous pairs give a verdict."""
 
 TWIN_SHARE = 0.5
-"""Minimum share of pairs in which the twin must succeed; with a smaller share, a drop by the margin could hardly show.
+"""Minimum share of pairs in which the twin must succeed; with a smaller share, a drop by the margin is hardly
+detectable.
 """
 
 
 class Verdict(StrEnum):
-    """Verdict on a question, from its pairs."""
+    """Verdict on a question."""
 
     DROP = "drop"
     """The condition is solved less often than its twin."""
     NO_DROP = "no_drop"
-    """The condition is not solved less often by the margin or more."""
+    """The condition's rate is not lower by the margin or more."""
     NOT_LEARNED = "not_learned"
-    """Like "no drop", but the twin fails in most pairs, so a drop could hardly be detected."""
+    """Like "no drop", but the twin fails in most pairs, so a drop is hardly detectable."""
     OPEN = "open"
-    """The evidence does not suffice for a verdict yet."""
+    """The evidence is not sufficient for a verdict yet."""
 
     @property
     def words(self) -> str:
@@ -61,8 +62,8 @@ class StoppingRule:
 
     Attributes:
         level: Bound on the expected share of wrong verdicts, separately among "drop" and "no drop" verdicts.
-        margin: Drop that a verdict of "no drop" excludes, as a fraction.
-        first: Pairs of the first round; every further round adds one.
+        margin: Size of the drop that a "no drop" verdict excludes, as a fraction.
+        first: Number of pairs in the first round; every further round adds one pair.
     """
 
     level: float = DEFAULT_ALPHA
@@ -79,7 +80,7 @@ class StoppingRule:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question of whether a condition is solved less often than its twin; both are given by name."""
+    """Question whether a condition (by name) is solved less often than its twin."""
 
     condition: str
     twin: str
@@ -87,7 +88,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """State of a question: verdict, counts and evidence.
+    """Current answer to a question: verdict, counts and evidence.
 
     Attributes:
         pairs: Pairs in the complete rounds during which the question was open.
@@ -113,10 +114,10 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Decisions:
-    """All questions after the last complete round.
+    """State of all questions after the last complete round.
 
     Attributes:
-        answers: One per question, in their order.
+        answers: One answer per question, in the same order.
         waiting: (condition, seed) for each trial in the current round without an outcome, including twins; empty at the
             end.
     """
@@ -195,7 +196,7 @@ def _evidence(lost: int, kept: int, won: int, margin: float) -> tuple[float, flo
 
 
 def _judged(answers: Sequence[Answer], rule: StoppingRule) -> list[Answer]:
-    """Return the answers with their current verdicts; earlier verdicts stay."""
+    """Update the verdicts of open questions; decided questions keep their verdict."""
     judged = list(answers)
     for family in ((Verdict.DROP,), (Verdict.NO_DROP, Verdict.NOT_LEARNED)):
         eligible = [i for i, a in enumerate(judged) if not a.decided or a.verdict in family]

@@ -17,22 +17,22 @@ def counted(rate: Rate) -> str:
 
 
 def minus(number: Decimal) -> str:
-    """Return a decimal number with a typographic minus sign."""
+    """Replace the hyphen of a negative decimal number by a typographic minus sign."""
     return str(number).replace("-", MINUS)
 
 
 def signed(number: Decimal) -> str:
-    """Return a decimal number with its sign; zero has none."""
+    """Format a decimal number with its sign; zero has none."""
     return f"+{number}" if number > 0 else minus(number)
 
 
 def points(value: float, digits: int = 1) -> str:
-    """Return a fraction in percentage points without a plus sign."""
+    """Format a fraction as percentage points, without a plus sign."""
     return minus(round_half_up(100.0 * value, digits))
 
 
 def p_text(p_value: float | None) -> str:
-    """Return a p-value with two significant digits ("p = 0.26", "p = 0.0078", "p < 0.001"), or an empty string."""
+    """Format a p-value with two significant digits ("p = 0.26", "p < 0.001"); None gives an empty string."""
     if p_value is None:
         return ""
     if p_value < 0.001:
@@ -41,7 +41,7 @@ def p_text(p_value: float | None) -> str:
 
 
 def listed(items: Sequence[str]) -> str:
-    """Return "a", "a and b" or "a, b and c"."""
+    """Join items as "a", "a and b" or "a, b and c"."""
     return "".join(items) if len(items) < 2 else f"{', '.join(items[:-1])} and {items[-1]}"
 
 

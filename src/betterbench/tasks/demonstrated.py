@@ -109,7 +109,7 @@ class FinalPoses:
 
 
 class LeaningPose(NamedTuple):
-    """Pose of an object that may lean on others, relative to the target region's center, in the target's frame.
+    """Pose of an object that may lean on others: relative to the target region's center, in the target's frame.
 
     The position is in millimeters, the rotation a quaternion.
     """

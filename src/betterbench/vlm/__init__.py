@@ -3,11 +3,11 @@
 - ``items``: items of a benchmark, whose images are loaded on demand; ``pictures`` reads images from files and tables.
 - ``benchmarks``: one file per benchmark, which reads all published formats of its data; ``rows`` reads files.
 - ``prompts``: prompts as data, chosen by an identifier.
-- ``scoring``: our scores with fixed denominators. ``official``: the scores that upstream programs give, with their
-  faults.
+- ``scoring``: our scores with fixed denominators. ``official``: the scores of upstream programs, including their
+faults.
 - ``models``: image resolutions, and models that run in this process.
 - ``running``: a resumable run of a model over a benchmark; ``fetching`` downloads the data.
-- ``steps``: comparison of finished runs (``stored``); ``eyesight``: smallest object size that a model can read.
+- ``steps``: comparison of finished runs (``stored``); ``eyesight``: smallest object size that a model can recognize.
 - ``samples``: logs in the format of lmms-eval. ``inspect_tasks``: tasks for inspect_ai.
 
 As for ``better vqa``, :mod:`betterbench.vqa` sends the requests and reads the answers.

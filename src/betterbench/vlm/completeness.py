@@ -1,4 +1,4 @@
-"""Completeness check: comparison of the number of items in a data set with the published number."""
+"""Completeness check, which compares the number of items in a data set with the published number."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Completeness:
 
     @property
     def sentence(self) -> str:
-        """Description of the difference, or an empty string."""
+        """Description of the missing items, or an empty string."""
         if self.is_complete:
             return ""
         differing = [f"{name} {n:,} of {of:,}" for name, (n, of) in self.groups.items() if n != of]

@@ -1,9 +1,9 @@
 """Eyesight: smallest object size at which a model answers questions correctly, estimated from its answers.
 
 Items of our own sets store the image size of their objects. A psychometric function fitted to one run gives the size at
-which half of the questions are read (:mod:`betterbench.statistics.threshold`). Fitted to runs of the same model at
-several image resolutions ("eyes"), it shows whether a single size explains all scores; if it does, the model loses only
-what is too small to see. All sizes are at the effective resolution of the eyes
+which half of the questions can be answered (:mod:`betterbench.statistics.threshold`). Fitted to runs of the same model
+at several image resolutions ("eyes"), it shows whether a single size explains all scores. If it does, lower resolutions
+only hide small objects. All sizes are at the effective resolution of the eyes
 (:func:`~betterbench.vlm.models.eyes.size_in_detail`), as geometric means of width and height in pixels.
 """
 
@@ -23,9 +23,9 @@ from betterbench.vlm.models.eyes import Eyes
 from betterbench.vlm.scoring import StaticScore
 
 LEAST_OF_FAMILY = 20
-"""Families with fewer questions share the knowledge of their type."""
+"""Minimum number of questions of a family; smaller families share the knowledge parameter of their type."""
 LEAST_PX = 0.5
-"""Minimum size, because fractions of a pixel cannot be read [pixel]."""
+"""Minimum object size, because fractions of a pixel cannot be recognized [pixel]."""
 
 
 def readings_of(items: ItemSet, score: StaticScore, eyes: Eyes, column: str) -> list[Reading]:
@@ -39,7 +39,7 @@ def readings_of(items: ItemSet, score: StaticScore, eyes: Eyes, column: str) -> 
 
 
 class Grouped(Protocol):
-    """Item of a benchmark, read from its data or from a run."""
+    """Item of a benchmark, from its data or from a stored run."""
 
     @property
     def groups(self) -> Mapping[str, str]:
@@ -55,20 +55,20 @@ class Grouped(Protocol):
 
 
 def reading(size: float, score: float, item: Grouped, eyes: str) -> Reading:
-    """Return the reading of an item with a known size [pixel]; its kind is its type and family."""
+    """Return a scored item with a known size [pixel] for the threshold fit; its kind is its type and family."""
     kind = f"{item.groups.get('type', '')}\n{item.groups.get('family', '')}"
     return Reading(max(size, LEAST_PX), score, item.chance or 0.0, kind, item.cluster, str(eyes))
 
 
 def with_common_kinds(readings: Sequence[Reading]) -> list[Reading]:
-    """Return readings whose kind is the family or, for a rare family, the type."""
+    """Return readings in which the kind of a rare family is replaced by its type."""
     counts = Counter(r.kind for r in readings)
     kinds = {kind: kind.split("\n")[counts[kind] >= LEAST_OF_FAMILY] for kind in counts}
     return [replace(r, kind=kinds[r.kind]) for r in readings]
 
 
 def eyesight(readings: Sequence[Reading], purpose: str) -> Threshold | None:
-    """Return the size at which a model reads, or None if no sizes are known.
+    """Estimate the object size that a model can recognize; None if no sizes are known.
 
     Args:
         readings: Items of one run, or of runs with several eyes.
@@ -80,7 +80,7 @@ def eyesight(readings: Sequence[Reading], purpose: str) -> Threshold | None:
 
 
 def eyesight_sentence(found: Threshold) -> str:
-    """Return the threshold in words."""
+    """Describe the threshold in one sentence."""
     if found.value is None:
         return f"Eyesight: cannot be concluded from {found.n} questions, because {found.reason}."
     return (
@@ -98,7 +98,7 @@ class EyesightComparison:
         benchmark: Title of the benchmark.
         scores: Mean score of the items with known sizes, by eyes.
         alone: Threshold of each run alone, by eyes.
-        one: One threshold for all runs, with the further losses of all but the first.
+        one: Common threshold of all runs, with the further losses of all runs except the first.
     """
 
     name: str
@@ -109,7 +109,7 @@ class EyesightComparison:
 
     @property
     def further(self) -> tuple[str, ...]:
-        """Eyes with a supported further loss or gain."""
+        """Resolutions ("eyes") with a significant further loss or gain."""
         return tuple(eyes for eyes, loss in self.one.further.items() if loss.is_supported)
 
     @property

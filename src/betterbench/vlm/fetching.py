@@ -1,4 +1,4 @@
-"""Download of the data of a benchmark from the hub."""
+"""Download of benchmark data from the Hugging Face hub."""
 
 from __future__ import annotations
 

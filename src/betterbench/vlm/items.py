@@ -25,7 +25,7 @@ _MASKS = 32
 """Maximum number of target regions kept in memory."""
 
 AXIS, TRAINING = "axis", "training"
-"""Kind of group for the axis of an item's scene, and the name of the group about training scenes."""
+"""Kind of group for the axis of an item's scene, and the group name for training scenes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Gold:
 
     @property
     def written(self) -> str:
-        """The correct answer as a string: its text, the edges of the box, the name of the mask, or an empty string."""
+        """The correct answer as a string: its text, the box edges, the mask name, or an empty string."""
         if self.text is not None:
             return self.text
         return self.mask or ("" if self.box is None else f"[{', '.join(f'{v:g}' for v in self.box)}]")
@@ -54,7 +54,7 @@ class Gold:
 
 @dataclass(frozen=True, slots=True)
 class Detail:
-    """Smallest visible object that a question is about.
+    """Smallest visible object of a question.
 
     Attributes:
         width: Width of its box in the original image [pixel].
@@ -100,7 +100,7 @@ class Item:
     chance: float | None = None
 
     def size_px(self, eyes: Eyes) -> float | None:
-        """Return the size of the smallest object at the resolution shown to the model [pixel], if known.
+        """Return the size of the smallest object at the resolution that the model sees [pixel], if known.
 
         The size is the geometric mean of width and height.
         """
@@ -109,7 +109,7 @@ class Item:
         return size_in_detail((self.detail.width, self.detail.height), self.detail.picture, eyes)
 
     def spec(self, convention: Convention) -> AnswerSpec:
-        """Return the form of the answer in a convention of coordinates."""
+        """Return the answer format for a coordinate convention."""
         return AnswerSpec(self.form, self.options, self.width, self.height, convention)
 
 
@@ -124,7 +124,7 @@ class ItemSet:
         files: SHA-256 of the files with the items, by name; part of the content hash.
         reference: Reference rates by name of a group, such as chance and the blind classifier (in percent).
         content: Content hash of the source, where the source defines one; otherwise computed from the items.
-        twins: Identifier of the item about the training scene, by the identifier of an item about a variation.
+        twins: Identifier of the item about the training scene, by identifier of the item about a variation.
     """
 
     benchmark: str
@@ -184,5 +184,5 @@ class ItemSet:
 
 
 def _plain(value: Item | Gold) -> dict[str, Any]:
-    """Return the fields by name; ``asdict`` would copy each value and take ten times as long."""
+    """Return the fields by name. ``asdict`` would copy each value, which takes ten times as long."""
     return {f.name: getattr(value, f.name) for f in fields(value)}

@@ -22,7 +22,7 @@ def _is_binary(pairs: Sequence[tuple[Fraction, Fraction]]) -> bool:
 
 
 def paired_difference(pairs: Sequence[tuple[Fraction, Fraction]], clusters: Sequence[str], purpose: str) -> Difference:
-    """Return the mean difference of pairs of scores, with an interval that keeps the pairs of a cluster together.
+    """Return the mean difference of paired scores, with an interval that accounts for clusters.
 
     Args:
         pairs: First and second score of each pair, between 0 and 1.
@@ -39,7 +39,7 @@ def paired_difference(pairs: Sequence[tuple[Fraction, Fraction]], clusters: Sequ
 
 
 def paired_p(pairs: Sequence[tuple[Fraction, Fraction]], clusters: Sequence[str], purpose: str) -> tuple[float, str]:
-    """Return the p-value of a paired test that keeps the pairs of a cluster together, and the test's name."""
+    """Return the p-value of a paired test that accounts for clusters, and the name of the test."""
     if len(set(clusters)) == len(clusters) and _is_binary(pairs):
         return mcnemar_p(PairedTable.from_outcomes((a == 1, b == 1) for a, b in pairs)), "McNemar, exact"
     sums: dict[str, Fraction] = defaultdict(Fraction)

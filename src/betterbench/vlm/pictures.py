@@ -1,4 +1,4 @@
-"""Images from untrusted files: sizes, target regions, and images in folders, tables, JSON and videos."""
+"""Reading of untrusted images: sizes, target regions, and images in folders, tables, JSON and videos."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ MOST_BYTES = 64 << 20
 """Largest image that is read [byte]."""
 MOST_PIXELS = 64_000_000
 NOT_A_PICTURE = (OSError, ValueError, SyntaxError, Image.DecompressionBombError)
-"""Errors that Pillow raises for a file that is not an image, is truncated or is too large."""
+"""Exceptions that Pillow raises for a file that is truncated, too large or not an image."""
 _CURE = "Download the data again"
 _SENT = ("image/png", "image/jpeg")
 _OF_PNG = ("1", "L", "LA", "P", "RGB", "RGBA", "I;16")
-"""Modes of Pillow that PNG stores without a change."""
+"""Pillow modes that PNG stores without conversion."""
 
 
 def size_of(data: bytes, where: str) -> tuple[int, int]:
@@ -51,7 +51,7 @@ def not_a_picture(where: str, error: Exception) -> InvalidInputError:
 
 
 def require_whole(data: bytes, where: str) -> None:
-    """Raise InvalidInputError if an image is too large, truncated, or cannot be decoded.
+    """Raise InvalidInputError if an image is too large, truncated or not decodable.
 
     Decoding takes most of the processor time of a request, so only the checksums of a PNG file are verified (0.1
     instead of 9 ms for 640 x 480 pixels), and a JPEG file is decoded to its end at an eighth of its size (0.6 instead
@@ -63,14 +63,14 @@ def require_whole(data: bytes, where: str) -> None:
             if image.format == "PNG":
                 image.verify()
             else:
-                image.draft("L", (1, 1))  # only JPEG has smaller versions
+                image.draft("L", (1, 1))  # only JPEG supports decoding at a reduced size
                 image.load()
     except NOT_A_PICTURE as error:
         raise not_a_picture(where, error) from error
 
 
 def sendable(data: bytes, where: str) -> bytes:
-    """Return an image as PNG or JPEG, the formats that every endpoint and processor takes.
+    """Return an image as PNG or JPEG, the formats that every endpoint and processor accepts.
 
     PNG and JPEG files stay as they are. Other formats, such as WebP, GIF, BMP and TIFF, become PNG files with the same
     pixels.

@@ -1,7 +1,7 @@
-"""Test of whether a static score predicts the illusion gap over several policies.
+"""Correlation test of whether a static score predicts the illusion gap of several policies.
 
-The paper uses static evaluation as a proxy for a policy's understanding. If that holds, a policy whose model has a
-higher static score, or a smaller static illusion gap, loses less when the scene changes.
+The paper uses static evaluation as a proxy for a policy's understanding. If this is valid, a policy whose model has a
+higher static score, or a smaller static illusion gap, has a smaller loss when the scene changes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ LEAST_POLICIES = 5
 
 @dataclass(frozen=True, slots=True)
 class PolicyPoint:
-    """Results of one policy in the static benchmark and in simulation.
+    """Results of one policy in the static benchmark and in the simulation.
 
     Attributes:
         name: Name of the policy.

@@ -1,9 +1,9 @@
 """Probe that identifies the coordinate convention of a model, from images with known points and boxes.
 
 Ten images show one disk or one rectangle each. For every order (column or row first) and scale (pixels, fractions,
-percent, thousandths) the answers are compared with the true positions. A convention is reported only if exactly one
-order and scale explains the answers. Positions are far from the diagonal, and images have fewer than 600 pixels on a
-side, so that no two combinations of order and scale agree within the tolerance.
+percent, thousandths), the answers are compared with the true positions. A convention is reported only if exactly one
+combination of order and scale explains the answers. Positions are far from the diagonal, and image sides are shorter
+than 600 pixels, so that no two combinations agree within the tolerance.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from betterbench.vqa.parsing.points import exact_groups
 from betterbench.vqa.question import Form
 
 TOLERANCE = 0.1
-"""Maximum error of an answer that counts as matching, as a fraction of the image's side: three standard deviations of a
-pointing noise of 3 %."""
+"""Maximum error of a matching answer, as a fraction of the image side: three standard deviations of a pointing noise of
+3 %."""
 _MOST_FITTING = 0.8
-"""Minimum fraction of answers that fit."""
+"""Minimum fraction of matching answers for a convention to be accepted."""
 _FEWEST = 6
 """Minimum number of readable answers."""
 
@@ -44,7 +44,7 @@ _COLORS = {"red": "#d03030", "blue": "#2850c8", "green": "#2a9040"}
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """An image with one disk or rectangle.
+    """Probe image with one disk or rectangle.
 
     Attributes:
         shape: "disk" asks for a point, "rectangle" for a box.
@@ -61,12 +61,12 @@ class Target:
 
     @property
     def form(self) -> Form:
-        """Form of the answer."""
+        """Format of the answer."""
         return Form.POINT if self.shape == "disk" else Form.BOX
 
     @property
     def edges(self) -> tuple[float, float, float, float]:
-        """Left, top, right and bottom edge, as fractions."""
+        """Left, top, right and bottom edge of the shape, as fractions."""
         (x, y), (dx, dy) = self.middle, self.half
         return (x - dx, y - dy, x + dx, y + dy)
 
@@ -115,12 +115,12 @@ TARGETS: tuple[Target, ...] = (
     Target("rectangle", "green", _TALL, (0.35, 0.80), (0.20, 0.08)),
     Target("rectangle", "red", _SMALL, (0.60, 0.25), (0.08, 0.12)),
 )
-"""The images of a probe."""
+"""Images of a probe."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Agreement of the answers with one order and scale.
+    """Agreement of the answers with one combination of order and scale.
 
     Attributes:
         order: "xy" for column before row, "yx" for row before column.
@@ -150,7 +150,7 @@ class Finding:
         readable: Number of answers with coordinates.
         asked: Number of images, one request each.
         fits: All orders and scales, the best first.
-        found: The convention, or None if no order and scale fits, several fit, or betterbench has no such convention.
+        found: The convention, or None if no combination fits, several fit, or betterbench has no such convention.
     """
 
     model: str
@@ -162,7 +162,7 @@ class Finding:
 
     @property
     def fitting(self) -> tuple[Fit, ...]:
-        """Orders and scales that explain the answers."""
+        """Combinations of order and scale that explain the answers."""
         least = max(_FEWEST, _MOST_FITTING * self.readable)
         return tuple(fit for fit in self.fits if fit.fitting >= least)
 
@@ -192,7 +192,7 @@ class Finding:
         return f"{best.words}, with a median error of {100 * best.error:.0f} % of the side"
 
     def require(self, declared: Coordinates) -> None:
-        """Raise InvalidInputError if the answers reveal a different order or scale than the declared convention."""
+        """Raise InvalidInputError if the answers have a different order or scale than the declared convention."""
         problem = f"{declared} are declared, but {self.sentence[:1].lower() + self.sentence[1:].rstrip('.')}"
         if self.found is None:
             if self.readable >= _FEWEST and len(self.fitting) == 1:
@@ -283,7 +283,7 @@ def finding_of(
 
 
 def request_for(target: Target, declared: Coordinates | None = None, eyes: Eyes = Eyes.NATIVE) -> Request:
-    """Return the request for the position of a target shape, in a declared convention or the model's own."""
+    """Return the request for the position of a shape, in a declared convention or (if None) the model's own."""
     shown = shown_picture(target.picture(), eyes)
     asked = "the coordinates of the center" if target.shape == "disk" else "the bounding box"
     prompt = f"Give {asked} of the {target.color} {target.shape} in the image."
@@ -309,7 +309,7 @@ def _fit(read: Sequence[tuple[Target, list[Fraction]]], order: Order, side: int 
 
 
 def _convention(fit: Fit, texts: Sequence[str]) -> Coordinates | None:
-    """Return the convention with an order and scale whose format is the most frequent in the answers."""
+    """Return the convention with the given order and scale whose written format is most frequent in the answers."""
     side = next(number for number, name in _SCALES.items() if name == fit.scale)
     known = [c for c in CONVENTIONS.values() if (c.order, c.side) == (fit.order, side)]
     forms = [_written_form(text) for text in texts if _numbers(text)]

@@ -1,4 +1,4 @@
-"""Reader for rows of published data in JSON, JSON lines and Parquet; errors contain file, row and column."""
+"""Reader for rows of published data in JSON, JSON lines and Parquet, with file, row and column in error messages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST_BYTES = 2 << 30
 _CURE = "Give the file as published, or the row in that form"
 _FOLDERS = ("", "data", "default", "annotations")
 Span = tuple[int, int]
-"""Beginning and end of a row in a file [byte]."""
+"""Start and end of a row in a file [byte]."""
 _BLOCK = 1 << 22
 _TOKEN = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*("?)|[\[\]{}]', re.DOTALL)
 """Pattern of the strings and brackets in JSON; for an unterminated string, the group is empty."""
@@ -43,7 +43,7 @@ class Row:
     columns: frozenset[str]
 
     def where(self, column: str) -> str:
-        """Return file, row and column for an error."""
+        """Return file, row and column for an error message."""
         return f"{self.file}, row {self.number}, column {column}"
 
     def error(self, column: str, problem: str, cure: str = _CURE) -> InvalidInputError:
@@ -51,7 +51,7 @@ class Row:
         return InvalidInputError(self.where(column), problem, cure)
 
     def named(self, *names: str) -> str:
-        """Return the first of several names that is a column name; raise InvalidInputError if none is."""
+        """Return the first of several names that exists as a column; raise InvalidInputError if none exists."""
         for name in names:
             if name in self.columns:
                 return name
@@ -153,7 +153,7 @@ def read_rows(file: Path, *, large: Sequence[str]) -> list[Row]:
 
 
 def _parsed_rows(file: Path) -> list[Row]:
-    """Return the rows of a JSON document with any supported structure; the complete document is held in memory."""
+    """Return the rows of a JSON document with any supported structure, which is loaded completely."""
     raw = read_bounded(file, max_bytes=MOST_BYTES, cure="Give the file as published")
     try:
         if file.suffix.lower() == ".jsonl":
@@ -175,14 +175,14 @@ def _parsed_rows(file: Path) -> list[Row]:
 
 
 def _spans_of(file: Path) -> list[Span] | None:
-    """Return the position of each row in a JSON list or in JSON lines, or None for a document of another structure."""
+    """Return the byte range of each row in a JSON list or JSON lines file, or None for another structure."""
     try:
         with open_ordinary(file) as opened:
             if os.fstat(opened.fileno()).st_size > MOST_BYTES:
                 return None
             return _lines_in(opened) if file.suffix.lower() == ".jsonl" else _objects_in(opened)
     except OSError:
-        return None  # parsing the complete document reports the problem
+        return None  # the full parser will report the problem
 
 
 def _lines_in(opened: BinaryIO) -> list[Span]:
@@ -195,9 +195,9 @@ def _lines_in(opened: BinaryIO) -> list[Span]:
 
 
 def _objects_in(opened: BinaryIO) -> list[Span] | None:
-    """Return the positions of the objects in a list, read block by block; None if the document is not such a list."""
+    """Return the byte ranges of the objects in a list, read block by block; None if it is not a list of objects."""
     spans, depth, is_over = list[Span](), 0, False
-    data, base, at, kept = b"", 0, 0, 0  # ``kept`` is the beginning of the object, or the end of the last one
+    data, base, at, kept = b"", 0, 0, 0  # ``kept`` is the start of the current object, or the end of the previous one
     while block := opened.read(_BLOCK):
         data, at, base = data[kept - base :] + block, at - (kept - base), kept
         for token in _TOKEN.finditer(data, at):
@@ -229,7 +229,7 @@ def _objects_in(opened: BinaryIO) -> list[Span] | None:
 
 
 def _rows_at(file: Path, spans: list[Span], large: Sequence[str]) -> list[Row] | None:
-    """Return rows whose large cells are read again on demand, or None if one is not an object."""
+    """Return rows whose large cells are read again on demand, or None if a row is not an object."""
     rows = []
     with open_ordinary(file) as opened:
         for number, span in enumerate(spans, start=1):

@@ -253,21 +253,21 @@ def _begin(out: Path, head: dict[str, Any]) -> dict[str, Any]:
 
 
 def _show(items: ItemSet, out: Path) -> None:
-    """Write the first image of the benchmark at each resolution."""
+    """Write a sheet with the benchmark's first image at each resolution."""
     name = next((item.pictures[-1] for item in items.items if item.pictures), None)
     if name is None or (out / SHOWN_NAME).exists():
         return
     try:
         sheet = contact_sheet(items.read(name))
     except NOT_A_PICTURE:
-        return  # the request for this image will report the problem
+        return  # a broken image is reported when its request is sent
     write_durably(out / SHOWN_NAME, sheet)
 
 
 def _check_convention(
     items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: Bar
 ) -> Sequence[ModelAnswer]:
-    """Return the answers to images with known positions; raise InvalidInputError if they follow another convention."""
+    """Probe the model with known positions; raise InvalidInputError if its answers follow another convention."""
     if not settings.probe or all(item.form not in PLACES for item in items.items):
         return ()
     with bar("checking the coordinates", len(TARGETS)) as on_progress:
@@ -302,9 +302,9 @@ def _asked(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: 
 
 
 def _require_accepted(found: Answers, file: Path) -> None:
-    """Remove an answer file in which every request was rejected, and raise ModelError.
+    """If every request was rejected, remove the answer file and raise ModelError.
 
-    A score of 0 would be meaningless.
+    Otherwise, a meaningless score of 0 would be reported.
     """
     refused = Counter(answer.error for answer in found.answers.values())
     if not refused or None in refused:
@@ -320,7 +320,7 @@ def _require_accepted(found: Answers, file: Path) -> None:
 def _extracted(
     items: ItemSet, extractor: Model, texts: Mapping[str, str], out: Path, *, settings: RunSettings, bar: Bar
 ) -> Answers:
-    """Let the extractor read the answers that the parser cannot."""
+    """Send the replies that the parser cannot read to the extractor, and return its replies."""
     convention = settings.convention
     requests: dict[str, Request] = {}
     for item in items.items:
@@ -354,5 +354,5 @@ def _write(run: StaticRun, items: ItemSet, settings: RunSettings) -> None:
 
 
 def _shown(score: Fraction) -> str:
-    """Return an exact score as text, "0", "1" or "2/3"."""
+    """Format an exact score as "0", "1" or "2/3"."""
     return str(score)

@@ -1,4 +1,4 @@
-"""Sample logs in the format of lmms-eval, for tools that read its logs.
+"""Export of sample logs in the format of lmms-eval, for tools that read these logs.
 
 The format is that of ``save_results_samples`` in ``loggers/evaluation_tracker.py`` of lmms-eval (commit 75571cf): a
 file ``MODEL/DATE_samples_TASK.jsonl`` with one line per sample, without the document, and without ``resps`` where they

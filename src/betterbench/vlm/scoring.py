@@ -31,7 +31,7 @@ _LEVELS = {"easy": 1, "medium": 2, "hard": 3}
 
 
 def score_in_column(score: Fraction, stage: Stage, column: str) -> Fraction:
-    """Return the score of a value in a column of :data:`COLUMNS`: 0 if the column excludes the value's stage."""
+    """Return the score of a value in a column of :data:`COLUMNS`; 0 if the column excludes the value's stage."""
     counted = {"strict": ("strict",), "parsed": ("strict", "tolerant")}.get(column)
     return score if counted is None or stage in counted else Fraction(0)
 

@@ -31,7 +31,7 @@ FACTORS = {
     "extractor": "extractor",
     "max_tokens": "longest answer",
 }
-"""Settings of a run that may explain a difference, with their display names."""
+"""Run settings that may explain a difference, with their display names."""
 _ABOUT_THE_MODEL = ("model", "eyes", "tiles")
 
 
@@ -124,7 +124,7 @@ class GroupStep:
         p: p-value of the paired test.
         adjusted: The p-value after Holm's correction over all groups of this kind in the table.
         is_supported: Whether the adjusted p-value is below ``alpha``.
-        explained_by: Smaller groups with supported steps, without whose items this group's step is not significant.
+        explained_by: Smaller groups with supported steps; without their items, this group's step is not significant.
     """
 
     upper: str
@@ -337,7 +337,7 @@ def _steps_of_groups(upper: str, lower: str, above: StoredRun, below: StoredRun,
 def _eyesight(
     rows: dict[str, dict[str, StoredRun]], benchmarks: Sequence[str], column: str
 ) -> Iterator[EyesightComparison]:
-    """Yield the comparison of runs that differ only in resolution and tiles."""
+    """Yield a comparison for each set of runs that differ only in resolution and tiles."""
     same = [key for key in FACTORS if key not in ("eyes", "max_tiles")]
     for benchmark in benchmarks:
         models: dict[tuple[Any, ...], dict[str, StoredRun]] = defaultdict(dict)

@@ -61,7 +61,7 @@ class StoredRun:
     Attributes:
         head: Settings of the run, from ``run.json``.
         items: Scores by item, in the order of the data.
-        headline: Number of the benchmark by column, as a fraction.
+        headline: Headline number of the benchmark by column, as a fraction.
     """
 
     path: Path

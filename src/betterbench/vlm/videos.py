@@ -1,4 +1,4 @@
-"""Frames of videos, by frame number."""
+"""Extraction of video frames by frame number."""
 
 from __future__ import annotations
 

@@ -4,9 +4,8 @@
   levels.
 - ``dataset``, ``decisive``, ``freeform``, ``named_object``: sets of questions about records; ``balance`` balances their
   answers.
-- ``asking``, ``scoring``, ``blind``, ``llm``: answers of a model, their scores, and baselines that do not see the
-  image.
-- ``knowing``: whether a model knows the right decision where the policy failed.
+- ``asking``, ``scoring``, ``blind``, ``llm``: answers of a model, their scores, and baselines without the image.
+- ``knowing``: whether a model knew the right decision in trials that the policy failed.
 """
 
 from betterbench.vqa.asking import Answers, Score, ask_set, read_answers, scores_of

@@ -47,13 +47,14 @@ _BEGINNING = b'{"coordinates":'
 MOST_AT_ONCE = 256
 """Maximum number of simultaneous requests."""
 _MOST_AHEAD = 64
-"""Maximum number of answers that wait for the answer to an earlier request."""
+"""Maximum number of finished answers that wait for the answer to an earlier request, because answers are written in
+order."""
 _SYNC_WITHIN_S = 1.0
-"""Maximum time until an answer is on disk [s]. A flush takes 4 ms, so one per answer would limit a run to 250 per
-second. A killed process loses nothing; a power cut may lose the answers of this time."""
+"""Maximum time until an answer is forced to disk [s]. A flush takes 4 ms, so flushing after each answer would limit a
+run to 250 answers per second. A killed process loses nothing; a power failure may lose the answers of this interval."""
 
 LONGEST_ANSWER, _KEPT_START = 100_000, 2_000
-"""Maximum number of characters of an answer that is stored. Only the start and the end of a longer answer are kept."""
+"""Maximum number of characters of a stored answer. Only the start and the end of a longer answer are stored."""
 
 _LINES = {
     Form.YES_NO: "Answer with Yes or No only.",
@@ -66,7 +67,7 @@ _SHAPES: dict[Form, Literal["box", "point", "points"]] = {
 
 
 def answer_line(spec: AnswerSpec) -> str:
-    """Return the prompt sentence that specifies the answer format."""
+    """Return the prompt sentence that requests an answer format."""
     if spec.form in _SHAPES:
         return spec.convention.request(_SHAPES[spec.form], spec.width, spec.height)
     return _LINES[spec.form]
@@ -74,7 +75,7 @@ def answer_line(spec: AnswerSpec) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One request to a model.
+    """Request to a model.
 
     Attributes:
         pictures: Reads the images (PNG or JPEG) when the request is sent.
@@ -94,11 +95,11 @@ class ModelAnswer:
         text: Answer text; empty if the request was rejected.
         error: Reason for a missing answer, or None.
         seal: Checksum of the line; None in a file from another program or an earlier version.
-        prompt_tokens: Tokens of the request as the server counted them; None if it did not.
-        completion_tokens: Tokens of the answer as the server counted them; None if it did not.
-        retries: Reasons of failed tries before the answer, each as "KIND: DETAILS".
+        prompt_tokens: Number of prompt tokens reported by the server; None if not reported.
+        completion_tokens: Number of answer tokens reported by the server; None if not reported.
+        retries: Reasons for failed attempts before the answer, each as "KIND: DETAILS".
         cached: Whether the answer was taken from the cache instead of the model.
-        cut: Whether the server ended the text at the longest answer.
+        cut: Whether the server cut off the text at the maximum number of tokens.
     """
 
     id: str
@@ -132,7 +133,7 @@ class AnswersHead:
 
 
 _ALWAYS = frozenset({"error", "coordinates"})
-"""Fields that are written even with their default value; other defaults are omitted."""
+"""Fields that are always written; other fields are omitted if they have their default value."""
 _ANSWER, _HEAD = TypeAdapter(ModelAnswer), TypeAdapter(AnswersHead)
 _CURE = "Correct the file if it is your own, or write the answers to another file with --answers"
 
@@ -142,7 +143,7 @@ class Answers:
     """Model answers to a set. A question without an answer is scored as wrong.
 
     Attributes:
-        changed: Number of the answer file's first line with a wrong checksum; 0 if there is none.
+        changed: Line number of the first line with a wrong checksum; 0 if all are correct.
     """
 
     head: AnswersHead
@@ -150,7 +151,7 @@ class Answers:
     changed: int = 0
 
     def has(self, question: Question) -> bool:
-        """Return whether the question was put to the model, even if the answer is empty."""
+        """Return whether the question was sent to the model, even if the answer is empty."""
         return question.id in self.answers
 
     def right(self, question: Question) -> bool:
@@ -163,7 +164,7 @@ class Answers:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Score on one part of a set: numbers of correct and readable answers, and the rates of image-free baselines.
+    """Score on one part of a set: numbers of correct and readable answers, and rates of baselines without the image.
 
     Attributes:
         chance: Expected rate of correct answers when guessing without the image.
@@ -203,7 +204,7 @@ class _AnswerFile(LineJournal):
             self.known = found.answers
 
     def append(self, answer: ModelAnswer) -> None:
-        """Append an answer; answers of up to a second are forced to disk together."""
+        """Append an answer; answers within a second are forced to disk together."""
         self._append_line(_sealed(self.head, answer), within_s=_SYNC_WITHIN_S)
         self.known[answer.id] = answer
 
@@ -223,7 +224,7 @@ def ask_set(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Answers:
-    """Ask a model all questions in a set that it has not answered yet, and return all answers.
+    """Ask a model all unanswered questions in a set, and return all answers.
 
     Raises the errors of :func:`ask_all`.
     """
@@ -247,10 +248,10 @@ def ask_all(
     verb: str = "vqa",
     on_progress: OnCount | None = None,
 ) -> Answers:
-    """Send a model all requests that it has not answered yet, and return all answers.
+    """Send all unanswered requests to a model, and return all answers.
 
     Answers are appended in the order of the requests, so that the file does not depend on the number of simultaneous
-    requests. A rejected request is an empty answer with a reason.
+    requests. A rejected request is stored as an empty answer with a reason.
 
     Args:
         requests: Requests by identifier.
@@ -292,9 +293,9 @@ def ask_all(
 
 
 def is_answers(file: Path) -> bool:
-    """Return whether a file looks like an answer file; raise OSError unless the file is missing.
+    """Return whether a file looks like an answer file, False if it is missing; raise OSError if it cannot be read.
 
-    An incomplete first line of a killed process is recognized by its beginning.
+    An incomplete first line, left by a killed process, is recognized by its beginning.
     """
     line = _first_line(file)
     if not line.endswith(b"\n"):
@@ -307,7 +308,7 @@ def is_answers(file: Path) -> bool:
 
 
 def _goes_on(file: Path, head: AnswersHead) -> bool:
-    """Return whether a file contains a complete first line of answers, or nothing."""
+    """Return whether the answers in a file can be continued: it has a complete first line, or is empty."""
     return _first_line(file) in (b"", json_line(dump_json(asdict(head))))
 
 
@@ -385,7 +386,7 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
 
 
 def read_stored_answers(file: Path) -> Answers:
-    """Read the answers of a run without its questions.
+    """Read the answers of a run without reading its questions.
 
     Raises:
         RecordError: If the file cannot be read, or was changed.
@@ -422,7 +423,7 @@ def _require_unchanged(found: Answers, file: Path) -> None:
 
 
 def _sealed(head: AnswersHead, line: AnswersHead | ModelAnswer) -> dict[str, Any]:
-    """Return a line of an answer file with its checksum, which includes the model and the set."""
+    """Return a line of an answer file with its checksum, which also covers the model and the set."""
     form = {
         f.name: value
         for f in fields(line)

@@ -1,11 +1,11 @@
-"""Balanced selection of questions, so that their text alone does not reveal the answers.
+"""Balanced selection of questions, so that their texts alone do not reveal the answers.
 
-Questions belong to one group if their wording gives the same information, that is, if they have the same family and
-objects. Within a group, every kept answer occurs equally often, so no rule over the text is better than guessing. A
-group with a single answer is left out, because it could be answered without the image. Boxes and points are balanced
-over cells of the image. All types have the same number of questions, and so have all question kinds within a type, as
-far as possible. No kind has more questions than all others of its type together. Questions are selected by hashes of
-their text and frame, never by their answer.
+Questions belong to the same group if their wording gives the same information, that is, if they have the same family
+and objects. Within a group, every kept answer occurs equally often, so no rule that uses only the text is better than
+guessing. A group with only one answer is left out, because it could be answered without the image. Boxes and points are
+balanced over cells of the image. All types have the same number of questions, and so have all question kinds within a
+type, as far as possible. No kind has more questions than all others of its type together. Questions are selected by
+hashes of their text and frame, never by their answer.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ frames are nearly equal."""
 
 
 SUBJECTS = {"what is held": "holding", "is it held": "holding"}
-"""Question families with the same subject, which are balanced together within their type."""
+"""Question families about the same subject, which are balanced together within their type."""
 
 NameT = TypeVar("NameT", bound=str)
-"""A type, kind or family of questions."""
+"""Type, kind or family of questions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Chosen:
 
 
 def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
-    """Return one trial's candidates without near-duplicates, in identifier order."""
+    """Remove near-duplicates from the candidates of one trial, and return the rest in identifier order."""
     alike: dict[tuple[object, ...], list[tuple[str, Candidate]]] = defaultdict(list)
     for candidate in candidates:
         what = (candidate.type, candidate.key, candidate.bucket, candidate.source.camera)
@@ -58,8 +58,9 @@ def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
 def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -> list[Chosen]:
     """Return about ``count`` questions with balanced answers, equally many per type as far as possible.
 
-    If a type has too few questions, the others get more. The question kinds within a type are treated in the same way,
-    and no kind has more questions than all others together. Within a kind, families and groups take turns.
+    If a type has too few questions, the other types get more. The kinds within a type are treated in the same way, but
+    no kind has more questions than all other kinds together. Within a kind, questions are taken from families and
+    groups in turn.
 
     Args:
         candidates: All possible questions.
@@ -111,7 +112,7 @@ def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[
 
 
 def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chosen]]:
-    """Return a group's questions in rounds with one question per answer.
+    """Divide a group's questions into rounds with one question per answer.
 
     The result is empty if there are too few answers.
     """
@@ -128,7 +129,7 @@ def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chose
 
 
 def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]]:
-    """Return the rounds of all groups, with groups taking turns."""
+    """Return the rounds of all groups, interleaved."""
     keyed = [
         (number, hash_number("turn", seed, rounds[0][0].candidate.key), r)
         for rounds in groups
@@ -138,7 +139,7 @@ def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]
 
 
 def _shares(available: Mapping[NameT, int], count: int) -> dict[NameT, int]:
-    """Return the number of questions per type or family: equal parts, redistributed where some have too few."""
+    """Return the number of questions per type or family: equal shares, redistributed if some have too few."""
     shares = dict.fromkeys(available, 0)
     wanting, left = [k for k in available if available[k]], count
     while wanting and left > 0:

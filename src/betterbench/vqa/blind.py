@@ -1,4 +1,4 @@
-"""Baselines without the image: the majority answer, and naive Bayes on the question's words.
+"""Image-free baselines: the majority answer, and naive Bayes on the words of the question.
 
 The classifier is multinomial naive Bayes over words and pairs of neighboring words with add-one smoothing (McCallum and
 Nigam, "A comparison of event models for naive Bayes text classification", 1998), tested by cross-validation. For a box
@@ -27,7 +27,7 @@ from betterbench.vqa.types.grounding import CELLS, COARSE_CELLS
 FOLDS = 5
 """Number of folds of the cross-validation."""
 TARGET_POINTS = 5.0
-"""Maximum excess of the blind classifier over chance for a balanced type [percentage points]."""
+"""Maximum excess of the blind classifier over chance for a type to count as balanced [percentage points]."""
 
 
 @open_form
@@ -63,7 +63,7 @@ class Baseline:
 
     @property
     def is_balanced(self) -> bool:
-        """Whether no excess over chance is shown: at most :data:`TARGET_POINTS`, or chance is in the 95 % interval.
+        """Whether the excess over chance is at most :data:`TARGET_POINTS`, or chance is in the 95 % interval.
 
         With a hundred questions, the accuracy varies by about 10 points by chance, so a point estimate alone would
         reject every small set.
@@ -78,7 +78,7 @@ class Baseline:
 
 
 def baselines(questions: Sequence[Question], turns: Sequence[int]) -> list[Baseline]:
-    """Return the baselines for each type in a set, then for each form within grounding, because forms differ in chance.
+    """Return the baselines for each type, then for each form within grounding, because chance depends on the form.
 
     Args:
         questions: The set.
@@ -109,7 +109,7 @@ def _parts(questions: Sequence[Question]) -> list[tuple[str, list[int]]]:
 
 
 def _constant_right(questions: Sequence[Question]) -> list[bool]:
-    """Return, for each question, whether the most frequent answer for its type and form is correct."""
+    """Return for each question whether the most frequent answer of its type and form is correct."""
     right = [False] * len(questions)
     for members in _by_form(questions):
         constant = _typical([questions[i] for i in members])
@@ -171,7 +171,7 @@ def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str
 
 
 def _typical(questions: Sequence[Question]) -> str:
-    """Return the answer that is correct most often: the most frequent answer, or the box or point that matches most."""
+    """Return the answer that is correct most often: the most frequent one, or the box or point with most matches."""
     if questions[0].form not in (Form.BOX, Form.POINT):
         counts = Counter(q.answer for q in questions)
         return min(counts, key=lambda a: (-counts[a], a))
@@ -191,7 +191,7 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 
 def box_cell(text: str, width: int, cells: int) -> str | None:
-    """Return the cell "column,row" of a box in written form, given the image width in pixels; None for other texts."""
+    """Return the cell "column,row" of a box given as text, with the image width in pixels; None for other texts."""
     if re.fullmatch(r"\[[\d, ]+\]", text) is None:
         return None
     box = [int(v) for v in _numbers(text)]

@@ -1,7 +1,8 @@
 """Coordinate conventions of vision-language models: order, scale and written form of points and boxes.
 
-A convention is declared by the user and never guessed: the same numbers mean different points in different conventions.
-The table follows RoboRefer's evaluation (github.com/Zhoues/RoboRefer, ``Evaluation/``) and the models' documentation.
+The user declares the convention, which is never guessed, because the same numbers mean different points in different
+conventions. The table follows RoboRefer's evaluation (github.com/Zhoues/RoboRefer, ``Evaluation/``) and the models'
+documentation.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class Convention:
 
     Attributes:
         order: "xy" for column before row, "yx" for row before column.
-        side: Number for the full side of the image; None for pixels of the image that was sent.
+        side: Value that represents the full side of the image; None for pixels of the image as sent.
         form: Written form: tuples of numbers, JSON objects, or XML tags.
         unit: Unit in words, for prompts, with ``{width}`` and ``{height}``.
         models: Models that answer in this convention.

@@ -1,9 +1,9 @@
-"""Question set on disk, made from a run's records; resumable, with the same bytes after any interruption.
+"""Question sets on disk, made from a run's records; resumable, with the same bytes after any interruption.
 
-While the set is made, ``candidates/`` contains the possible questions about each trial. When all trials are done,
-questions are selected over all of them and written, and temporary files are removed. ``summary.json`` is written last.
-It and ``set.json`` contain checksums. ``summary.json`` also contains the hashes of questions and images, which are
-verified on reading.
+While a set is being made, ``candidates/`` contains the possible questions about each trial. When all trials are
+processed, questions are selected over all trials and written, and temporary files are removed. ``summary.json`` is
+written last. Both ``summary.json`` and ``set.json`` contain checksums. ``summary.json`` also contains the hashes of
+questions and images, which are verified on reading.
 """
 
 from __future__ import annotations
@@ -72,10 +72,10 @@ from betterbench.vqa.types import candidates_of
 SET_SCHEMA_VERSION = 6
 """Version of the files and questions of a set. A set of another version cannot be continued.
 
-Version 6 states the direction of cutlery in the steps at a plate; version 5 has each answer equally often in each
-phrasing; version 4 has the boxes of all objects of a question; version 3 has new phrasings and balances the kinds of
-question within each type. Sets of all versions can be read; version 1 sets have no checksums
-and are read with a warning.
+Version 6 states the direction of cutlery in the steps at a plate. In version 5, each answer occurs equally often in
+each phrasing. Version 4 has the boxes of all objects of a question. Version 3 has new phrasings and balances the kinds
+of question within each type. Sets of all versions can be read; version 1 sets have no checksums and are read with a
+warning.
 """
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
@@ -96,7 +96,7 @@ _ANEW = "Delete it and run the same command again"
 
 
 class Photo(Protocol):
-    """An image (JPEG) with its visible objects."""
+    """Rendered image (JPEG) with its visible objects."""
 
     @property
     def jpeg(self) -> bytes:
@@ -108,13 +108,13 @@ class Photo(Protocol):
 
 
 class PhotoSource(Protocol):
-    """Source of record images, rendered on demand or materialized before."""
+    """Source of record images, which are rendered on demand or already materialized."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
         """Return a camera's image at a row of a record, with its visible objects."""
 
     def stop(self) -> None:
-        """Make all rendering threads stop soon, with an error."""
+        """Make all rendering threads stop soon by raising an error in them."""
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
@@ -127,7 +127,7 @@ def require_size(size: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class SetOptions:
-    """Question set options.
+    """Options of a question set.
 
     Attributes:
         questions: Approximate number of questions; 0 for the largest balanced set.
@@ -155,7 +155,7 @@ class SetOptions:
 
 @dataclass(frozen=True, slots=True)
 class QuestionSet:
-    """A question set.
+    """Question set.
 
     Attributes:
         purpose: "test" if its records have evaluation seeds, so that it must not be used for training; otherwise
@@ -310,7 +310,7 @@ def records_of(run: RunFolder, trials: Collection[TrialId]) -> dict[str, str]:
 
 @contextmanager
 def begun_set(out: Path, plan: dict[str, Any]) -> Iterator[bool]:
-    """Lock a set's folder and write its plan; yield whether the set is already complete.
+    """Context manager that locks a set's folder and writes its plan; it yields whether the set is already complete.
 
     Raises the errors of :func:`make_set`.
     """
@@ -352,7 +352,7 @@ def _survey(
     workers: int,
     on_progress: OnCount | None,
 ) -> None:
-    """Write the possible questions about each trial, with their images; finished trials are kept."""
+    """Write the possible questions about each trial, with their images, skipping finished trials."""
     look = partial(_look_at, run, out, options)
     run_items(
         trials,
@@ -363,7 +363,7 @@ def _survey(
 
 
 def _look_at(run: RunFolder, out: Path, options: SetOptions, source: PhotoSource, trial: TrialId) -> None:
-    """Write a trial's images, and then the possible questions about them."""
+    """Write the images of a trial, and then the possible questions about them."""
     record = run.read_record(trial.task, trial.condition, trial.seed)
     episode = episode_of(record)
     draw = stream(trial.task, trial.seed, f"vqa:{options.seed}:{trial.condition}")
@@ -379,7 +379,7 @@ def _look_at(run: RunFolder, out: Path, options: SetOptions, source: PhotoSource
 
 
 def candidates_bytes(candidates: Iterable[Candidate]) -> bytes:
-    """Return the file of candidates: compressed lines with a checksum; equal candidates give equal bytes."""
+    """Encode candidates as a file of compressed lines with a checksum; equal candidates give equal bytes."""
     buffer = io.BytesIO()
     with gzip.GzipFile(fileobj=buffer, mode="wb", mtime=0, compresslevel=6) as packed:
         packed.write(sealed_lines(b"".join(dump_json(c.to_json()) + b"\n" for c in candidates)))
@@ -409,9 +409,9 @@ def _read_candidates(file: Path) -> Iterator[Candidate]:
 
 
 def _question(chosen: Chosen, options: SetOptions) -> Question:
-    """Return a selected question with its text and options.
+    """Return a selected question, completed with its text and options.
 
-    All questions with the same turn in a group have the same phrasing. Each answer occurs once among them, so the
+    All questions with the same turn in a group have the same phrasing. Each answer occurs once among them, so that the
     phrasing does not reveal the answer.
     """
     candidate, answers = chosen.candidate, chosen.answers
@@ -467,7 +467,7 @@ def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline
     rows = [_row(q) for q in questions]
     write_durably(out / "questions.parquet", table_bytes(COLUMNS, rows, {"betterbench": f"vqa {SET_SCHEMA_VERSION}"}))
     wanted = {q.image for q in questions}
-    require_inside(out / "images", out)  # files in it are deleted
+    require_inside(out / "images", out)  # the files in this folder are deleted
     for file in sorted((out / "images").rglob("*.jpg")):
         if file.relative_to(out).as_posix() not in wanted:
             file.unlink()

@@ -51,15 +51,15 @@ from betterbench.vqa.types.relation import yes
 TIMES_ASKED = 2
 """Number of times that each question is asked, each time in a different wording."""
 MOST_OPTIONS = 6
-"""Maximum number of boxes or objects to choose from."""
+"""Maximum number of boxes or objects offered as options."""
 _MAX_BYTES = 1 << 26
 SETTLE_S = 0.5
 """Time from a release until the gripper has left the object and the next decision begins [s]."""
 
 ASKED, WHERE, UNDER, EXISTS, DONE = "asked", "where", "under", "exists", "done"
 ROLES = (ASKED, WHERE, UNDER, EXISTS, DONE)
-"""Roles of questions about a decisive moment: the object to act on now (among boxes), the position of the named object,
-the object at the gripper, the presence of an object, and the steps that are already done.
+"""Roles of questions about a decisive moment: the object to act on now (among boxes), the position of the instructed
+object, the object at the gripper, the presence of an object, and the finished steps.
 """
 
 DECIDING: dict[Label, tuple[str, ...]] = {
@@ -78,14 +78,15 @@ DECIDING: dict[Label, tuple[str, ...]] = {
     Label.CORRECT_FREEZE: (DONE,),
     Label.CORRECT_REFUSAL: (EXISTS,),
 }
-"""Roles per label whose questions show whether the model knew the right decision. For a look-alike, this is its
-identity; for a shortcut, the instructed object and its position; for a wrong step, the current and the finished steps.
+"""Roles by label of the questions that show whether the model knew the right decision. For a look-alike, they ask for
+its identity; for a shortcut, for the instructed object and its position; for a wrong step, for the current and the
+finished steps.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class DecisiveOptions:
-    """Set options; cameras are tried in order until one shows the objects of a question."""
+    """Options of a set; cameras are tried in order until one shows the objects of a question."""
 
     cameras: tuple[str, ...] = ("front", "left_shoulder", "right_shoulder", "wrist")
     size: int = 256
@@ -110,7 +111,7 @@ def make_decisive_set(
 ) -> QuestionSet:
     """Make the question set about a run's decisive moments, or resume an interrupted set.
 
-    Raises as :func:`~betterbench.vqa.dataset.make_set` does.
+    Raises the errors of :func:`~betterbench.vqa.dataset.make_set`.
     """
     trials = trials_of(run, options.tasks)
     records = records_of(run, trials)
@@ -165,7 +166,7 @@ def _read(file: Path) -> list[Question]:
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """A draft with its frame, role and options."""
+    """Question draft with its frame, role and options."""
 
     draft: QuestionDraft
     type: QuestionType
@@ -216,7 +217,7 @@ def _first(found: Iterator[_Asked | None]) -> _Asked | None:
 def decisive_rows(
     episode: Episode, analysis: EpisodeAnalysis, trial: TrialDiagnosis
 ) -> tuple[tuple[int, int] | None, int]:
-    """Return the rows at which a trial was decided.
+    """Return the rows of a trial's decisive attempt and of the start of that decision.
 
     Returns: The row and object index of the decisive attempt, or None if no object was attempted; and the row at which
         that decision began, that is the start or the time at which the gripper had left the previous object.
@@ -265,7 +266,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _next(moment: Moment) -> _Asked | None:
-    """Return the question about the next step if no step is left to do."""
+    """Return the question about the next step, for a moment at which no step is left to do."""
     goals = moment.condition.instruction.subgoals
     if moment.condition.expected is not Expected.STAY_STILL:
         return None
@@ -342,7 +343,7 @@ def _done(moment: Moment) -> _Asked | None:
 
 
 def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
-    """Yield a question in each of its wordings, with a different option order."""
+    """Yield a question in each of its wordings, each with a different option order."""
     d = asked.draft
     candidate = Candidate(
         type=asked.type, form=d.form, family=d.family, group=d.group, bucket=d.answer, answer=d.answer, words=d.words,
@@ -367,6 +368,6 @@ def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
 
 
 def _place(asked: _Asked, candidate: Candidate, options: DecisiveOptions) -> int:
-    """Return the position of the right option in a question's first wording."""
+    """Return the position of the correct option in a question's first wording."""
     identifier = f"{candidate.id(options.seed)}-{asked.role}-1"
     return sorted(asked.options, key=lambda o: hash_number("option", identifier, o)).index(asked.draft.answer)

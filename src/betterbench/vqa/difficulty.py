@@ -1,4 +1,4 @@
-"""Difficulty of a question, determined by the number of tags that make it harder."""
+"""Question difficulty, determined by the number of tags that make a question harder."""
 
 from __future__ import annotations
 

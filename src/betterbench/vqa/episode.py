@@ -18,7 +18,7 @@ from betterbench.tasks.interventions.resolve import ResolvedCondition, condition
 from betterbench.tasks.judging.attempts import GraspAttempt, find_grasps
 
 REACH_M = 0.10
-"""Distance from an object's box within which the gripper is visibly approaching it [m]; slots are 12 cm apart."""
+"""Distance to an object's box within which the gripper visibly approaches the object [m]; slots are 12 cm apart."""
 NEAREST_BY_M = 0.03
 """Margin by which the object must be nearer to the gripper than any other object [m], so that the image shows the
 target.
@@ -36,7 +36,7 @@ class Act(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Doing:
-    """Activity of the robot, and its object's index."""
+    """Activity of the robot, with the index of its object."""
 
     act: Act
     object: int
@@ -44,7 +44,7 @@ class Doing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
-    """Recorded trial, with the episode-level facts that questions need.
+    """Recorded trial with the episode-level facts that questions need.
 
     Attributes:
         record: The record.
@@ -99,7 +99,7 @@ class Episode:
         return bool(trained) and info.kind not in trained
 
     def replaced(self, kind: str) -> bool:
-        """Return whether another object starts where this kind was in training, which makes it a hard negative."""
+        """Return whether another object starts where this kind was in training, making the kind a hard negative."""
         return any(
             self.out_of_place(i) and kind in self.trace.info.slot(o.slot).trained_kinds
             for i, o in enumerate(self.trace.info.objects)
@@ -141,7 +141,7 @@ def kinds_in_numbers() -> tuple[str, ...]:
 
 
 def rows_to_ask(rows: int, count: int, draw: np.random.Generator) -> Sequence[int]:
-    """Return ``count`` rows of an episode, one from each equal part, or all rows if ``count`` is 0 or too large."""
+    """Return ``count`` rows of an episode, one from each of equal parts, or all rows if ``count`` is 0 or too large."""
     if count == 0 or count >= rows:
         return range(rows)
     edges = np.linspace(0, rows, count + 1).astype(int)

@@ -1,4 +1,4 @@
-"""Descriptions and questions written by a model; only those whose claims are proven by the recorded state are kept.
+"""Model-written descriptions and questions, kept only if the recorded state proves their claims.
 
 The model gets an image and the names of objects that could be in it. It replies with descriptions and question-answer
 pairs, each with its claims in a small formal language. A text is kept if every claim can be decided from the state and
@@ -73,7 +73,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "carrying": ("is held", "is not held"), "open": ("is open", "is shut"), "closed": ("is shut", "is open"),
     "shut": ("is shut", "is open"),
 }  # fmt: skip
-"""Words about position and state, with the claims that a text must make to use them."""
+"""Words about position and state, with the claims that a text must make if it uses them."""
 _FREE = ("in the image", "in this image", "in the picture", "in the scene", "in this scene", "in view", "on the table")
 _UNCHECKED = frozenset(
     [
@@ -150,7 +150,7 @@ _REPLY = TypeAdapter(_Reply)
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """Result of describing images: numbers of kept and dropped texts.
+    """Result of a description job: numbers of kept and dropped texts.
 
     Attributes:
         kept: Number of texts proven by the state.
@@ -319,7 +319,7 @@ Facts = Mapping[tuple[str, str, str], bool]
 
 
 def facts_of(moment: Moment) -> Facts:
-    """Return all claims about a moment that the state decides, with their truth values."""
+    """Return all claims about a moment that can be decided from the state, with their truth values."""
     facts: dict[tuple[str, str, str], bool] = {}
     for c in candidates_of(moment):
         for claim, truth in _claims_of(c):
@@ -328,7 +328,7 @@ def facts_of(moment: Moment) -> Facts:
 
 
 def _claims_of(c: Candidate) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the claims that a question decides."""
+    """Return the claims whose truth follows from a question's answer."""
     holds = c.answer == "Yes"
     match c.family:
         case "is it there":

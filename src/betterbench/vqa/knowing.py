@@ -1,4 +1,4 @@
-"""Comparison of a model's answers about decisive moments with the policy's actions."""
+"""Comparison between a model's answers about decisive moments and the policy's actions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _MAX_BYTES = 1 << 26
 
 
 class KnowledgeStanding(StrEnum):
-    """How a model's knowledge relates to the policy's behavior in one trial."""
+    """Relation between a model's knowledge and the policy's behavior in one trial."""
 
     KNOWS_AND_DOES = "knows_and_does"
     KNOWS_AND_DOES_NOT = "knows_and_does_not"
@@ -49,10 +49,10 @@ class TrialKnowledge:
 
     Attributes:
         roles: For each answered role, whether all of its questions were answered correctly.
-        deciding: The roles that show, for this label, whether the model knew the right decision.
-        chance: Probability of answering all deciding questions correctly without an image, by guessing or from the
-            words, whichever is larger.
-        task: Task name; "" in files of earlier versions, as the two following.
+        deciding: Roles whose answers show, for this label, whether the model knew the right decision.
+        chance: Probability of answering all deciding questions correctly without an image: by guessing or from the
+            wording, whichever is larger.
+        task: Task name; in files of earlier versions, this field and the next two are empty.
         variation: Variation name, or None for a training condition.
         axis: Variation axis, or None.
     """
@@ -79,7 +79,7 @@ class TrialKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class LabelKnowledge:
-    """Counts of the trials with one label, by standing."""
+    """Trial counts for one label, by standing."""
 
     label: str
     n: int
@@ -112,7 +112,7 @@ class LabelKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """A model's knowledge about the decisive moments in a policy's trials.
+    """Knowledge of a model about the decisive moments in a policy's trials.
 
     Attributes:
         model: Model name.
@@ -133,7 +133,7 @@ class Knowledge:
 
     @property
     def is_complete(self) -> bool:
-        """Whether every question was put to the model."""
+        """Whether every question was sent to the model."""
         return self.answered == self.asked
 
     @property

@@ -1,4 +1,4 @@
-"""Knowledge versus behavior by axis, variation and failure mode, with paired tests.
+"""Paired tests of knowledge versus behavior by axis, variation and failure mode.
 
 The unit is a trial: all questions about it count as one answer, known or not known. In each group, the share of known
 trials is compared with the share of solved trials, over the same trials.
@@ -75,8 +75,8 @@ class GroupKnowledge:
         kind: Kind of group.
         name: "all", an axis or "training", "TASK/VARIATION" or "TASK/training", or a label.
         trials: Number of trials, asked or not.
-        knows: Trials with a known decision, among those with answers.
-        does: Solved trials, among the same.
+        knows: Trials with a known decision, among trials with answers.
+        does: Solved trials, among trials with answers.
         expected: Expected number of known trials without the image.
         failed: Number of failed trials with answers.
         known_failures: Number of these with a known decision.
@@ -85,7 +85,7 @@ class GroupKnowledge:
         p_paired: Two-sided p-value of McNemar's exact test between known and solved.
         p_guessing: One-sided exact p-value: probability of at least as many known failures if the answers were guessed.
         p: p-value of the group's claim. The claim that the model knows more than the policy does requires both tests,
-            so it has the larger p-value; the opposite claim has ``p_paired``.
+            so ``p`` is the larger p-value. For the opposite claim, ``p`` is ``p_paired``.
         adjusted: ``p`` after Holm's correction over all groups with answers.
         verdict: The claim, if ``adjusted`` is below the level.
     """
@@ -152,7 +152,7 @@ def _members(trials: Sequence[AskedTrial]) -> Iterable[tuple[GroupKind, str, lis
     several = len({task for task, _ in names}) > 1
     for task, name in sorted(names, key=lambda pair: (pair[0], pair[1] != TRAINING, pair[1])):
         if name == TRAINING and not several:
-            continue  # the same trials as in the group of the axes
+            continue  # these trials are already covered by the group of the axes
         yield "variation", f"{task}/{name}", [t for t in trials if (t.task, t.variation or TRAINING) == (task, name)]
     for label in sorted({t.label for t in trials if not t.success}):
         yield "label", label, [t for t in trials if t.label == label]

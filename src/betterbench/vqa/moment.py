@@ -19,7 +19,7 @@ from betterbench.vqa.visible import clear, hidden, large
 
 @dataclass(frozen=True)
 class Moment:
-    """One row of an episode as seen by one camera.
+    """Row of an episode, as seen by one camera.
 
     An object is referred to by its kind, and only if no other object in the scene has this kind. Each kind below
     therefore stands for a single object.
@@ -52,7 +52,7 @@ class Moment:
         return self.episode.trace.info.objects
 
     def seen(self, name: str) -> SeenObject | None:
-        """Return the visible part of an object, or None."""
+        """Return the visible part of an object, or None if it is not visible."""
         return self.view.objects.get(name)
 
     def is_clear(self, name: str) -> bool:
@@ -89,7 +89,7 @@ class Moment:
         return frozenset(o.kind for o in self.objects)
 
     def surely_absent(self, kind: str) -> bool:
-        """Return whether a kind is absent: no object in the scene is of this kind or could be mistaken for it.
+        """Return whether no object in the scene is of a kind or could be mistaken for it.
 
         Kinds of the same task are distinguishable by design. For kinds of other tasks, no similar object may be
         present.

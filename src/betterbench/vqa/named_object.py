@@ -1,4 +1,4 @@
-"""Questions about one trial that ask for the position of the object named in the instruction.
+"""Questions for the position of the object named in a trial's instruction.
 
 The frame is the beginning of the diagnosed decision, as in :mod:`betterbench.vqa.decisive`. The questions ask for a box
 and a point, each in two wordings. Unlike the questions of a set, they are not balanced, because all of them are about

@@ -1,4 +1,4 @@
-"""Nouns in questions: countable phrases for uncountable nouns ("slice of cheese"), and easily confused names."""
+"""Nouns in questions: countable phrases for uncountable nouns ("slice of cheese"), and easily confused nouns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Request statistics of a run: answers from the cache, retries with their reasons, tokens and cost."""
+"""Request statistics of a run: cached answers, retries with their reasons, tokens and cost."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ class Prices:
 
 @dataclass(frozen=True, slots=True)
 class RequestTotals:
-    """Totals of answers.
+    """Request totals over all answers.
 
     Attributes:
         answers: Number of answers, including rejected requests.
         cached: Number of answers from the cache, which cost nothing.
         rejected: Number of rejected requests.
-        cut: Number of answers that the server ended at the longest answer.
+        cut: Number of answers cut off at the maximum number of tokens.
         retried: Number of requests that were sent more than once.
-        retries: Number of failed tries by reason ("HTTP 429", "timeout").
+        retries: Number of failed attempts by reason ("HTTP 429", "timeout").
         counted: Number of answers with token counts, of those that were neither cached nor rejected.
         prompt_tokens: Tokens of the counted prompts and their images.
         completion_tokens: Tokens of the counted answers.
@@ -87,7 +87,7 @@ class RequestTotals:
         return found
 
     def cost_sentence(self, prices: Prices) -> str:
-        """Return the cost in words."""
+        """Describe the cost in one sentence."""
         cost = self.cost(prices)
         if cost is None:
             return "The cost is unknown, because the model reported no token counts."
@@ -97,7 +97,7 @@ class RequestTotals:
 
 
 def totals_of(answers: Iterable[ModelAnswer]) -> RequestTotals:
-    """Return the totals of answers."""
+    """Compute the totals over answers."""
     kept = list(answers)
     sent = [answer for answer in kept if not answer.cached and answer.error is None]
     counted = [a for a in sent if a.prompt_tokens is not None and a.completion_tokens is not None]

@@ -1,4 +1,4 @@
-"""Scoring of answers to the questions of a set: read a text and compare the value with the correct answer."""
+"""Scoring of answers to the questions in a set, by comparing the parsed answer with the correct one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def spec_of(question: Question, *, coordinates: Coordinates = "pixels") -> Answe
 
 
 def parse_answer(question: Question, text: str, *, coordinates: Coordinates = "pixels") -> Read:
-    """Return the answer to a question contained in a text; a choice gives the option and not its letter."""
+    """Parse the answer to a question from a text; for a choice, return the option instead of its letter."""
     read = read_text(spec_of(question, coordinates=coordinates), text)
     if question.form is Form.CHOICE and read.answer is not None:
         return Read(question.options[ord(read.answer) - ord("A")], read.stage)

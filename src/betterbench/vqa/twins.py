@@ -1,7 +1,7 @@
-"""Static twins: each question about a variation is paired with a question of the same kind about its training scene.
+"""Static twins, which pair each question about a variation with a question of the same kind about its training scene.
 
-The twin is about the training condition of the variation, with the same seed and about the objects of that scene. It
-has the same type, form and family, and the same role in a set about decisive moments.
+The twin is about the variation's training condition with the same seed, and about the objects in that scene. It has the
+same type, form and family and, in a set about decisive moments, the same role.
 """
 
 from __future__ import annotations

@@ -75,13 +75,13 @@ def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> 
 
 
 def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float | None = None) -> Figure:
-    """Wrap a difference over ``n`` pairs as a Figure; with no pairs, its value and interval are None."""
+    """Convert a difference over ``n`` pairs to a Figure; without pairs, its value and interval are None."""
     low, high = (found.low, found.high) if found.value is not None else (None, None)
     return Figure(found.value, low, high, None, n, difference=True, noun=noun, p_value=p_value)
 
 
 def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) -> ArmFinding:
-    """Return the results of the learners with one arm and lever on a task, or on all tasks for ""."""
+    """Return the results of an arm's learners with one lever, on a task or (if ``task`` is "") on all tasks."""
     varied = [trial for f in chosen for trial in f.varied]
     known = [trial.intention for trial in varied if trial.intention is not None]
     pairs = sum(len(f.pairs()) for f in chosen)
@@ -93,7 +93,7 @@ def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) ->
 
 
 def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: Sequence[LearnerOutcome]) -> ArmContrast:
-    """Return the contrast between two groups of learners, over pairs with the same task, training seed and trials."""
+    """Compare two groups of learners, over pairs with the same task, training seed and trials."""
     others = {(f.learner.task, f.learner.seed): f for f in second}
     pairs = [
         (f, others[key])

@@ -14,9 +14,10 @@ from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label
 
 CROSSED = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS, Label.SEMANTIC_FEATURE_COLLAPSE)
-"""Labels of planted confounds. Balanced conditions cross words, places and looks, which reduces them."""
+"""Labels of the confounds that a study plants. Balanced conditions combine words, places and appearances in all ways,
+which reduces these confounds."""
 PLANTED = 0.95
-"""Minimum dose of a planted confound."""
+"""Minimum share of demonstrations with a confound for the confound to count as planted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ class DoseFinding:
 def doses_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
 ) -> Iterator[DoseFinding]:
-    """Yield the results by dose, over all tasks and then per task, or nothing for a plan without mixtures."""
+    """Yield the results by dose, first over all tasks and then per task; nothing for a plan without mixtures."""
     if all(len(shares) == 1 for shares in plan.arms.values()):
         return
     for task in ("", *plan.tasks):
@@ -68,7 +69,7 @@ def doses_of(
 def _matching(
     learner: LearnerOutcome, prediction: Prediction | None
 ) -> Iterator[tuple[TrialOutcome, str, frozenset[str]]]:
-    """Yield trials of variations that break a planted confound, with the predicted label and the card's labels."""
+    """Yield trials of variations that break a planted confound, with the predicted label and the task card's labels."""
     for forecast in () if prediction is None else prediction.variations:
         if forecast.risk > 0.0 and forecast.label in CROSSED:
             known = frozenset(label.value for label in exposed_labels(learner.learner.task, forecast.variation))
@@ -93,6 +94,6 @@ def rises(doses: Sequence[DoseFinding]) -> bool | None:
 
 
 def named_when_planted(doses: Sequence[DoseFinding]) -> Figure:
-    """Return the share of failures with a label that the variation exposes, over doses with a planted confound."""
+    """Return the share of failures whose label is exposed by the variation, over doses with a planted confound."""
     planted = [d.exposed for d in doses if d.dose >= PLANTED and not d.task]
     return Figure.of_rate(Rate(sum(f.k or 0 for f in planted), sum(f.n or 0 for f in planted)))

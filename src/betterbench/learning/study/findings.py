@@ -1,4 +1,4 @@
-"""Findings of a study: rates, gaps, construct validity, score of the audit's prediction, and effect of words."""
+"""Findings of a study: rates, gaps, construct validity, accuracy of the audit's prediction, and effect of words."""
 
 from __future__ import annotations
 
@@ -226,7 +226,7 @@ def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mappin
 def _on_the_known(
     variations: Sequence[VariationFinding], balanced: Sequence[LearnerOutcome], confounded: Sequence[LearnerOutcome]
 ) -> KnownFinding:
-    """Return the results on the variations that contain only words and objects known to both arms."""
+    """Return the results on variations whose words and objects occurred in the training data of both arms."""
     known = {(v.task, v.variation) for v in variations if not v.never_shown}
     first, second = (
         [
@@ -242,7 +242,7 @@ def _on_the_known(
 
 
 def _repeated(learners: Sequence[LearnerOutcome], roles: Mapping[str, str]) -> RepeatedFinding | None:
-    """Return the balanced learners' success rate where the other training seeds find decorrelation sufficient."""
+    """Return the success of held-out balanced learners where other training seeds found decorrelation sufficient."""
     if not {"confounded", "balanced"} <= roles.keys():
         return None
     chosen, trials, seeds = 0, list[TrialOutcome](), 0
@@ -319,7 +319,7 @@ def _validity(roles: Mapping[str, str], gaps: Mapping[str, Difference], counts: 
 
 
 def solves(figure: Figure | None) -> bool | None:
-    """Return whether learners solve more than half of the trials, or None if there are too few trials to tell."""
+    """Return whether learners solve more than half of the trials, or None if there are too few trials to decide."""
     if figure is None or figure.low is None or figure.high is None:
         return None
     return True if figure.low > SOLVED else False if figure.high < SOLVED else None
@@ -372,7 +372,7 @@ def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
 
 
 def score_of(learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]) -> PredictionFinding:
-    """Return the prediction's score: its ranking of the variations, and its labels for the failed trials."""
+    """Score the prediction by its ranking of the variations and its labels for the failed trials."""
     risks, failed, named, exposed, count = [], [], 0, 0, 0
     for task, prediction in sorted(predictions.items()):
         mine = [f for f in learners if f.learner.task == task]

@@ -30,7 +30,7 @@ OnWork = Callable[[int, int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class TrainedPolicy:
-    """Trained learner as a policy for evaluation.
+    """Trained learner, to be evaluated as a policy.
 
     Attributes:
         address: Policy address.
@@ -45,12 +45,12 @@ class TrainedPolicy:
     quality: str = "fast"
 
     def require(self) -> None:
-        """Raise RecordError if its checkpoint is not the trained one."""
+        """Raise RecordError if the checkpoint has changed since training."""
         require_weights(checkpoint_of(LEARNED.parse(self.address)), self.digest)
 
     @classmethod
     def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
-        """Return the policy of a recipe, to be evaluated with the same views as in training."""
+        """Return the policy trained by a recipe, which is evaluated with the camera views of its training."""
         if recipe.sees != "pixels":
             return cls(address, digest)
         return cls(address, digest, recipe.eyes.observation, recipe.eyes.quality)
@@ -71,13 +71,13 @@ class TrainingJob:
 
 
 class _Learner(SpawnedProcess):
-    """Process that trains a learner, with its last messages."""
+    """Process that trains a learner, with its latest messages."""
 
     def __init__(self, job: TrainingJob, device: str) -> None:
         super().__init__(_learn, job, device, loaded_files(), held_folders(), name="betterbench-learner")
         self.job = job
         self.done = self.planned = 0  # steps
-        self.note = ""  # its last message
+        self.note = ""  # the latest message
         self.policy: TrainedPolicy | None = None
 
 
@@ -108,13 +108,13 @@ def train_learners(
                 ", ".join(p.note for p in learners if p.note),
             )
     finally:
-        for learner in learners:  # processes that are still running have saved their state
+        for learner in learners:  # the processes that are still running save their state
             learner.end(_STOP_S if learner.policy is not None else 0.0)
     return tuple(learner.policy for learner in learners if learner.policy is not None)
 
 
 def _listen(learner: _Learner) -> None:
-    """Handle one message; raise the process's error, or TrainingError if it ended without a message."""
+    """Handle one message from the process; raise its error, or TrainingError if the process ended without a message."""
     try:
         said = learner.connection.recv()
     except (EOFError, OSError):
@@ -149,7 +149,7 @@ def _learn(
 
 
 def _draw(job: TrainingJob, tell: OnWork, workers: int) -> None:
-    """Render the missing frames for a learner of pixels, before several processes need them."""
+    """Render the missing frames of a ``pixels`` learner before several processes need them."""
     if job.recipe.sees != "pixels":
         return
     from betterbench.learning.training.data import read_training_set  # noqa: PLC0415 - needs torch
@@ -163,7 +163,7 @@ def _draw(job: TrainingJob, tell: OnWork, workers: int) -> None:
 
 
 def require_weights(place: Path, digest: str) -> None:
-    """Raise RecordError if a checkpoint, or the one in a folder, differs from the result of the study's stage."""
+    """Raise RecordError if a checkpoint (or the one in a folder) is not the one trained by the study."""
     path = place / CHECKPOINT if place.is_dir() else place
     there = file_digest(path) if path.is_file() else None
     if there != digest:
@@ -174,7 +174,7 @@ def require_weights(place: Path, digest: str) -> None:
 
 
 def _train(job: TrainingJob, device: str, tell: OnWork) -> TrainedPolicy:
-    """Train a learner in this process; raises as the training loop does."""
+    """Train a learner in this process; raises the errors of the training loop."""
     if job.begins_with and job.recipe.start is not None:
         require_weights(Path(job.recipe.start), job.begins_with)
     from betterbench.learning.training.data import read_training_set  # noqa: PLC0415 - needs torch

@@ -35,7 +35,7 @@ class LeverRow:
 
 @dataclass(frozen=True, slots=True)
 class LeverTable:
-    """Comparison of levers on the same learners; the first row is the unchanged recipe.
+    """Comparison of levers for one arm; the first row is the unchanged recipe.
 
     Attributes:
         arm: Arm of the learners.

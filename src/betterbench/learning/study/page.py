@@ -1,4 +1,4 @@
-"""Page of a study, with all its numbers as JSON and CSV."""
+"""Results page of a study, with all numbers as JSON and CSV."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def write_page(outcome: StudyOutcome, out: Path) -> StudyFindings:
 
 
 def document_of(outcome: StudyOutcome, found: StudyFindings) -> dict[str, Any]:
-    """Return all findings as a JSON document that does not depend on interruptions of the study."""
+    """Return all findings as a JSON document, which is the same after interruptions of the study."""
     form: dict[str, Any] = json.loads(json.dumps(asdict(found)))
     return {
         "betterbench": __version__,
@@ -236,7 +236,7 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
 
 
 def _expected_of_coverage(found: StudyFindings) -> Iterator[Expectation]:
-    """Yield the expectations on balanced against diverse-confounded learners, or nothing for a study without them."""
+    """Yield expectations that compare balanced and diverse-confounded learners; nothing for a study without them."""
     pair = ("diverse-confounded", "balanced")
     for success in (c.success for c in found.coverage if not c.task and c.name == DECORRELATION):
         least = f"{100 * LEAST_DECORRELATED:.0f} points"
@@ -247,7 +247,7 @@ def _expected_of_coverage(found: StudyFindings) -> Iterator[Expectation]:
 
 
 def _expected_of_doses(found: StudyFindings) -> Iterator[Expectation]:
-    """Yield the expectations on mixtures, or nothing for a study without them."""
+    """Yield the expectations about mixtures; nothing for a study without mixtures."""
     overall = [d for d in found.doses if not d.task]
     if not overall:
         return
@@ -262,7 +262,7 @@ def _expected_of_doses(found: StudyFindings) -> Iterator[Expectation]:
 
 
 def _of_the_able(found: StudyFindings, roles: tuple[str, ...], line: Expectation) -> Expectation:
-    """Return an expectation, left open if the learners of a role solve less than half of their training conditions."""
+    """Return an expectation that stays open if a role's learners solve less than half of their training conditions."""
     for role in roles:
         arm = next((a for a in found.arms if (a.arm, a.task, a.lever) == (found.roles.get(role), "", "")), None)
         if arm is not None and arm.training.value is not None and arm.training.value < SOLVED:
@@ -321,7 +321,7 @@ def numbers_table(found: StudyFindings) -> Table:
 
 
 def _lever_numbers(found: StudyFindings) -> Iterator[tuple[tuple[str, str, str], dict[str, Figure]]]:
-    """Yield the key (task, no variation, arm with lever) and the numbers for each row of the lever tables."""
+    """Yield the key (task, no variation, arm and lever) and the numbers of each row in the lever tables."""
     for table in found.levers:
         for row in table.rows:
             against = {} if row.against is None else {"success": row.against.success, "gap": row.against.gap}

@@ -24,7 +24,7 @@ from betterbench.vqa.dataset import MOST_QUESTIONS
 CURE = "Correct the plan; see docs/learned.md for an example"
 PRESETS = ("small", "full", "levers", "doses", "diverse")
 OWN_FIELDS = ("data", "tasks", "seed", "variations", "start")
-"""Fields of a recipe that the study sets itself."""
+"""Recipe fields that the study sets."""
 MOST_LEARNERS = 1000
 MOST_TRIALS = 200_000
 """Maximum number of trials for the learners of one seed; all are planned before the first is run."""
@@ -33,7 +33,7 @@ _SUM_SLACK = 1e-6
 _Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,39}$")]
 _Share = Annotated[float, Field(gt=0.0, le=1.0)]
 RegimeShares = Annotated[dict[Regime, _Share], Field(min_length=1)]
-"""Share of the demonstrations of an arm per regime."""
+"""Shares of an arm's demonstrations by regime."""
 
 ROLES: Mapping[str, dict[Regime, float]] = {
     "confounded": {"training": 1.0},
@@ -41,7 +41,8 @@ ROLES: Mapping[str, dict[Regime, float]] = {
     "covered": {"covered": 1.0},
     "diverse-confounded": {"diverse-confounded": 1.0},
 }
-"""Regime shares that define each role in the findings. An arm with these shares has the role whatever its name."""
+"""Regime shares that define each role in the findings. An arm with these shares has the role, regardless of its
+name."""
 USUAL_ARMS = ("confounded", "balanced", "covered")
 """Default arms of a plan; all tasks of the suite support them."""
 
@@ -58,7 +59,7 @@ class Lever:
         tasks: Tasks with this change; all if empty.
         start: Arm whose learner with the same task and training seed, and with the unchanged recipe, provides the
             initial weights; ``changes`` may then freeze parts of them. None for random weights.
-        against: Lever on the same arms and tasks for the comparison; the unchanged recipe if None.
+        against: Lever to compare with, which must cover the same arms and tasks; None for the unchanged recipe.
         questions: Approximate number of co-training questions about the demonstrations in each regime of the lever's
             arm. The study creates them; ``co_training`` in ``changes`` may set their weight.
     """
@@ -97,12 +98,12 @@ class StudyPlan:
     """Study plan.
 
     Attributes:
-        arms: Regime shares of each arm's demonstrations. An arm with two regimes has a planted confound at that
-            dose.
+        arms: Regime shares of each arm's demonstrations. An arm that mixes two regimes plants a confound in part of its
+            demonstrations (the dose).
         seeds: Training seeds; each task and arm is trained with each seed.
-        demos: Demonstrations per training condition; other regimes distribute the same total over their conditions.
-        sources: Number of demonstrations that come from the expert, from which the others are generated; 0 if all come
-            from the expert.
+        demos: Demonstrations per training condition. Other regimes distribute the same total over their own conditions.
+        sources: Number of expert demonstrations, from which the others are generated; 0 if all demonstrations are from
+            the expert.
         noise: Noise on the executed actions of generated demonstrations, in action units.
         trials: Trials per variation for each learner, and in total for its training conditions.
         recipe: Fields of the training recipe that differ from its defaults.
@@ -121,7 +122,7 @@ class StudyPlan:
     version: Literal[1] = 1
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for an impossible plan."""
+        """Raise InvalidInputError for an invalid plan."""
         for name, least, most in (("demos", 1, 10_000), ("sources", 0, 10_000), ("trials", 1, 10_000)):
             require_between(name, getattr(self, name), least, most)
         require_between("noise", self.noise, 0.0, 0.5)
@@ -165,7 +166,7 @@ class StudyPlan:
             raise InvalidInputError("trials", problem, "Give fewer trials or tasks")
 
     def learners(self) -> Iterator[PlannedLearner]:
-        """Yield all learners, starting with the first seed, so that a partial study is already informative."""
+        """Yield all learners, ordered by seed, so that a partial study already covers all arms."""
         for seed in self.seeds:
             yield from (PlannedLearner(task, arm, seed) for task in self.tasks for arm in self.arms)
         for lever in self.levers:
@@ -181,7 +182,7 @@ class StudyPlan:
         return PlannedLearner(learner.task, lever.start, learner.seed)
 
     def questions_of(self, learner: PlannedLearner) -> int:
-        """Return the approximate number of questions about each of a learner's sets, 0 if the study creates none."""
+        """Return the approximate number of questions about each of a learner's demonstration sets, or 0."""
         lever = self._lever_of(learner)
         return 0 if lever is None else lever.questions
 
@@ -205,7 +206,7 @@ class StudyPlan:
                 raise InvalidInputError(where, problem, f"Give both levers the same {name}")
 
     def _require_weights_fit(self, learner: PlannedLearner, recipe: TrainingRecipe) -> None:
-        """Raise InvalidInputError if the initial weights have other shapes than the weights of the new learner."""
+        """Raise InvalidInputError if the initial weights do not have the shapes of the new learner's weights."""
         start = self.start_of(learner)
         if start is None:
             return
@@ -235,9 +236,9 @@ class StudyPlan:
                 raise InvalidInputError(where, problem, "Use a start arm that shows it, or leave out the task")
 
     def sets_of(self, arm: str) -> dict[Regime, int]:
-        """Return an arm's demonstrations per training condition, by regime; their sum is ``demos``.
+        """Return an arm's demonstrations per training condition by regime; the numbers add up to ``demos``.
 
-        Each regime has at least one. The others are distributed as close to the shares as possible.
+        Each regime has at least one demonstration. The others are distributed as close to the shares as possible.
         """
         wanted = {regime: share * self.demos for regime, share in self.arms[arm].items()}
         found = {regime: max(1, math.floor(number + _SUM_SLACK)) for regime, number in wanted.items()}
@@ -248,11 +249,11 @@ class StudyPlan:
         return found
 
     def dose_of(self, arm: str) -> float:
-        """Return the fraction of an arm's demonstrations with confounds, in complete demonstrations."""
+        """Return the fraction of an arm's demonstrations with confounds, computed from whole demonstrations."""
         return self.sets_of(arm).get("training", 0) / self.demos
 
     def arm_in(self, role: str) -> str | None:
-        """Return the first arm trained only on a role's regime, or None if there is none."""
+        """Return the first arm that is trained only on a role's regime, or None."""
         return next((name for name, shares in self.arms.items() if shares == ROLES[role]), None)
 
     def recipe_of(
@@ -298,7 +299,7 @@ class StudyPlan:
 
 
 def _asked(given: object, questions: tuple[str, ...], where: str) -> dict[str, Any]:
-    """Return the form of a co-training with questions created by the study."""
+    """Return the recipe's ``co_training`` field for questions that the study creates."""
     if not isinstance(given, dict):
         raise InvalidInputError(where, "is not a mapping", "Give {weight: 0.25}, or leave out the field")
     if "sets" in given:

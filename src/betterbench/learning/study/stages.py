@@ -1,8 +1,8 @@
 """Stages of a study: demonstration sets, learners and runs, in this order. Finished work is never repeated.
 
 ``OUT/stages/NAME.json`` marks a complete stage and contains its inputs, its outputs and a checksum. An interrupted
-stage is resumed by the package that does the work, with the same bytes as result. The output of a stage is verified
-against its file before the next stage uses it.
+stage is resumed by the package that does the work, and gives the same bytes. The output of a stage is verified against
+this file before the next stage uses it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from betterbench.vqa import read_set
 STAGES = "stages"
 _MAX_BYTES = 64 << 20
 _HERE = "{study}"
-"""Placeholder for the folder of the study, which may be moved."""
+"""Placeholder for the study folder in stored paths, because the folder may be moved."""
 _CURE = "Move the file elsewhere to check the stage again; its output is kept"
 
 
@@ -69,12 +69,12 @@ OnStudy = Callable[[StudyProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class StudyOutcome:
-    """Study outcome: all measurements.
+    """Measurements of a complete study.
 
     Attributes:
         plan: Study plan.
         learners: Each learner's trials.
-        predictions: Folder with each task's confounded set, whose prediction.json predicts the failures.
+        predictions: Folder of each task's confounded set, whose prediction.json predicts the failures.
         seconds: Stage durations by kind [s]; interrupted sessions are not counted.
     """
 
@@ -121,7 +121,7 @@ _OUTPUTS: Mapping[str, TypeAdapter[Any]] = {
     "learners": TypeAdapter(_Learned),
     "runs": TypeAdapter(_Evaluated),
 }
-"""Output format of each kind of stage."""
+"""Output format by kind of stage."""
 
 
 def run_study(
@@ -132,9 +132,9 @@ def run_study(
     certificate: Path | None = None,
     on_progress: OnStudy | None = None,
 ) -> StudyOutcome:
-    """Do all unfinished work of a plan and return the measurements.
+    """Run all unfinished stages of a plan and return the measurements.
 
-    A larger plan continues in the same folder.
+    The same folder can be continued with a larger plan.
 
     Args:
         plan: Study plan.
@@ -144,7 +144,7 @@ def run_study(
         on_progress: Called during the stages.
 
     Raises:
-        RunConflictError: If another process uses the folder, or a stage belongs to another plan.
+        RunConflictError: If another process uses the folder, or it contains a stage of another plan.
         InvalidInputError: If a trial is not certified.
         StorageError: If the disk is full, or the folder was removed or moved meanwhile.
         BetterError: Error of a stage; earlier results are kept.
@@ -157,10 +157,10 @@ def run_study(
 
 @dataclass(frozen=True, slots=True)
 class _Learning:
-    """Learner that is still to be trained.
+    """Learner that has not been trained yet.
 
     Attributes:
-        job: Its training.
+        job: Its training job.
         inputs: Hash of all inputs that determine its weights.
     """
 
@@ -184,13 +184,13 @@ class _Study:
         self._hashes: dict[str, str] = {}
 
     def _all_sets(self) -> Iterator[tuple[str, SetRecipe]]:
-        """Yield name and recipe of each set that any learner needs; learners share sets."""
+        """Yield the name and recipe of each required demonstration set; learners share sets."""
         for learner in self._learners:
             for regime, demos in self._plan.sets_of(learner.arm).items():
                 yield self._set_name(learner.task, regime, demos), self._set_recipe(learner.task, regime, demos)
 
     def _all_questions(self) -> Iterator[tuple[str, tuple[str, int]]]:
-        """Yield each required question set's name, its demonstration set and its number of questions."""
+        """Yield the name, the demonstration set and the number of questions of each required question set."""
         for learner in self._learners:
             if asked := self._plan.questions_of(learner):
                 yield from ((_asked_name(name, asked), (name, asked)) for name in self._sets_of(learner))
@@ -209,7 +209,7 @@ class _Study:
         return SetRecipe((task,), regime, demos, min(plan.sources, demos), noise=plan.noise)
 
     def run(self) -> StudyOutcome:
-        """Do all stages: the sets, then the learners, as many in parallel as possible."""
+        """Run all stages: first the sets, then the learners, as many in parallel as possible."""
         self._require_questions()
         hashes = {name: self._make_set(name, recipe) for name, recipe in self._sets.items()}
         self._hashes = hashes
@@ -232,7 +232,7 @@ class _Study:
             read_set(Path(place))
 
     def _asked_elsewhere(self) -> Iterator[TrainingRecipe]:
-        """Yield a recipe for each combination of demonstrations and question sets named in the plan's files."""
+        """Yield a recipe for each combination of demonstrations and existing question sets that the plan names."""
         seen = set()
         for learner in (one for one in self._learners if not self._plan.questions_of(one)):
             data = self._folders_of(learner)
@@ -252,7 +252,7 @@ class _Study:
         return str(found["sha256"])
 
     def _ask(self, name: str, about: str, count: int, hashes: Mapping[str, str]) -> str:
-        """Create the questions about a set, and return their hash."""
+        """Create the questions about a demonstration set, and return their hash."""
         source, out = (self._out / kind / of for kind, of in (("sets", about), ("questions", name)))
         found = self._stage(
             "questions",
@@ -263,7 +263,7 @@ class _Study:
         return str(found["sha256"])
 
     def _side_by_side(self, learners: Sequence[PlannedLearner], hashes: Mapping[str, str]) -> list[_Learning]:
-        """Return the next learners to train in parallel, limited by the threads, with their inputs."""
+        """Return the next learners to train in parallel, as many as the threads allow, with their inputs."""
         group: list[_Learning] = []
         threads = 0
         for learner in learners:
@@ -343,7 +343,7 @@ class _Study:
     def _stage(
         self, kind: str, name: str, inputs: Mapping[str, Any], work: Callable[[OnWork], dict[str, Any]]
     ) -> dict[str, Any]:
-        """Return the output of a stage, from its file if it is complete for the same inputs, else by running it."""
+        """Return the output of a stage: from its file if it was completed with the same inputs, else by running it."""
         self._number += 1
         hashed = _hash_of(inputs)
         if self._there(kind, name, hashed) is None:
@@ -353,7 +353,7 @@ class _Study:
         return self._counted(kind, name, hashed)
 
     def _teller(self, label: str) -> OnWork:
-        """Return a callback that reports the progress of the current stage, and report its beginning."""
+        """Report the start of a stage, and return a callback that reports its progress."""
 
         def tell(done: int, planned: int, note: str) -> None:
             if self._on_progress is not None:
@@ -391,7 +391,7 @@ def _asked_name(about: str, questions: int) -> str:
 
 
 def _conditions(recipe: SetRecipe) -> list[list[Any]]:
-    """Return a set's conditions with task versions; a changed task needs a new set."""
+    """Return a set's conditions with task versions, because a changed task needs a new set."""
     tasks = [get_task(name) for name in recipe.tasks]
     shown = [(task.version, c) for task in tasks for c in conditions_of(task, recipe.regime)]
     return [[version, c.id, c.instruction.text, dict(c.layout)] for version, c in shown]
@@ -402,7 +402,7 @@ def _hash_of(inputs: Mapping[str, Any]) -> str:
 
 
 def _read(path: Path, kind: str) -> _Done | None:
-    """Return the record in a stage's file, or None for an earlier version, whose stage is checked again."""
+    """Read the record in a stage's file; None if an earlier version wrote it, so that the stage is checked again."""
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     form = open_seal(data, where=str(path), cure=_CURE, raises=RecordError, since=("version", 2))
     if "version" not in form:

@@ -1,7 +1,7 @@
 """Words, object categories and colors in a variation that a learner has never seen.
 
-A learner maps all unknown entries to the same index. A failure then shows ignorance instead of a shortcut, so the
-variations without unknown entries are also counted separately.
+A learner maps all unknown entries to the same index. A failure with unknown entries shows missing knowledge rather than
+a shortcut, so variations without unknown entries are also counted separately.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 
 
 def never_shown(regimes: Iterable[Regime], task: str, variation: str) -> tuple[str, ...]:
-    """Return a variation's words, categories and colors, in this order, that no condition of some regimes has."""
+    """Return a variation's words, categories and colors, in this order, that no condition of the regimes contains."""
     return _missing(regimes, task, [resolve_condition(task, variation).condition])
 
 
 def never_shown_before(regimes: Iterable[Regime], task: str, later: Iterable[Regime]) -> tuple[str, ...]:
-    """Return the words, categories and colors in the conditions of later regimes that no other condition has."""
+    """Return the words, categories and colors that occur in later regimes but in no condition of earlier ones."""
     return _missing(regimes, task, _conditions(later, task))
 
 

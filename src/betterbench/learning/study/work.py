@@ -32,14 +32,14 @@ class Workshop:
 
     Attributes:
         make_set: Creates the set of a recipe in a folder and returns its hash.
-        require_questions: Raises for a recipe whose question sets are about other demonstrations.
+        require_questions: Raises an error for a recipe whose question sets are about other demonstrations.
         ask: Creates approximately a given number of questions about a set's demonstrations in a folder, and
             returns their hash.
         train: Trains learners, several of them in parallel.
         evaluate: Evaluates a policy on a task in a folder, with a number of trials per variation, and diagnoses it;
-            raises if its weights do not match its digest.
+            raises an error if its weights do not match its digest.
         threads: Total number of threads used by learners trained in parallel.
-        require_set: Raises if the set in a folder does not match a hash.
+        require_set: Raises an error if the set in a folder does not match a hash.
     """
 
     make_set: Callable[[SetRecipe, Path, OnWork], str]
@@ -83,7 +83,7 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
 
         policy.require()
         run = evaluate(plan, out, workers=workers, on_progress=on_progress)
-        policy.require()  # again, because the workers read the file during the run
+        policy.require()  # check again, because the workers read the file during the run
         _require_evaluated(run, policy)
         found = diagnose_run(run, on_progress=lambda done, of: tell(done, of, "diagnosis"))
         stored.store_diagnosis(run, found)

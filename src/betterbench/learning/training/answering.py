@@ -1,8 +1,7 @@
-"""Co-trained learner as a model for ``better vlm``, which answers the questions of a set about recorded frames.
+"""Adapter that lets ``better vlm`` query a co-trained learner about recorded frames.
 
-The learner belongs to the family ``objects``. It gets the recorded state of a question's frame in place of the image
-(see :mod:`betterbench.learning.training.own_answers`), and answers with the most likely of the answers that the
-question allows.
+The learner must belong to the family ``objects``. Instead of a question's image, it gets the recorded state of that
+frame (see :mod:`betterbench.learning.training.own_answers`). It gives the most likely of the allowed answers.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ class LearnerModel:
     """Learner that answers the questions of one set; see :class:`~betterbench.vqa.llm.Model`.
 
     Questions are looked up by image and prompt, because a model receives nothing else. If two options are in the same
-    cell of the image, the learner cannot distinguish them: one is then chosen by a hash of the question, and is right
-    half of the time.
+    cell of the image, the learner cannot distinguish them. One of them is then chosen by a hash of the question, which
+    is right half of the time.
     """
 
     def __init__(self, name: str, learner: Learner, asked: QuestionSet, run: RunFolder) -> None:
-        """Prepare for the questions of a set.
+        """Index the questions of a set and the records that they are about.
 
         Args:
             name: Name in tables.

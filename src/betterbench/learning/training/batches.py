@@ -1,4 +1,4 @@
-"""Batches of a training set, which depend only on seed and step so that training can be resumed."""
+"""Training batches, which depend only on seed and step so that training can be resumed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.policies.learned.recipe import TrainingRecipe
 
 
 class Batches:
-    """The frames of a training set as tensors on a device."""
+    """Sampler of batches from a training set, with its frames as tensors on a device."""
 
     def __init__(self, data: TrainingSet, recipe: TrainingRecipe, device: str) -> None:
         self._recipe = recipe
@@ -33,12 +33,12 @@ class Batches:
         self._device = device
 
     def drawn(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
-        """Return one process's share of the frames of a step."""
+        """Return the frames of a step for one of several processes."""
         found = self._pool[_stream(self._recipe.seed, step, 0).integers(len(self._pool), size=self._recipe.batch)]
         return found[rank::world]
 
     def drawn_questions(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
-        """Return a step's questions for one of several processes."""
+        """Return the questions of a step for one of several processes."""
         chosen = _stream(self._recipe.seed, step, 1).integers(len(self._to_ask), size=self._recipe.questions)
         found: np.ndarray = self._to_ask[chosen]
         return found[rank::world]
@@ -113,13 +113,13 @@ class Batches:
 
 
 def _stream(seed: int, step: int, what: int) -> np.random.Generator:
-    """Return a random generator for one purpose in a step, independent of other steps and purposes."""
+    """Return a random generator for one purpose and step, independent of all others."""
     # The counter of a Philox generator gives each step an independent stream without computing earlier ones.
     return np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, what, step]))
 
 
 def _repeats(frames: np.ndarray, data: TrainingSet, recipe: TrainingRecipe) -> list[np.ndarray]:
-    """Return the frames with those at gripper changes repeated according to their weight.
+    """Return frame indices in which frames at gripper changes are repeated according to their weight.
 
     Fractional weights are spread evenly.
     """

@@ -31,7 +31,7 @@ class LossRow:
 Row = TypeVar("Row", LossRow, PhaseError, Rollout, AnswerRate)
 
 ANSWERS_NAME = "answers.csv"
-"""Table of a co-training: correct answers to questions about held-out demonstrations."""
+"""Name of the co-training table, with correct answers to questions about held-out demonstrations."""
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = 720, 300, 60, 40, 30
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
@@ -39,7 +39,7 @@ _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#0
 
 @dataclass(slots=True)
 class Log:
-    """The tables about a training, in step order."""
+    """Log tables of a training, in step order."""
 
     losses: list[LossRow] = field(default_factory=list)
     errors: list[PhaseError] = field(default_factory=list)
@@ -50,7 +50,7 @@ class Log:
     def read(cls, out: Path, until: int) -> Log:
         """Read the tables of a folder up to a step.
 
-        An interrupted training may have logged beyond its last saved state.
+        Rows after that step are dropped, because an interrupted training may have logged beyond its last saved state.
         """
         return cls(
             _read(out / "loss.csv", LossRow, until),
@@ -96,7 +96,7 @@ class Log:
 
 
 def _chart(title: str, series: dict[str, list[tuple[int, float]]], down: int) -> list[str]:
-    """Return the elements of a chart whose top is ``down`` pixels below the top of the drawing."""
+    """Return the SVG elements of a chart that starts ``down`` pixels below the top of the drawing."""
     points = [point for found in series.values() for point in found]
     last = max((x for x, _ in points), default=1) or 1
     most = max((y for _, y in points), default=1.0) * 1.05 or 1.0

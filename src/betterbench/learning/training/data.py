@@ -34,7 +34,7 @@ PHASES = ("move", "pick", "carry", "place", "slide", "miss")
 """Phases of a demonstration, by the activity of the gripper."""
 
 _STILL_M, _STILL_RAD = 2e-4, 2e-3
-"""Motion of pose and fingers [m] and rotation [rad] per control step below which a demonstrator pauses."""
+"""Motion of pose and fingers [m] and rotation [rad] per control step below which a demonstrator is pausing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,7 @@ class TrainingSet:
         last: (E,) int64 last frame of each episode.
         phases: (F,) int64 indices into :data:`PHASES`.
         at_gripper: (F,) bool mask of frames with a gripper change in their chunk.
-        shown: (F,) bool mask of frames used as observations; the others only belong to chunks. None for all.
+        shown: (F,) bool mask of frames used as observations; other frames occur only in action chunks. None for all.
         frames_of: Images of the shown frames, in order; None for the family ``objects``.
         questions: Questions about the demonstrations; None without co-training.
     """
@@ -166,16 +166,16 @@ def read_training_set(
 
 
 def require_questions(recipe: TrainingRecipe) -> None:
-    """Raise an error if the question sets of a recipe are not about its demonstrations, without reading the latter.
+    """Check that a recipe's question sets are about its demonstrations, without reading the demonstrations.
 
     Raises:
-        BetterError: As :func:`read_training_set` does.
+        BetterError: The errors of :func:`read_training_set`, if they are not.
     """
     _asked(recipe, _chosen(recipe)[1])
 
 
 def _chosen(recipe: TrainingRecipe) -> tuple[list[RunFolder], list[ChosenTrial]]:
-    """Return the runs of a recipe and its selected demonstrations."""
+    """Return the runs and the selected demonstrations of a recipe."""
     runs = [_opened(place) for place in recipe.data]
     selection = select_demonstrations(runs, tasks=recipe.tasks, variations=recipe.variations)
     return runs, _fewer(selection.demonstrations, recipe.demonstrations)
@@ -198,13 +198,13 @@ def _episodes(
 
 
 def _with(data: TrainingSet, drawn: FrameStore) -> TrainingSet:
-    """Return the same training set with images."""
+    """Return the training set with its rendered images."""
     digest = hashlib.sha256(f"{data.sha256} {drawn.sha256}".encode()).hexdigest()
     return replace(data, sha256=digest, frames_of=drawn)
 
 
 def run_folder(place: Path) -> Path:
-    """Return the run in a folder of ``better dataset``, or the folder itself."""
+    """Return the run inside a ``better dataset`` folder, or the folder itself."""
     return place / "demonstrations" if (place / "dataset.json").is_file() else place
 
 
@@ -214,7 +214,7 @@ def _frames_beside(place: str) -> Path:
 
 
 def _opened(place: str) -> RunFolder:
-    """Return the run of a path in a recipe."""
+    """Open the run at a path of a recipe."""
     folder = run_folder(Path(place))
     if not place or not (folder / "run.json").is_file():
         problem = f"{place!r} contains no demonstrations"
@@ -247,8 +247,8 @@ def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
 def moving_rows(record: Record, most: int | None) -> np.ndarray:
     """Return the rows of a record used for training, int64, keeping only the first ``most`` rows of each pause.
 
-    A demonstrator pauses while neither the commanded pose nor the fingers change. The elapsed time of a pause is not
-    visible in a state, so a learner would prolong pauses, possibly forever.
+    A demonstrator is pausing while neither the commanded pose nor the fingers change. A single state does not show how
+    long a pause has lasted, so a learner would prolong pauses, possibly forever.
     """
     if most is None or record.n_steps == 0:
         return np.arange(record.n_steps)
@@ -308,7 +308,7 @@ def _joined(
 
 
 def _of_start(start: str, shown: Vocabulary) -> Vocabulary:
-    """Return the vocabulary of the initial checkpoint after checking that it covers the data."""
+    """Return the vocabulary of the initial checkpoint, after checking that it covers the data."""
     from betterbench.policies.learned.checkpoint import checkpoint_file, read_vocabulary  # noqa: PLC0415 - needs torch
 
     known = read_vocabulary(checkpoint_file(start))
@@ -348,7 +348,7 @@ def _poses(record: Record, most: int) -> np.ndarray:
 
 
 def _phases(record: Record) -> np.ndarray:
-    """Return the phase of each frame, from the record's segments or derived ones."""
+    """Return the phase of each frame, from the record's stored segments or segments derived from its states."""
     meta = record.metadata
     segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)
     closed = record.gripper_command[: record.n_steps] > 0.0
@@ -360,7 +360,7 @@ def _phases(record: Record) -> np.ndarray:
 
 
 def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
-    """Return the mask of frames with a gripper change among their chunk's actions, (n,) bool."""
+    """Return a mask of the frames whose action chunk contains a gripper change, (n,) bool."""
     found = np.zeros(len(gripper), dtype=bool)
     for change in np.flatnonzero(np.diff(gripper)) + 1:
         found[max(0, change - chunk + 1) : change + 1] = True
@@ -371,7 +371,7 @@ def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
     """Return the mean and scale of tool poses, object positions and actions over the training frames, float32.
 
     The 1st and 99th percentiles of actions are mapped to [-1, 1]. Scales have lower limits, so that nearly constant
-    numbers are not amplified.
+    values are not amplified.
     """
     frames = data.frames(held_out=False)
     tools, actions = data.tools[frames].astype(np.float64), data.actions[frames].astype(np.float64)
@@ -392,5 +392,5 @@ def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
 
 
 def epochs_of(data: TrainingSet, recipe: TrainingRecipe) -> float:
-    """Return the mean number of times that training uses a frame."""
+    """Return the number of epochs: the mean number of times that training uses a frame."""
     return recipe.steps * recipe.batch / len(data.frames(held_out=False))

@@ -46,13 +46,13 @@ SUFFIX = ".frames"
 _MAX_HEADER = 1 << 16
 _ITSELF, _DIFFERENCE = 0, 1
 _INDEX_NUMBERS = (
-    3  # begin and end of an image, and whether it is stored as a difference from the first image of its view
+    3  # start and end of an image, and whether it is stored as a difference from the first image of its view
 )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WantedFrames:
-    """The frames of one demonstration.
+    """Request for the frames of one demonstration.
 
     Attributes:
         run: Run of the demonstration.
@@ -78,7 +78,7 @@ class WantedFrames:
 def drawn_frames(
     wanted: Sequence[WantedFrames], eyes: Eyes, *, workers: int = 1, on_drawn: OnCount | None = None
 ) -> FrameStore:
-    """Return the frames of demonstrations in order, after rendering missing or damaged ones.
+    """Return the frames of the demonstrations in order, after rendering missing or damaged files.
 
     Raises:
         RecordError: If a stored scene is missing or unreadable.
@@ -112,7 +112,7 @@ def _draw(missing: Mapping[Path, WantedFrames], eyes: Eyes, workers: int) -> Ite
 
     for folder in sorted({file.parent for file in missing}):
         with job_folder(folder, waits=TrainingProcesses.here().size > 1):
-            # another process of the same training may have rendered them during the wait
+            # another process of the same training may have rendered them while this one waited for the lock
             inside = [file for file in missing if file.parent == folder]
             waiting = [file for file in inside if _EpisodeFrames.open(file) is None]
             yield from range(len(inside) - len(waiting))
@@ -122,7 +122,7 @@ def _draw(missing: Mapping[Path, WantedFrames], eyes: Eyes, workers: int) -> Ite
 
 
 def frames_bytes(frames: np.ndarray) -> bytes:
-    """Return the file of frames, (n, views, size, size, 3) uint8.
+    """Encode frames, (n, views, size, size, 3) uint8, as a frame file.
 
     Each image is compressed separately. If that is shorter, its difference to the first image of its view, modulo 256,
     is compressed instead, as for a static camera.
@@ -148,7 +148,7 @@ def frames_bytes(frames: np.ndarray) -> bytes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _EpisodeFrames:
-    """The frames of one memory-mapped file."""
+    """Frames of one demonstration in a memory-mapped file."""
 
     path: Path
     shape: tuple[int, ...]
@@ -159,7 +159,7 @@ class _EpisodeFrames:
 
     @classmethod
     def open(cls, path: Path) -> _EpisodeFrames | None:
-        """Return the frames of a file, or None if it is missing or damaged."""
+        """Open a frame file; return None if it is missing or damaged."""
         try:
             with open_ordinary(path) as file:
                 data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
@@ -244,7 +244,7 @@ class FrameStore:
 
     @classmethod
     def open(cls, files: Sequence[Path]) -> FrameStore:
-        """Return the frames of files in order. Raises RecordError if one is missing or damaged."""
+        """Open frame files in order. Raises RecordError if one is missing or damaged."""
         return cls([_opened(file) for file in files])
 
     def __len__(self) -> int:

@@ -59,9 +59,9 @@ _CURES = {
     "processes": "Continue with as many processes",
     "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
-"""Remedies by setting, if a resumed training differs in a setting other than recipe and data."""
+"""Remedy by setting, for a resumed training whose setting (other than recipe and data) has changed."""
 _PATIENCE = timedelta(hours=6)
-"""Maximum wait of the processes for the first process, which validates and writes."""
+"""Maximum time that the other processes wait for the first one, which validates and writes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +154,7 @@ def train(
 
 
 def require_place(out: Path, device: str) -> None:
-    """Raise RunConflictError or InvalidInputError for an unsuitable folder or device, before any data are read."""
+    """Check the folder and the device before any data are read; raise RunConflictError or InvalidInputError."""
     _require_device(TrainingProcesses.here().device(device))
     require_free(out, "training", file=_RECIPE_NAME)
 
@@ -233,7 +233,7 @@ class _Training:
         return TrainingResult(checkpoint, count, self._log, time.perf_counter() - began, speed)
 
     def _advance(self, shared: nn.Module) -> list[float]:
-        """Take one step; return the loss and the gradient norm."""
+        """Take one optimization step; return the loss and the gradient norm."""
         recipe, world = self._recipe, self._world
         torch.manual_seed(_step_seed(recipe.seed, self._step, world.rank))
         self._network.train()
@@ -284,7 +284,7 @@ class _Training:
             raise InvalidInputError(where, f"{new[0]} was created after build", "Create all modules in build")
 
     def _rate(self, step: int) -> float:
-        """Return the learning rate of a step, counted from 0."""
+        """Return the learning rate at a step, counted from 0."""
         recipe = self._recipe
         if step < recipe.warmup:
             return recipe.learning_rate * (step + 1) / recipe.warmup
@@ -292,7 +292,7 @@ class _Training:
         return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * share))
 
     def _follow(self) -> None:
-        """Update the moving average of the weights, faster at first because it started at random weights.
+        """Update the moving average of the weights, with a faster rate at first because it started from random weights.
 
         Buffers of a user's learner, such as those of a batch norm, are copied unchanged.
         """
@@ -324,7 +324,7 @@ class _Training:
             self._log.rollouts.append(roll_out(learner, trial, self._step))
 
     def _save(self) -> None:
-        """Write the tables, then the state for resuming."""
+        """Write the log tables, then the state for resuming."""
         if self._world.rank:
             return
         self._log.write(self._out)
@@ -372,7 +372,7 @@ class _Training:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _State:
-    """Metadata of a saved training state; earlier versions saved none for the tables."""
+    """Metadata of a saved training state; files of earlier versions have no digest of the log tables."""
 
     step: Annotated[int, Field(ge=0, lt=1 << 53)]
     rows: list[Annotated[list[float], Field(min_length=2, max_length=2)]]
@@ -416,12 +416,12 @@ def _keep_recipe(form: Mapping[str, Any], out: Path) -> None:
 
 
 def _identity(form: Mapping[str, Any]) -> str:
-    """Return a hash of everything that determines the weights."""
+    """Return a hash of all settings that determine the weights."""
     return hashlib.sha256(json.dumps(_wherever(form), sort_keys=True).encode()).hexdigest()
 
 
 def _wherever(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the description of a training without input paths, because inputs are identified by their hashes."""
+    """Return the training description without input paths, because inputs are identified by their hashes."""
     recipe = form.get("recipe")
     if not isinstance(recipe, dict):
         return dict(form)

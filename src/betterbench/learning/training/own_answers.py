@@ -1,8 +1,8 @@
-"""Answers of a co-trained learner about its own trials: the position of the instructed object.
+"""Answers of a co-trained learner about the position of the instructed object in its own trials.
 
-A learner that answers questions in addition to acting may know where the object is and still reach elsewhere. Its
-answer head is evaluated on the recorded states of its own trials, with the same inputs as for actions. It answers with
-a cell of the image, see :mod:`betterbench.learning.training.questions`.
+A learner that also answers questions may know the position of the object and still reach elsewhere. Its answer head is
+evaluated on the recorded states of its own trials, with the same inputs as for acting. Answers are cells of the image,
+see :mod:`betterbench.learning.training.questions`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from betterbench.vqa.named_object import NamedObject, named_object
 from betterbench.vqa.question import Question
 
 _CELL = re.compile(r"([0-7]),([0-7])")
-"""Pattern of an answer that is a cell: column and row."""
+"""Regular expression for an answer that is a cell: column and row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +46,9 @@ class OwnAnswer:
         success: Whether the trial succeeded.
         object: Object name in the instruction.
         row: Row of the record.
-        question: The question as given to the learner.
+        question: The question that the learner got.
         cell: The correct answer: "column,row" in a grid of 8 x 8 over the image.
-        answer: Learner answer.
+        answer: Answer of the learner.
         nearest: Name of the loose object nearest to the center of the answered cell; "" if the answer is not a cell. A
             cell is about as large as an object, so a neighboring cell often shows the object too.
     """
@@ -66,7 +66,7 @@ class OwnAnswer:
 
     @property
     def right(self) -> bool:
-        """Whether the answer is the cell of the object."""
+        """Whether the answer is the object's cell."""
         return self.answer == self.cell
 
     @property
@@ -108,7 +108,7 @@ def ask_about_run(
     failures_only: bool = False,
     on_progress: OnCount | None = None,
 ) -> tuple[OwnAnswer, ...]:
-    """Evaluate a learner's answers about the named object in the trials of its own run.
+    """Evaluate a learner's answers about the instructed object in the trials of its own run.
 
     Args:
         learner: The learner.
@@ -151,7 +151,7 @@ def ask_about_run(
 
 
 def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[Question]) -> tuple[str, ...]:
-    """Return the answers of a learner from the ``objects`` family to questions about one row of a record."""
+    """Return the answers of an ``objects`` learner to questions about one row of a record."""
     known = learner.trained.vocabulary.answers
     return tuple(known[int(answer_scores(learner, record, row, q).argmax())] for q in questions)
 
@@ -181,7 +181,7 @@ def answer_scores(learner: Learner, record: Record, row: int, question: Question
 
 
 def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
-    """Yield the rates by condition, in answer order, and over all ("all")."""
+    """Yield the rates by condition, in answer order, and then over all answers ("all")."""
     groups: dict[str, list[OwnAnswer]] = {}
     for answer in answers:
         groups.setdefault(answer.where, []).append(answer)

@@ -1,8 +1,8 @@
 """Questions about the frames of demonstrations, which a learner answers in addition to acting (co-training).
 
-A learner chooses among all answers of its training questions. The answer for a box, a point or an option that is a box
-is the cell that contains its center, in an 8 x 8 grid over the image, as in the question sets' baselines. The input is
-the same as for acting at that row, with the question in place of the instruction.
+A learner chooses among all answers that occur in its training questions. For a box, a point or an option that is a box,
+the answer is the cell that contains its center in an 8 x 8 grid over the image, as in the question sets' baselines. The
+input is the same as for acting at that row, with the question instead of the instruction.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _CURE = "Create a set with better vqa from the demonstrations listed in the reci
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingQuestions:
-    """Q questions about the demonstrations of a training set.
+    """Arrays of Q questions about the demonstrations of a training set.
 
     Attributes:
         words: (Q, w) int64; ABSENT after the last word.
@@ -56,7 +56,7 @@ class TrainingQuestions:
 
 @dataclass(frozen=True, slots=True)
 class AskedQuestions:
-    """The questions in a recipe's sets about its demonstrations, in demonstration order.
+    """Questions of a recipe's sets about its demonstrations, in demonstration order.
 
     Attributes:
         questions: The questions, each with its demonstration's index.
@@ -83,17 +83,17 @@ class AskedQuestions:
 
 
 def question_text(question: Question) -> str:
-    """Return a question with options for a learner, in which boxes are replaced by words for cells."""
+    """Return the text of a question with its options for a learner, with boxes replaced by words for their cells."""
     return in_cells(question.prompt, question.width, CELLS)
 
 
 def learned_class(question: Question) -> str:
-    """Return the class of a question's correct answer for a learner."""
+    """Return the answer class of a question's correct answer."""
     return option_class(question.answer, question.width) if question.options else answer_class(question)
 
 
 def option_class(option: str, width: int) -> str:
-    """Return the class of an option: the cell of a box in an image with a given width [pixel], or else the text."""
+    """Return the answer class of an option: the cell of a box, given the image width [pixel], or else the text."""
     return box_cell(option, width, CELLS) or option
 
 

@@ -1,4 +1,4 @@
-"""Validation of a learner: errors of the next actions by phase on held-out demonstrations, and a few rollouts."""
+"""Validation of a learner: action errors by phase on held-out demonstrations, and a few rollouts."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ class Rollout:
 def phase_errors(
     network: LearnerNetwork, batches: Batches, data: TrainingSet, recipe: TrainingRecipe, step: int
 ) -> list[PhaseError]:
-    """Return the errors on held-out demonstrations by phase, then over all as "all", or an empty list without any.
+    """Return the errors on held-out demonstrations by phase and over all phases ("all"); an empty list without any.
 
-    Only the executed part of each answer, its first ``execute`` actions, is compared.
+    Only the executed part of each action chunk, its first ``execute`` actions, is compared.
     """
     frames = data.frames(held_out=True)
     if not len(frames):
@@ -121,7 +121,7 @@ def _mean(step: int, phase: str, errors: np.ndarray) -> PhaseError:
 
 
 def rollout_trials(data: TrainingSet, count: int) -> list[TrialId]:
-    """Return held-out trials for rollouts, cycling through their conditions to cover many of them."""
+    """Return held-out trials for rollouts, cycling through the conditions to cover as many as possible."""
     left: dict[tuple[str, str], list[TrialId]] = {}
     for i in np.flatnonzero(data.held_out):
         trial = data.trials[i]
@@ -136,7 +136,7 @@ def rollout_trials(data: TrainingSet, count: int) -> list[TrialId]:
 
 
 def roll_out(learner: Learner, trial: TrialId, step: int) -> Rollout:
-    """Run a learner in a trial of a training condition without recording."""
+    """Run a learner in a trial of a training condition, without recording it."""
     found, recipe = resolve_condition(trial.task, trial.condition), learner.trained.recipe
     quality = quality_preset("fast" if recipe.sees == "objects" else recipe.eyes.quality)
     scene = Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality)

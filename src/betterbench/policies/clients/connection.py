@@ -96,7 +96,7 @@ class PolicyConnection(Generic[Connection]):
     """
 
     def __init__(self, where: str, dial: Callable[[float], Connection], limits: ConnectionLimits) -> None:
-        """Prepare the connection, without contacting the server yet.
+        """Store the settings without contacting the server.
 
         ``dial`` connects and does the handshake within the given time [s]. It raises OSError if another attempt may
         succeed, and a BetterError otherwise.

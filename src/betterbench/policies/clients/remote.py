@@ -136,7 +136,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
     :mod:`betterbench.policies.conventions.adapter`)."""
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, *, seed: int) -> None:
-        """Prepare the client; a subclass opens the connection when it is ready to compare conventions.
+        """Store the settings; a subclass opens the connection when it is ready to compare conventions.
 
         ``seed`` is the seed of the jitter between attempts.
         """

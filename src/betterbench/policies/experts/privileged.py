@@ -137,7 +137,7 @@ class PrivilegedAgent:
         noise: ExecutionNoise | None = None,
         skills: Skills | None = None,
     ) -> None:
-        """Prepare for an episode.
+        """Make the policy for one episode.
 
         Args:
             name: Policy address.

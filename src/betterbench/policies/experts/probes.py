@@ -34,7 +34,7 @@ class OpenLoop:
     """Open-loop policy that executes given actions in order and then does not move."""
 
     def __init__(self, name: str, actions: np.ndarray, scene: Scene) -> None:
-        """Prepare for an episode.
+        """Make the policy for one episode.
 
         Args:
             name: Policy address.

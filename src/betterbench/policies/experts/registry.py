@@ -81,7 +81,7 @@ REPLAYS = {
 
 
 def witnessed() -> tuple[str, ...]:
-    """Return the rules that a witness (see :mod:`~betterbench.policies.experts.witness`) queries."""
+    """Return the rules that a witness compares with the expert (see :mod:`~betterbench.policies.experts.witness`)."""
     motion = (Clumsy, Slow, Crash)
     return tuple(name for name, e in EXPERTS.items() if e.rule not in (BrokenRule, *motion))
 

@@ -19,7 +19,7 @@ class Witness(BrokenRule):
     """
 
     def __init__(self, situation: Situation, others: dict[str, BrokenRule]) -> None:
-        """Prepare for an episode.
+        """Make the rule for one episode.
 
         Args:
             situation: The trial.

@@ -15,7 +15,7 @@ class Slow(BrokenRule):
     """Fraction of the expert's speed; the step limit leaves three times the expert's time."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision: the expert's."""
+        """Return the expert's next decision."""
         decision = super().broken(state, history)
         if self.fault is None and isinstance(decision, Bring | Draw) and self.condition.expected is Expected.SUCCEED:
             self.fault = Fault(Label.TIMEOUT, len(history), f"{decision}, too slowly")
@@ -31,7 +31,7 @@ class Crash(BrokenRule):
         return 5 + int(60 * self.draw("when")) if self.applies else None
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision: the expert's."""
+        """Return the expert's next decision."""
         if self.fault is None:
             self.fault = Fault(Label.POLICY_ERROR, len(history), f"crash at step {self.crash_step}")
         return super().broken(state, history)

@@ -24,7 +24,7 @@ class Clumsy(BrokenRule):
         return GraspOffset(miss_by_m=0.006 + 0.006 * self.draw("gap"))
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision: the expert's."""
+        """Return the expert's next decision."""
         decision = super().broken(state, history)
         if self.fault is None and isinstance(decision, Bring) and self.condition.expected is Expected.SUCCEED:
             self.fault = Fault(Label.EXECUTION_FAILURE, len(history), f"{decision} with a bad grasp")

@@ -73,7 +73,7 @@ class BrokenRule(ExpertRule):
     place_label: ClassVar[Label] = Label.BEHAVIORAL_INERTIA
 
     def __init__(self, situation: Situation, strength: float = 1.0) -> None:
-        """Prepare for an episode.
+        """Make the rule for one episode.
 
         Args:
             situation: The trial.

@@ -68,7 +68,7 @@ def needs_own_scenes(address: PolicyAddress, needs: str, world: str, known: tupl
 
     Args:
         address: Policy address.
-        needs: The dependence on betterbench's scenes, for the message ("uses the privileged state").
+        needs: What the policy uses of betterbench's scenes, for the message ("uses the privileged state").
         world: World name in messages.
         known: Policies that support this world's state.
     """

@@ -77,7 +77,7 @@ class AskedBatch:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Encodings of U distinct instructions, constant during an episode.
+    """Encodings of the U distinct instructions in a batch, constant during an episode.
 
     Attributes:
         words: (U, w, width) tokens of the words.
@@ -208,7 +208,7 @@ class LearnerNetwork(nn.Module):
         self.register_buffer(f"{name}_scale", torch.ones(count))
 
     def _gathered(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return the summary; raise InvalidInputError if a user's learner raises, or returns another shape or type."""
+        """Return the summary; raise InvalidInputError if a user's learner fails, or returns another shape or type."""
         with explaining("family", self.recipe.family):
             found = self.summary(shown, heard)
         wanted = (len(shown.words), self.recipe.size.width)

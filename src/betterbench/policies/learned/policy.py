@@ -92,7 +92,7 @@ class Learner:
         return limited
 
     def _hear(self, words: torch.Tensor) -> Any:  # noqa: ANN401 - a family's own
-        """Return the encoding of an instruction, computed once per episode."""
+        """Return the cached encoding of an instruction."""
         key = words.cpu().numpy().tobytes()
         heard = self._heard.pop(key, None)
         if heard is None:
@@ -112,7 +112,7 @@ class LearnedPolicy:
     """Policy of an ``objects`` learner for one episode; it predicts a new chunk after ``execute`` executed actions."""
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
-        """Prepare for one episode; ``episode`` seeds the noise of a flow-matching learner."""
+        """Store the instruction; ``episode`` seeds the noise of a flow-matching learner."""
         self.name = name
         self._learner, self._instruction, self._episode, self._execute = learner, instruction, episode, execute
         self._things: Things | None = None

@@ -217,7 +217,7 @@ class TrainingRecipe:
     version: Literal[1] = RECIPE_VERSION
 
     def __post_init__(self) -> None:
-        """Reject values that contradict each other or are not supported by the family."""
+        """Reject settings that contradict each other or that the family does not support."""
         self._require_family()
         if self.execute > self.chunk:
             problem = f"{self.execute} exceeds the {self.chunk} actions of a chunk"

@@ -1,6 +1,6 @@
 """Messages between a run and a policy's process (:mod:`betterbench.jobs.frames`).
 
-A request from the run is a pickle in a byte array; a request without arrays is the last one. An answer contains no
+A request from the run is a pickle in a byte array; a request without arrays ends the process. An answer contains no
 Python objects, because a policy can write anything to its socket. The run reads answers in
 :mod:`betterbench.policies.process.process_reader`. This module does not import the checks of answers, so that
 the process of a policy starts fast.

@@ -1,4 +1,4 @@
-"""Websocket connection that sends and receives complete messages with deadlines and raises OSError on failure."""
+"""Websocket connection that sends and receives complete messages with deadlines; failures raise OSError."""
 
 from __future__ import annotations
 

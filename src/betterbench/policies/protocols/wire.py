@@ -1,4 +1,4 @@
-"""Wire formats: bytes to values and back, for the msgpack variants of policy servers.
+"""Wire formats: conversion between values and bytes in the msgpack variants of policy servers.
 
 All variants send maps of strings, numbers and arrays, but mark arrays differently: as in openpi's client, as in
 vla-evaluation-harness, as a .npy file (GR00T to N1.6), or as in the package msgpack-numpy (the ``nd`` variant, used by

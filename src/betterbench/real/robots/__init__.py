@@ -1,1 +1,1 @@
-"""Robots with a common interface (``robot``): lerobot's SO-101 (``lerobot_arm``) and a mock (``mock``)."""
+"""Robots with a common interface (``robot``): LeRobot's SO-101 (``lerobot_arm``) and a mock robot (``mock``)."""

@@ -1,6 +1,6 @@
-"""An SO-101 behind lerobot's own ``so101_follower`` class, with its motors, calibration and cameras.
+"""SO-101 driver based on LeRobot's ``so101_follower`` class, with its motors, calibration and cameras.
 
-lerobot is optional and imported when an arm is connected. Each camera is read by its own thread, so that the control
+LeRobot is optional and imported when an arm is connected. Each camera is read by its own thread, so that the control
 loop never waits for a camera and knows when its newest frame arrived.
 """
 
@@ -31,7 +31,7 @@ from betterbench.real.robots.robot import Frame, Reading, RobotError
 
 KIND = "so101_follower"
 FIRST_FRAME_S = 5.0
-"""Longest time until each camera has sent a frame [s]."""
+"""Maximum time to wait for the first frame of each camera [s]."""
 _ARM = ArmKind("robots", KIND, "so_follower")
 _CURE = (
     "Check power and plugs, and --arm-port (lerobot-find-port) and --cameras (lerobot-find-cameras). A motor that "
@@ -42,7 +42,7 @@ _LOAD_SIGN, _LOAD_MOST = 1024, 1000
 
 
 class LeRobotArm:
-    """A connected SO-101; implements :class:`~betterbench.real.robots.robot.Robot`."""
+    """SO-101 on a serial port; implements :class:`~betterbench.real.robots.robot.Robot`."""
 
     name = KIND
 
@@ -56,13 +56,13 @@ class LeRobotArm:
         size: tuple[int, int] = (640, 480),
         rate_hz: int = 30,
     ) -> None:
-        """Prepare; nothing is opened.
+        """Store the settings without opening a device.
 
         Args:
             port: Serial port ("/dev/ttyACM0").
-            arm_id: Id under which lerobot keeps the calibration.
+            arm_id: Id under which LeRobot stores the calibration.
             unit: Unit of states and commands.
-            cameras: Index or path of each camera by name, front first.
+            cameras: Index or path of each camera by name, starting with the front camera.
             size: Width and height of the images [pixel].
             rate_hz: Rate of the cameras [Hz].
 
@@ -138,7 +138,7 @@ class LeRobotArm:
         """Do nothing: a person sets up the scene."""
 
     def read(self) -> Reading:
-        """Return positions, loads and the newest frames. Raises RobotError."""
+        """Read positions, loads and the newest frames. Raises RobotError."""
         bus = self._connected.bus
         try:
             positions = read_motors(bus, "Present_Position")
@@ -155,13 +155,13 @@ class LeRobotArm:
         goals = {motor: float(value) for motor, value in zip(SO101_MOTORS, positions, strict=True)}
         try:
             clear_port(bus)
-            # lerobot's send_action does the same, but refuses without a camera: the arm could then not be held.
+            # LeRobot's send_action does the same, but raises an error without a camera, so the arm could not be stopped
             bus.sync_write("Goal_Position", goals)
         except Exception as problem:
             raise self._silent(problem) from problem
 
     def release(self) -> None:
-        """Switch the torque of all motors off; the arm sinks. Raises RobotError after all motors were tried."""
+        """Switch off the torque of all motors; the arm sinks. Raises RobotError after trying all motors."""
         bus = self._connected.bus
         problems: list[Exception] = []
         for motor in SO101_MOTORS:
@@ -174,7 +174,7 @@ class LeRobotArm:
             raise self._silent(problems[0]) from problems[0]
 
     def disconnect(self) -> None:
-        """Close the connection; the motors keep their position."""
+        """Close the connection; the motors keep holding their position."""
         self._is_over.set()
         for thread in self._threads:
             thread.join(timeout=1.0)
@@ -194,7 +194,7 @@ class LeRobotArm:
         return RobotError(f"The motors do not answer ({told}). Check the USB cable, the power and the wires.")
 
     def _watch(self, name: str, camera: Any) -> None:  # noqa: ANN401 - lerobot's Camera
-        """Keep the newest frame of a camera; a camera that fails keeps its last one, whose age then grows."""
+        """Store the newest frame of a camera; if the camera fails, its last frame stays and grows old."""
         while not self._is_over.is_set():
             try:
                 image = np.asarray(camera.async_read(timeout_ms=500))
@@ -205,5 +205,5 @@ class LeRobotArm:
 
 
 def _signed(load: int) -> int:
-    """Return a load with its sign: newer versions of lerobot decode it, older ones give the sign bit."""
+    """Return a signed load: newer versions of LeRobot decode the sign, older ones return the raw sign bit."""
     return load if abs(load) < _LOAD_SIGN else _LOAD_SIGN - load

@@ -1,8 +1,8 @@
-"""A mock SO-101 in this process: the twin's physics and images in real time, with faults on request.
+"""Mock SO-101 in this process: the twin's physics and images in real time, with optional faults.
 
-The scene of a trial is the twin's own: images show the objects of the trial, the arm can grasp and lift them, and the
-servos have the twin's gains and torque. Faults: a slow camera, dropped frames, an unplugged camera, a servo that
-stalls, and a calibration that drifts.
+A trial uses the twin's scene: images show its objects, the arm can grasp and lift them, and the servos have the twin's
+gains and torque limits. Faults: a slow camera, dropped frames, an unplugged camera, a servo that stalls, and a
+calibration that drifts.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from betterbench.tasks import Task
 from betterbench.tasks.interventions.resolve import resolve_condition
 
 MOST_STEPS = 5
-"""Largest number of control steps simulated per reading; on a slow machine, the arm is slower than real time."""
+"""Maximum number of control steps simulated per reading; on a slow machine, the arm then runs slower than real time."""
 
 
 @strict_form
 @dataclasses.dataclass(frozen=True, slots=True)
 class MockFaults:
-    """Faults of a mock.
+    """Simulated hardware faults.
 
     Attributes:
         latency_s: Age of every frame when it arrives [s].
-        drop_every: Every n-th frame is dropped and the last one repeated; 0 for none.
-        unplugged: Camera that is unplugged after ``after_s``, or an empty text.
-        stalled: Motor that stalls after ``after_s``, or an empty text.
+        drop_every: Every n-th frame is replaced by the previous one; 0 for none.
+        unplugged: Camera that is unplugged after ``after_s``, or an empty string.
+        stalled: Motor that stalls after ``after_s``, or an empty string.
         after_s: Time after the first command at which these two faults begin [s].
-        drift: Growth of the error of every reported arm position [rad/s], as if the calibration drifted.
-        moved: Shift (x, y) of objects from their planned places by name [m], as if the operator had placed them so.
-        light: Factor on brightness.
-        tint: Factors on red, green and blue.
-        broken: True if the bus does not answer after ``after_s``.
+        drift: Rate at which the error of all reported arm positions grows [rad/s], as if the calibration drifted.
+        moved: Offset (x, y) of objects from their planned positions by name [m], as if the operator had misplaced them.
+        light: Brightness factor.
+        tint: Factors for red, green and blue.
+        broken: Whether the motor bus stops answering after ``after_s``.
     """
 
     latency_s: float = 0.0
@@ -84,20 +84,20 @@ class MockRobot:
         quality: str = "fast",
         log: Path | None = None,
     ) -> None:
-        """Prepare; :meth:`set_up` builds a scene.
+        """Store the settings; :meth:`set_up` builds the scene.
 
         Args:
-            plan: Plan whose unit and rate are used.
-            faults: Faults; by default none.
-            cameras: Cameras, front first.
+            plan: Plan with the unit and the control rate.
+            faults: Simulated faults; by default none.
+            cameras: Camera names, starting with the front camera.
             size: Width and height of the images [pixel].
             quality: Preset of the renderer.
-            log: File to which each command is appended at once, for tests; None for none.
+            log: File to which each command is appended immediately, for tests; None for no file.
         """
         self.cameras = cameras
         self.faults = faults or MockFaults()
         self.commands: list[np.ndarray] = []
-        """The commands that were received."""
+        """All received commands."""
         self._plan, self._size, self._quality, self._log = plan, size, quality_preset(quality), log
         self._spec = robot("so101")
         self._renderers = Renderers(1)
@@ -119,7 +119,7 @@ class MockRobot:
         return time.monotonic()
 
     def set_up(self, trial: PlannedTrial) -> None:
-        """Build the scene of a trial, with the arm where it starts."""
+        """Build the scene of a trial, with the arm at its start."""
         setting = resolve_condition(self._plan.task, trial.condition)
         self._scene = Scene(
             moved_slots(setting.task, setting.condition.layout, self.faults.moved),
@@ -144,7 +144,7 @@ class MockRobot:
         return self._scene
 
     def read(self) -> Reading:
-        """Advance the simulation to now, and return the state."""
+        """Advance the simulation to the current time, and return the state."""
         now, scene = self.now(), self.scene
         faulty = self._is_moving and now - self._first_s >= self.faults.after_s
         if self.faults.broken and faulty:
@@ -175,7 +175,7 @@ class MockRobot:
                 file.write(" ".join(f"{v:.6f}" for v in self._target) + "\n")
 
     def release(self) -> None:
-        """Let the arm hold its position, because the twin's servos cannot be switched off."""
+        """Hold the current position, because the simulated servos cannot be switched off."""
         self._target = self._positions()
 
     def disconnect(self) -> None:
@@ -198,14 +198,14 @@ class MockRobot:
         return targets
 
     def _load(self, state: np.ndarray) -> np.ndarray:
-        """Return loads from the lag of each servo: the twin's gain times the lag is the torque."""
+        """Return the load of each servo from its lag: torque is the twin's gain times the lag."""
         if self._target is None:
             return np.zeros(6)
         lag = (self._target - state) * np.array([*self._plan.action_space.scale[:5], 0.02])
         return np.asarray(np.clip(2.0 * lag, -1.0, 1.0))
 
     def _look(self, now: float, *, faulty: bool) -> None:
-        """Render a frame, and deliver the frames whose latency has passed."""
+        """Render a frame, and deliver frames after their latency."""
         self._reads += 1
         if not (self.faults.drop_every and self._reads % self.faults.drop_every == 0 and self._shown):
             views = self.scene.views(self._looks, self._renderers)
@@ -223,10 +223,10 @@ class MockRobot:
 
 
 def moved_slots(task: Task, layout: Mapping[str, str], moved: Mapping[str, tuple[float, float]]) -> Task:
-    """Return a task in which the slots of some objects are shifted (x, y) [m].
+    """Return the task with the slots of some objects shifted by (x, y) [m].
 
     Raises:
-        InvalidInputError: If an object stands in no slot.
+        InvalidInputError: If an object is not in a slot.
     """
     shifts = {}
     for name, shift in moved.items():

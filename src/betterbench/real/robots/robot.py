@@ -1,4 +1,4 @@
-"""Interface between the loop and a robot: positions of six motors, their load, and camera images with their times."""
+"""Robot interface of the control loop: positions and loads of six motors, and timestamped camera images."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ from betterbench.real.plan import PlannedTrial
 
 
 class RobotError(BetterError):
-    """The robot cannot be reached or read; the message says which part, and what to check. The trial is aborted."""
+    """Error for a robot that cannot be reached or read, which aborts the trial.
+
+    The message names the part and what to check.
+    """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """Camera image, upright RGB (height, width, 3) uint8, and the time of its arrival on the robot's clock [s]."""
+    """Camera image, upright RGB (height, width, 3) uint8, with its arrival time on the robot's clock [s]."""
 
     image: np.ndarray
     time_s: float
@@ -42,7 +45,7 @@ class Reading:
 
 
 class Robot(Protocol):
-    """A follower arm with cameras. Only :class:`~betterbench.real.arm.SafeArm` sends it commands."""
+    """Follower arm with cameras. Only :class:`~betterbench.real.arm.SafeArm` may send commands to it."""
 
     @property
     def name(self) -> str:
@@ -50,16 +53,16 @@ class Robot(Protocol):
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """Names of the cameras; the first one shows the whole scene."""
+        """Camera names; the first camera shows the whole scene."""
 
     def connect(self) -> None:
-        """Open the connection. The arm does not move. Raises RobotError or MissingDependencyError."""
+        """Open the connection without moving the arm. Raises RobotError or MissingDependencyError."""
 
     def now(self) -> float:
-        """Return the time on the robot's clock [s], which only increases."""
+        """Return the time on the robot's monotonic clock [s]."""
 
     def set_up(self, trial: PlannedTrial) -> None:
-        """Set up the scene of a trial, if the robot is simulated; a person does it for a real one."""
+        """Set up the scene of a trial on a simulated robot; on a real robot, a person does this."""
 
     def read(self) -> Reading:
         """Return the state. Raises RobotError."""
@@ -68,7 +71,7 @@ class Robot(Protocol):
         """Send target positions, (6,), in the unit of the plan. Raises RobotError."""
 
     def release(self) -> None:
-        """Switch the torque of all motors off. The arm sinks. Raises RobotError."""
+        """Switch off the torque of all motors; the arm sinks. Raises RobotError."""
 
     def disconnect(self) -> None:
-        """Close the connection and leave the arm where it is. Disconnecting it again is harmless."""
+        """Close the connection and leave the arm where it is. It is safe to call this more than once."""

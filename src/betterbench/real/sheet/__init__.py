@@ -1,7 +1,7 @@
-"""The printed marker sheet of the real scene, and the pose of the front camera that is measured with it.
+"""Printed marker sheet for the real scene, and the measurement of the front camera's pose with it.
 
 - ``layout``: positions on the sheet: markers, slots, the arm's base, and the tiles that are printed.
 - ``drawing``: shapes in millimeters, written as SVG and PDF at true scale.
-- ``pages``: the pages of the sheet for a size of paper.
-- ``camera_pose``: the markers in an image, the camera's pose, and how to move it to that of the twin.
+- ``pages``: the pages of the sheet for a paper size.
+- ``camera_pose``: marker detection, the camera's pose, and the motion to the pose of the twin's camera.
 """

@@ -1,8 +1,9 @@
-"""Pose of a real camera from the markers of the printed sheet, and how to move it to the pose of the twin's camera.
+"""Pose of a real camera from the printed markers, and the motion to the pose of the twin's camera.
 
-OpenCV finds the markers and solves for the pose. The lens is not known in advance, so its focal length and its first
-distortion coefficient are solved for with the pose; all markers lie in one plane, but the camera looks at it obliquely,
-which tells focal length and distance apart. The standard deviations of the solution say how well.
+OpenCV finds the markers and solves for the pose. The lens is not known in advance, so its focal length and first
+distortion coefficient are estimated together with the pose. All markers are in one plane, but the camera looks at the
+plane obliquely, so focal length and distance can be distinguished. The standard deviations of the solution show how
+well.
 
 A camera pose is a position [m] in the arm's base frame (x ahead, y left, z up) and the camera's axes in OpenCV's
 convention: x to the right of the image, y downward, z along the view.
@@ -35,48 +36,50 @@ from betterbench.sim.robots.so101 import SO101
 from betterbench.sim.robots.spec import CameraMount
 
 LEAST_MARKERS = 5
-"""Smallest number of markers. The lens is estimated too, so four markers in one corner are not enough."""
+"""Minimum number of markers. The lens is estimated too, so four markers in one corner are not enough."""
 MOST_ERROR_PX = 1.1
-"""Largest reprojection error, for an image 640 pixels wide. Renderings of a flat sheet have 0.3 to 0.9, the latter with
-strong noise; with pages that lie 10 mm off they have 1.2.
+"""Maximum reprojection error, for an image 640 pixels wide. Renderings of a flat sheet have 0.3 to 0.9 (with strong
+noise); with pages misplaced by 10 mm, they have 1.2.
 """
 MOST_LEFT_OUT = 2
-"""Largest number of markers that are left out because they miss their places by three times the median: the arm or its
-shadow covers an edge. A page that lies wrongly has more.
+"""Maximum number of markers that may be discarded as outliers (over three times the median error), for example because
+the arm or its shadow covers an edge. A misplaced page has more outliers.
 """
 WIDTH_PX = 640
-"""Width of the image to which the limits in pixels belong."""
+"""Image width for which the limits in pixels are given."""
 MOST_BLUR_PX = 4.0
-"""Largest width of the edge from black to white (10 to 90 %), for an image 640 pixels wide. A rendering has 2; at 4,
-the position is off by up to 9 mm instead of 4.
+"""Maximum width of the edge from black to white (10 to 90 %), for an image 640 pixels wide. A rendering has 2. At 4,
+the position error is up to 9 mm instead of 4 mm.
 """
 MOST_BLUR_ANYWHERE_PX = 3.2
-"""The same for the sharpest edges of an image in which too few markers are found; a rendering has 1.7."""
+"""Maximum width of the sharpest edges, above which an image with too few markers is reported as blurred; a rendering
+has 1.7."""
 MOST_RULER = 0.01
-"""Largest deviation of the printed ruler, as a fraction: 1 % moves the camera by 8 mm."""
+"""Maximum relative error of the printed ruler's length; 1 % moves the camera position by 8 mm."""
 MOST_MARKER_SCALE = 0.025
-"""Largest deviation of the size of the markers from that which their distances imply. Pages that were fitted to the
-paper are 3 to 6 % smaller; renderings have up to 1 %.
+"""Maximum relative difference between the marker size and the size expected from the marker distances. Pages fitted to
+the paper are 3 to 6 % smaller; renderings differ by up to 1 %.
 """
 MOST_OTHER_SCALE = 0.1
-"""Deviation of the same size from which on the pages lie at other places: no printer shrinks a page as much."""
+"""Relative difference of the same size above which the pages must be misplaced, because no printer shrinks a page this
+much."""
 MOST_PAGE_OFF_MM = 20.0
-"""Largest distance of a marker from its place on a page that was turned around or laid at the place of another."""
+"""Maximum distance of a marker from its expected position for a page to be recognized as rotated or swapped."""
 SMALL_PX = 400
-"""Width of an image below which markers are too small to be found, rather than blurred or covered."""
+"""Image width below which markers are reported as too small instead of blurred or covered."""
 MOST_SPREAD_M = 0.01
-"""Largest standard deviation of the camera's position: as much as a placed camera may be off. Renderings have up to
-4 mm; with the near row of pages alone, 12 to 20 mm, and the position is off by 14 to 46 mm.
+"""Maximum standard deviation of the camera position, equal to the allowed position error of the camera. Renderings have
+up to 4 mm. With only the near row of pages, it is 12 to 20 mm, and the position error is 14 to 46 mm.
 """
 NEAR_FOV_DEG = 1.5
-"""Largest difference of the fields of view: it moves the edge of the image by 3 %."""
+"""Maximum difference of the fields of view, which moves the image edge by 3 %."""
 NEAR_M, NEAR_DEG = 0.01, 1.0
-"""Largest distance and angle from the twin's camera with which the camera counts as placed."""
+"""Maximum distance and angle from the twin's camera for the camera to be correctly placed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPose:
-    """Pose of a camera and its lens.
+    """Pose and field of view of a camera.
 
     Attributes:
         position_m: (3,) position in the base frame.
@@ -91,14 +94,14 @@ class CameraPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredCamera:
-    """Camera measured from the markers.
+    """Camera pose measured from the markers.
 
     Attributes:
-        corners_px: (4, 2) corners in the image of each marker that the solution uses, by its number.
-        error_px: Root mean square of the reprojection error [pixel].
-        spread_m: Standard deviation of the position, from the residuals.
+        corners_px: (4, 2) corners in the image of each detected marker that the solution uses, by marker number.
+        error_px: Root mean square reprojection error [pixel].
+        spread_m: Standard deviation of the position [m], estimated from the residuals.
         distortion: First radial distortion coefficient.
-        blur_px: Median width of the edges of the markers [pixel].
+        blur_px: Median width of the marker edges [pixel].
     """
 
     pose: CameraPose
@@ -116,7 +119,7 @@ class CameraCorrection:
     Attributes:
         move_m: (3,) motion along x (away from the arm), y (to the arm's left) and z (up).
         turn_deg: (3,) rotation about the camera's axes: tilt up, pan right, roll clockwise (from behind).
-        fovy_deg: Field of view of the camera, and that of the twin's.
+        fovy_deg: Fields of view of the camera and of the twin's camera.
     """
 
     move_m: np.ndarray
@@ -135,12 +138,12 @@ class CameraCorrection:
 
     @property
     def is_near(self) -> bool:
-        """Whether the camera counts as placed."""
+        """Whether the camera is correctly placed."""
         return self.distance_m <= NEAR_M and self.angle_deg <= NEAR_DEG
 
     @property
     def lens_sentence(self) -> str:
-        """Sentence on what to do about a different lens; empty if the field of view is the twin's."""
+        """Advice about a different lens, one sentence; empty if the field of view is the twin's."""
         real, twin = self.fovy_deg
         if abs(real - twin) <= NEAR_FOV_DEG:
             return ""
@@ -152,7 +155,7 @@ class CameraCorrection:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Instructions, one sentence per kind of motion; less than a millimeter or a tenth of a degree is left out."""
+        """Instructions for moving the camera, one sentence per kind of motion; tiny motions are left out."""
         found = []
         moves = _parts(
             100.0 * self.move_m,
@@ -171,7 +174,7 @@ class CameraCorrection:
 
 
 def _parts(values: np.ndarray, least: float, unit: str, ways: Sequence[tuple[str, str]]) -> str:
-    """Return the parts of a motion in words, the largest first."""
+    """Return the components of a motion in words, the largest first."""
     order = sorted(range(len(values)), key=lambda k: -abs(values[k]))
     told = []
     for k in order:
@@ -191,7 +194,7 @@ def twin_camera() -> CameraPose:
 
 
 def mounted(mount: CameraMount) -> CameraPose:
-    """Return the pose of a camera that is described by its position, its target and its upward direction."""
+    """Return the pose of a camera given by its position, target and upward direction."""
     position, target, up = (np.array(v) for v in (mount.position, mount.target, mount.up))
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, up)
@@ -200,7 +203,7 @@ def mounted(mount: CameraMount) -> CameraPose:
 
 
 def correction_of(camera: CameraPose, twin: CameraPose) -> CameraCorrection:
-    """Return the motion that moves a camera to the pose of the twin's: first the translation, then the rotation."""
+    """Return the motion that moves a camera to the pose of the twin's camera: first translate, then rotate."""
     turn, _ = opencv().Rodrigues(camera.axes.T @ twin.axes)
     return CameraCorrection(
         twin.position_m - camera.position_m, np.degrees(np.ravel(turn)), (camera.fovy_deg, twin.fovy_deg)
@@ -208,12 +211,12 @@ def correction_of(camera: CameraPose, twin: CameraPose) -> CameraCorrection:
 
 
 def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: float | None = None) -> MeasuredCamera:
-    """Return the pose of the camera that took an image, (height, width, 3) uint8 RGB.
+    """Measure the pose of the camera that took an image, (height, width, 3) uint8 RGB.
 
     Args:
         image: Image with the sheet on the table.
         ruler_mm: Measured length of the printed ruler [mm].
-        fovy_deg: Vertical field of view, if it is known [degree]; otherwise it is solved for.
+        fovy_deg: Vertical field of view, if known [degree]; otherwise it is estimated.
 
     Raises:
         InvalidInputError: If the ruler, the image or the solution cannot be trusted; the message says what to do.
@@ -243,7 +246,7 @@ def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: f
             seen = _trusted(found, shape, scale, None, blur).pose.fovy_deg
         except InvalidInputError:
             raise problem from None
-        told = f"{fovy_deg:g} degrees do not fit the image, which shows {seen:.1f}"
+        told = f"{fovy_deg:g} degrees do not match the image, which shows {seen:.1f}"
         cure = "Leave the option out, or give the vertical field of view at this image size"
         raise InvalidInputError("--fovy-deg", told, cure) from problem
 
@@ -251,7 +254,7 @@ def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: f
 def _trusted(
     found: dict[int, np.ndarray], shape: tuple[int, int], scale: float, fovy_deg: float | None, blur: float
 ) -> MeasuredCamera:
-    """Return the camera from the markers; raise InvalidInputError if the solution cannot be trusted."""
+    """Return the camera from the markers; raise InvalidInputError if the solution is not reliable."""
     found = dict(found)
     camera, residuals = _solved(found, shape, scale, fovy_deg, blur)
     for _ in range(MOST_LEFT_OUT):
@@ -262,15 +265,17 @@ def _trusted(
         camera, residuals = _solved(found, shape, scale, fovy_deg, blur)
     off = _marker_scale(found, shape, camera) / scale
     if abs(off - 1.0) > MOST_OTHER_SCALE:
-        problem = "the markers do not lie as on the overview"
-        raise InvalidInputError("sheet", problem, "Lay each page at its place, edge to edge, with its print up")
+        problem = "the markers are not arranged as on the overview page"
+        raise InvalidInputError(
+            "sheet", problem, "Place each page as on the overview, edge to edge, with the printed side up"
+        )
     if abs(off - 1.0) > MOST_MARKER_SCALE:
         problem = f"the markers have {100.0 * off:.1f} % of the size that their distances imply"
         cure = "Print all pages at 100 %, and lay them edge to edge along their frames"
         raise InvalidInputError("sheet", problem, cure)
     if camera.error_px > MOST_ERROR_PX * shape[1] / WIDTH_PX:
         worst = max(residuals, key=lambda marker: residuals[marker])
-        problem = f"the markers miss their places by {camera.error_px:.1f} pixels, the most marker {worst}"
+        problem = f"the markers are off by {camera.error_px:.1f} pixels, the most marker {worst}"
         cure = (
             "Lay the pages edge to edge and flat, as on the overview, check both rulers of each page, and give the "
             "camera's whole image"
@@ -278,17 +283,17 @@ def _trusted(
         raise InvalidInputError("sheet", problem, cure)
     if camera.spread_m > MOST_SPREAD_M:
         problem = f"the position of the camera is uncertain by {100.0 * camera.spread_m:.1f} cm"
-        raise InvalidInputError("image", problem, "Let the camera see more markers, over more of the image")
+        raise InvalidInputError("image", problem, "Show more markers to the camera, spread over more of the image")
     return camera
 
 
 def _require_ruler(ruler_mm: float) -> None:
-    """Raise InvalidInputError if the ruler's length is none, has another unit, or shows a sheet of another scale."""
+    """Raise InvalidInputError if the ruler length is invalid, has another unit, or shows that the sheet was scaled."""
     if abs(ruler_mm / RULER_MM - 1.0) <= MOST_RULER:
         return
     if not (math.isfinite(ruler_mm) and ruler_mm > 0.0):
-        cure = "Measure the printed ruler with another one, and give its length in millimeters"
-        raise InvalidInputError("--ruler-mm", f"{ruler_mm:g} is no length", cure)
+        cure = "Measure the printed ruler with a real one, and give its length in millimeters"
+        raise InvalidInputError("--ruler-mm", f"{ruler_mm:g} is not a length", cure)
     for unit, factor in (("centimeters", 10.0), ("inches", 25.4), ("meters", 1000.0)):
         if abs(factor * ruler_mm / RULER_MM - 1.0) <= 0.1:
             cure = f"Give millimeters: {factor * ruler_mm:.1f}"
@@ -301,11 +306,11 @@ def _require_ruler(ruler_mm: float) -> None:
 
 
 def _require_pages(found: dict[int, np.ndarray]) -> None:
-    """Raise InvalidInputError if a page is turned around, or lies at the place of another page.
+    """Raise InvalidInputError if a page is rotated or swapped with another page.
 
-    Most markers agree on one view of the table. Through it, the markers of a page that lies wrongly appear where they
-    would be on one of the other places, or turned by 180 degrees. One or two such markers would otherwise be left out
-    like covered ones, and the slots on their page marked at wrong places.
+    Most markers agree on one view of the table. Seen in this view, the markers of a misplaced page are at the position
+    of another page, or are rotated by 180 degrees. Without this check, one or two such markers would be discarded like
+    covered ones, and the slots on their page would be at wrong positions.
     """
     table = np.concatenate([corners_mm(marker) for marker in found]).astype(np.float32)
     pixels = np.concatenate(list(found.values())).astype(np.float32)
@@ -320,20 +325,20 @@ def _require_pages(found: dict[int, np.ndarray]) -> None:
         places = [(n, place, turned) for n, place in enumerate(TILES, start=1) for turned in (False, True)]
         other, place, turned = min(places, key=lambda each: _misses(seen, tile, each[1], turned=each[2]))
         if _misses(seen, tile, place, turned=turned) <= MOST_PAGE_OFF_MM:
-            where = "" if other == page else f"lies at the place of page {other}"
+            where = "" if other == page else f"is at the position of page {other}"
             told.append(f"page {page} {' and '.join(filter(None, (where, 'is turned around' if turned else '')))}")
     if told:
-        cure = "Lay the pages as on the overview, seen from behind the arm"
+        cure = "Arrange the pages as on the overview, seen from behind the arm"
         raise InvalidInputError("sheet", "; ".join(told), cure)
 
 
 def _through(view: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return the (4, 2) places on the table [mm] of the corners of a marker in the image."""
+    """Return the (4, 2) positions on the table [mm] of a marker's corners in the image."""
     return np.asarray(opencv().perspectiveTransform(corners.reshape(1, -1, 2), view)[0])
 
 
 def _misses(seen: dict[int, np.ndarray], tile: Area, place: Area, *, turned: bool) -> float:
-    """Return the largest distance [mm] of corners from their places if the page of a tile lies at a place."""
+    """Return the largest distance [mm] of corners from their expected positions if a page is at a given place."""
     center, there = (np.array([0.5 * (a.x_low + a.x_high), 0.5 * (a.y_low + a.y_high)]) for a in (tile, place))
     way = -1.0 if turned else 1.0
     return max(
@@ -357,7 +362,7 @@ def _markers(gray: np.ndarray) -> dict[int, np.ndarray]:
     """Return the (4, 2) corners [pixel] of each marker of the sheet by its number.
 
     Raises:
-        InvalidInputError: If a marker is in the image twice.
+        InvalidInputError: If a marker occurs twice in the image.
     """
     aruco = opencv().aruco
     options = aruco.DetectorParameters()
@@ -371,14 +376,14 @@ def _markers(gray: np.ndarray) -> dict[int, np.ndarray]:
         if marker >= len(CELLS):
             continue
         if marker in found:
-            problem = f"marker {marker} is in it twice"
+            problem = f"marker {marker} occurs twice in the image"
             raise InvalidInputError("image", problem, "Leave one sheet on the table, and no mirror behind it")
         found[marker] = np.asarray(points, dtype=float).reshape(4, 2)
     return dict(sorted(found.items()))
 
 
 def _too_few(gray: np.ndarray, count: int) -> InvalidInputError:
-    """Return the error for an image with too few markers, with the reason as far as the image shows it."""
+    """Return the error for an image with too few markers, with the likely reason."""
     says = f"{count} of the sheet's {len(CELLS)} markers found, {LEAST_MARKERS} needed"
     if len(_markers(np.ascontiguousarray(gray[:, ::-1]))) >= max(LEAST_MARKERS, count + 1):
         return InvalidInputError(
@@ -394,16 +399,16 @@ def _too_few(gray: np.ndarray, count: int) -> InvalidInputError:
         cure = "Take the cap off the lens, and check light and exposure"
         return InvalidInputError("image", f"{says}; it has nearly one brightness everywhere", cure)
     if sharpest > MOST_BLUR_ANYWHERE_PX * gray.shape[1] / WIDTH_PX:
-        problem = f"{says}; its sharpest edges are {sharpest:.0f} pixels wide, so that it is blurred"
+        problem = f"{says}; its sharpest edges are {sharpest:.0f} pixels wide, so it is blurred"
         return InvalidInputError("image", problem, "Focus the camera, hold it still, and give more light")
     cure = "Point the camera at the sheet, clear objects and shadows off it, and fold the arm"
     return InvalidInputError("image", says, cure)
 
 
 def _edge_width(gray: np.ndarray, corners: np.ndarray) -> float:
-    """Return the width of the outer edges of a marker, 10 to 90 % from black to white: the median [pixel]."""
+    """Return the median width of a marker's outer edges, from 10 to 90 % brightness [pixel]."""
     center, widths = corners.mean(axis=0), []
-    cell = 0.5 / 6.0  # half a cell, as a fraction of the marker's edge
+    cell = 0.5 / 6.0  # half a cell, as a fraction of the marker's side
     for k in range(4):
         first, second = corners[k], corners[(k + 1) % 4]
         for share in (0.3, 0.5, 0.7):
@@ -421,7 +426,7 @@ def _edge_width(gray: np.ndarray, corners: np.ndarray) -> float:
 
 
 def _profile(gray: np.ndarray, start: np.ndarray, end: np.ndarray, count: int = 41) -> np.ndarray:
-    """Return the brightness along a line by linear interpolation."""
+    """Return the linearly interpolated brightness along a line."""
     points = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
     height, width = gray.shape
     u, v = np.clip(points[:, 0], 0, width - 1.001), np.clip(points[:, 1], 0, height - 1.001)
@@ -432,7 +437,7 @@ def _profile(gray: np.ndarray, start: np.ndarray, end: np.ndarray, count: int = 
 
 
 def _sharpest_edge(gray: np.ndarray) -> float:
-    """Return the width of the sharpest edges in an image [pixel]: its contrast over its steepest slopes."""
+    """Return the width of the sharpest edges in an image [pixel]: the contrast divided by the steepest slopes."""
     smooth = opencv().GaussianBlur(gray, (0, 0), 0.7).astype(float)
     low, high = np.percentile(smooth, (1.0, 99.0))
     slopes = np.hypot(np.diff(smooth, axis=1)[:-1], np.diff(smooth, axis=0)[:, :-1])
@@ -482,8 +487,8 @@ def _solved(
 def _marker_scale(found: dict[int, np.ndarray], shape: tuple[int, int], camera: MeasuredCamera) -> float:
     """Return the size of the markers on the table relative to that of the sheet.
 
-    The distances between markers decide the pose, because they are longer than the markers: pages that were printed
-    smaller and laid at the right distances show small markers on the table.
+    The distances between markers determine the pose, because they are longer than the markers. If pages were printed
+    smaller but placed at the right distances, the markers are therefore too small.
     """
     cv2 = opencv()
     height, width = shape

@@ -1,7 +1,7 @@
-"""Drawings in millimeters on a page, written as SVG and as PDF at true scale.
+"""Page drawings in millimeters, written as SVG and PDF at true scale.
 
-Shapes have coordinates from the page's top left corner, x to the right and y downward. Both writers give one
-object per shape and leave the file readable, so that tests measure what is printed.
+Shapes have coordinates from the page's top left corner, x to the right and y downward. Both writers create one object
+per shape and do not compress the file, so that tests can measure the printed output.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from xml.sax.saxutils import escape
 
 POINTS_PER_MM = 72.0 / 25.4
 _CURVE = 4.0 / 3.0 * (math.sqrt(2.0) - 1.0)
-"""Length of the handles with which four Bezier curves make a circle of radius 1."""
+"""Length of the control handles for approximating a unit circle by four Bezier curves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Circle:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """ASCII text: left end of its baseline, and the size of the font [mm]."""
+    """ASCII text: left end of its baseline, and font size [mm]."""
 
     x: float
     y: float
@@ -67,7 +67,7 @@ Shape = Rect | Line | Circle | Text
 
 @dataclass(slots=True)
 class Page:
-    """Page: size [mm] and shapes, the first at the bottom.
+    """Page: size [mm], and shapes in drawing order.
 
     Attributes:
         clip: Rectangle (left, top, width, height) outside which shapes of :meth:`clipped` are cut off.
@@ -101,10 +101,10 @@ def svg(page: Page) -> str:
 
 
 def pdf(pages: Sequence[Page]) -> bytes:
-    """Return pages as one PDF, which asks viewers to print it without scaling."""
+    """Return pages as one PDF, which requests printing without scaling."""
     objects = [
         "<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
-        "",  # the list of pages, whose numbers are known at the end
+        "",  # placeholder for the list of pages, whose object numbers are known at the end
         "<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica /Encoding /WinAnsiEncoding >>",
     ]
     kids = []
@@ -127,7 +127,7 @@ def pdf(pages: Sequence[Page]) -> bytes:
 
 
 def _n(value: float) -> str:
-    """Return a number with at most four digits after the point."""
+    """Return a number with at most four decimals."""
     return f"{value:.4f}".rstrip("0").rstrip(".") or "0"
 
 
@@ -157,7 +157,7 @@ def _svg(shape: Shape) -> str:
 
 
 def _content(page: Page) -> str:
-    """Return the operators of a page. The first one makes the unit a millimeter and lets y point downward."""
+    """Return the PDF operators of a page. The first operator sets the unit to millimeters and y to point down."""
     scale = _n_exact(POINTS_PER_MM)
     left, top, wide, high = page.clip
     lines = [f"{scale} 0 0 -{scale} 0 {_n(page.height * POINTS_PER_MM)} cm"]

@@ -1,4 +1,4 @@
-"""Images of the front camera: of a file, or one live frame."""
+"""Front camera images, from a file or as one live frame."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from betterbench.real.sheet.camera_pose import opencv
 
 _MOST_BYTES = 64 << 20
 _MOST_PIXELS = 64_000_000
-"""Largest number of pixels of an image: more than the photographs of most telephones have."""
+"""Maximum number of pixels in an image, above the resolution of most phone cameras."""
 _WARM_UP = 15
-"""Frames that are dropped until exposure and focus have settled."""
+"""Number of frames to skip until exposure and focus have settled."""
 
 
 def image_of(path: Path) -> np.ndarray:
-    """Return the (height, width, 3) uint8 RGB image of a file, upright as viewers show it.
+    """Read an image file as (height, width, 3) uint8 RGB, with its orientation tag applied.
 
     Raises:
         InvalidInputError: If it is not an image, or too large.
@@ -30,13 +30,14 @@ def image_of(path: Path) -> np.ndarray:
     data = read_bounded(path, max_bytes=_MOST_BYTES, cure="Give an image of the front camera")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit below is smaller
+            # disable Pillow's own limit, because the limit below is smaller
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             opened = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
         with opened:
             if opened.width * opened.height > _MOST_PIXELS:
                 raise _too_large(path, f"has {opened.width} x {opened.height} pixels")
             upright = ImageOps.exif_transpose(opened)
-            if upright.mode.startswith("I"):  # 16 bits, which Pillow clips at 255
+            if upright.mode.startswith("I"):  # 16-bit images, which Pillow would clip at 255
                 values = np.asarray(upright, dtype=np.float32)
                 upright = Image.fromarray((values * (255.0 / max(1.0, float(values.max())))).astype(np.uint8))
             return np.asarray(upright.convert("RGB"))
@@ -52,7 +53,7 @@ def _too_large(path: Path, problem: str) -> InvalidInputError:
 
 
 def live_image(source: str, size: tuple[int, int]) -> np.ndarray:
-    """Return one frame of a camera, given by its index or path, as (height, width, 3) uint8 RGB.
+    """Capture one frame of a camera, given by index or path, as (height, width, 3) uint8 RGB.
 
     Raises:
         InvalidInputError: If the camera sends no frame, or one of another size.

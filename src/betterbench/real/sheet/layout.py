@@ -1,7 +1,7 @@
 """Layout of the marker sheet in the arm's base frame: x ahead, y to the left, in millimeters.
 
-The slots are those of the task, and the outline of the base is that of the twin's arm. Markers lie where the front
-camera sees them beside the arm, clear of the slots, of the basket and of the edges of the tiles.
+The slots are taken from the task, and the outline of the base from the twin's arm. Markers are at positions where the
+front camera sees them beside the arm, away from the slots, the basket and the tile edges.
 """
 
 from __future__ import annotations
@@ -13,37 +13,37 @@ import numpy as np
 from betterbench.tasks import get_task
 
 TASK, STAND = "fruit_basket", "stand"
-"""The task, and the slot of the basket."""
+"""Task of the sheet, and the slot of its basket."""
 DICTIONARY = "DICT_4X4_50"
-"""OpenCV's dictionary of the markers: four by four cells, which are the largest that still differ enough."""
+"""OpenCV dictionary of the markers, with four by four cells: larger cells would leave too few distinct markers."""
 MARKER_MM = 60.0
-"""Edge of a marker with its black border: at least 18 pixels high in the twin's image of 640 x 480."""
+"""Side of a marker with its black border [mm]; markers are at least 18 pixels high in the twin's 640 x 480 image."""
 QUIET_MM = 10.0
-"""White margin of a marker: one cell."""
+"""White margin around a marker, one cell [mm]."""
 RULER_MM = 100.0
 BASKET_MM = 208.0
-"""Diameter of the widest of the twin's baskets."""
+"""Diameter of the twin's widest basket [mm]."""
 
 CELLS = (
     *(0xB532, 0x0F9A, 0x332D, 0x9946, 0x549E, 0x79CD, 0x9E2E, 0xC4F2, 0xFEDA, 0xCF56, 0xF991, 0x11A7, 0x0EB7),
 )  # fmt: skip
-"""Cells of each marker by its number, row by row from the top left, the first in the highest bit; 1 is white."""
+"""Cells by marker number, row by row from the top left, with the first cell in the highest bit; 1 is white."""
 
 MARKERS_MM = (
     *((285.0, 325.0), (285.0, 225.0), (185.0, 325.0), (285.0, 60.0), (285.0, -70.0), (285.0, -340.0), (185.0, -340.0)),
     *((75.0, 325.0), (-10.0, 240.0), (60.0, -100.0), (-10.0, -250.0), (80.0, -340.0), (190.0, 60.0)),
 )
-"""Center of each marker by its number."""
+"""Center by marker number [mm]."""
 
 BASE_MM = (-22.4, 64.8, 55.5)
-"""Foot of the arm's base: its rear end and front end along x, and half of its width."""
+"""Foot of the arm's base: rear end and front end along x, and half its width [mm]."""
 CLEARANCE_MM = 0.5
-"""Gap on each side of the foot in the field that is cut out."""
+"""Gap between the foot and the edge of the cutout on each side [mm]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """Rectangle on the table [mm]: from its rear right corner to its front left one."""
+    """Rectangle on the table [mm], given by its rear right and front left corners."""
 
     x_low: float
     x_high: float
@@ -63,7 +63,7 @@ class Area:
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """Place of an object: the center of its slot and the radius within which the trials vary it [mm]."""
+    """Position of an object: the center of its slot, and the radius of its jitter between trials [mm]."""
 
     name: str
     x: float
@@ -72,9 +72,9 @@ class Spot:
 
 
 TILE_MM = (255.0, 190.0)
-"""Width and depth of a tile: what A4 and Letter both hold in landscape with a margin for the printer."""
+"""Width and depth of a tile [mm]; it fits on both A4 and Letter in landscape, with the printer's margins."""
 TILES = tuple(Area(x, x + TILE_MM[1], y, y + TILE_MM[0]) for x in (138.0, -52.0) for y in (114.0, -141.0, -396.0))
-"""Tiles in the order of the pages: seen from behind the arm, the far row from left to right, then the near row."""
+"""Tiles in page order: seen from behind the arm, the far row from left to right, then the near row."""
 SHEET = Area(
     min(t.x_low for t in TILES), max(t.x_high for t in TILES), min(t.y_low for t in TILES), max(t.y_high for t in TILES)
 )
@@ -82,7 +82,7 @@ SHEET = Area(
 
 
 def page_of(point: tuple[float, float]) -> int:
-    """Return the number of the page, from 1, that has a point of the table."""
+    """Return the number of the page that contains a point of the table, from 1."""
     x, y = point
     return next(k for k, t in enumerate(TILES, 1) if t.x_low <= x <= t.x_high and t.y_low <= y <= t.y_high)
 
@@ -101,7 +101,7 @@ def cells_of(marker: int) -> np.ndarray:
 def corners_mm(marker: int) -> np.ndarray:
     """Return the (4, 2) corners of a marker in the order of OpenCV: from the top left, clockwise.
 
-    Seen from behind the arm, the top of a marker is ahead.
+    Seen from behind the arm, the top of a marker is at the far side.
     """
     x, y = MARKERS_MM[marker]
     half = 0.5 * MARKER_MM

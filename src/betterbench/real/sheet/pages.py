@@ -28,9 +28,9 @@ from betterbench.real.sheet.layout import (
 )
 
 PAPERS_MM = {"a4": (297.0, 210.0), "letter": (279.4, 215.9)}
-"""Width and height of paper in landscape [mm]."""
+"""Paper sizes in landscape: width and height [mm]."""
 WHOLE = "whole"
-"""The whole sheet on one page, for a print shop."""
+"""Name of the paper size for the whole sheet on one page, for a print shop."""
 _MARGIN = 15.0
 _OVERLAP = 0.2
 _GRID_MM = 50.0
@@ -39,7 +39,7 @@ _PALE, _SOFT = 0.82, 0.45
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """Placement of an area of the table on a page: a point of the page for its far left corner, and a scale."""
+    """Placement of a table area on a page: the page position of its far left corner, and a scale."""
 
     area: Area
     left: float
@@ -47,12 +47,12 @@ class _Frame:
     scale: float = 1.0
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        """Return the point of the page for a point of the table."""
+        """Map a point of the table to the page."""
         return self.left + self.scale * (self.area.y_high - y), self.top + self.scale * (self.area.x_high - x)
 
 
 def sheet_pages(paper: str) -> list[Page]:
-    """Return the pages for a size of paper ("a4", "letter", "whole"); raise UnknownNameError for another name."""
+    """Return the pages for a paper size ("a4", "letter", "whole"); raise UnknownNameError for another name."""
     if paper == WHOLE:
         width, height = SHEET.width + 2.0 * _MARGIN, SHEET.depth + 2.0 * _MARGIN
         return [_tile(SHEET, "the whole sheet", width, height)]
@@ -76,7 +76,7 @@ def write_sheet(folder: Path, paper: str) -> list[Path]:
 
 
 def _tile(area: Area, name: str, width: float, height: float) -> Page:
-    """Return a page with a part of the sheet at true scale, in the middle, and a ruler in two margins."""
+    """Return a page with a centered part of the sheet at true scale, and rulers in two margins."""
     left, top = 0.5 * (width - area.width), 0.5 * (height - area.depth)
     page = Page(f"betterbench marker sheet, {name}", width, height, clip=(left, top, area.width, area.depth))
     page.within.extend(_content(_Frame(area, left, top)))
@@ -88,7 +88,7 @@ def _tile(area: Area, name: str, width: float, height: float) -> Page:
 
 
 def _rulers(left: float, below: float, top: float) -> Iterator[Shape]:
-    """Yield a ruler below the tile and one on its left: printers may scale the two directions differently."""
+    """Yield rulers below and left of the tile, because printers may scale the two directions differently."""
     y, x = below + 1.5, left - 1.5
     yield Line(left, y, left + RULER_MM, y)
     yield Line(x, top, x, top + RULER_MM)
@@ -100,7 +100,7 @@ def _rulers(left: float, below: float, top: float) -> Iterator[Shape]:
 
 
 def _content(frame: _Frame) -> Iterator[Shape]:
-    """Yield what is on the sheet: grid, base, slots, basket and, above all of it, the markers."""
+    """Yield the content of the sheet: grid, base, slots, basket and, on top, the markers."""
     yield from _grid(frame)
     yield from _base(frame)
     s = frame.scale
@@ -139,7 +139,7 @@ def _grid(frame: _Frame) -> Iterator[Shape]:
 
 
 def _base(frame: _Frame) -> Iterator[Shape]:
-    """Yield the place of the arm's base, open to the rear, so that the sheet slides around it."""
+    """Yield the outline of the arm's base, open to the rear so that the sheet can slide around it."""
     s, front, half = frame.scale, BASE_MM[1], BASE_MM[2] + CLEARANCE_MM
     x, y = frame.at(front, half)
     width, depth = 2.0 * half * s, (front - SHEET.x_low) * s
@@ -164,7 +164,7 @@ def _marker(frame: _Frame, marker: int) -> Iterator[Shape]:
     yield Rect(left, top, s * MARKER_MM, s * MARKER_MM)
     framed = np.pad(cells, 1)
     for row, column in np.argwhere(framed).tolist():
-        # A little more toward white neighbors: viewers leave a dark hairline between shapes that only touch.
+        # overlap white neighbors slightly, because viewers show a dark hairline between adjacent shapes
         wide, high = (cell + _OVERLAP * s * bool(framed[there]) for there in ((row, column + 1), (row + 1, column)))
         yield Rect(left + column * cell, top + row * cell, wide, high, gray=1.0)
     yield Text(left, top + s * (MARKER_MM + 5.0), f"marker {marker}", 3.0 * s, gray=_SOFT)
@@ -182,7 +182,7 @@ _SAYS = (
 
 
 def _overview(width: float, height: float) -> Page:
-    """Return the first page: the whole sheet as a small drawing with the numbers of the pages, and instructions."""
+    """Return the overview page: a small drawing of the whole sheet with page numbers, and instructions."""
     scale = 250.0 / SHEET.width
     left, top = 0.5 * (width - 250.0), 16.0
     frame = _Frame(SHEET, left, top, scale)

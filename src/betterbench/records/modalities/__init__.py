@@ -1,4 +1,4 @@
-"""Materialized modalities on disk: images, masks and boxes of recorded states, readable without a simulator."""
+"""Modality files: images, masks and boxes of recorded states, readable without a simulator."""
 
 from typing import TYPE_CHECKING
 

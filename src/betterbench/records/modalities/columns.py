@@ -12,9 +12,9 @@ from betterbench.records.modalities.spec import MODALITIES, ViewSpec
 
 
 class ViewColumn(NamedTuple):
-    """Column of a modality file: shape of the value per row, and type of its numbers.
+    """Column of a modality file: the shape of its values, and the data type.
 
-    An image is a fixed number of bytes in Parquet; everything else is a number or a fixed-length list.
+    In Parquet, an image is a fixed number of bytes; all other values are numbers or fixed-length lists.
     """
 
     name: str
@@ -46,7 +46,7 @@ class ViewColumn(NamedTuple):
 
 
 def view_columns(view: ViewSpec, modalities: Collection[str], objects: int) -> tuple[ViewColumn, ...]:
-    """Return a view's columns for a scene with a given number of objects, without empty columns."""
+    """Return the non-empty columns of a view for a scene with a given number of objects."""
     image, n = (view.height, view.width), objects
     images = {
         "rgb": ViewColumn("rgb", "|u1", (*image, 3), is_image=True),
@@ -94,7 +94,7 @@ def view_schema(columns: tuple[ViewColumn, ...]) -> pa.Schema:
 
 
 def to_batch(columns: tuple[ViewColumn, ...], values: dict[str, np.ndarray]) -> pa.Table:
-    """Return some rows in Parquet form; each column is an array (rows, *shape) of its type."""
+    """Convert rows to a Parquet batch; each column is an array (rows, *shape) of its type."""
     parts: list[pa.Array] = []
     schema = view_schema(columns)
     for column, field in zip(columns, schema, strict=True):
@@ -109,7 +109,7 @@ def to_batch(columns: tuple[ViewColumn, ...], values: dict[str, np.ndarray]) -> 
 
 
 def from_batch(columns: tuple[ViewColumn, ...], table: pa.Table) -> dict[str, np.ndarray]:
-    """Return the columns of some rows by name, each as an array (rows, *shape)."""
+    """Convert Parquet rows to columns by name, each an array (rows, *shape)."""
     values: dict[str, np.ndarray] = {}
     for column in columns:
         if column.name not in table.schema.names:

@@ -42,7 +42,7 @@ GROUPS_KEY = b"betterbench.groups"
 """Key of a JSON list with the end of each row group [byte] and the SHA-256 of its bytes."""
 
 COMPRESSION_LEVEL = 1
-"""Level of zstd. Every level finds the repetitions of the scene in a row group; higher levels only take longer."""
+"""Compression level of zstd. All levels find the repetitions within a row group; higher levels only take longer."""
 
 _GROUPS = TypeAdapter(tuple[tuple[int, str], ...])
 
@@ -58,7 +58,7 @@ _TAIL = 8
 
 
 class _Sink(io.RawIOBase):
-    """Output stream that hashes each row group and holds back the footer until its checksum is known."""
+    """Output stream that hashes each row group and writes the footer only when its checksum is known."""
 
     def __init__(self, file: BinaryIO) -> None:
         super().__init__()
@@ -94,10 +94,10 @@ class _Sink(io.RawIOBase):
 
 
 class ModalityWriter:
-    """Writer of a modality file, which appears at its path only when complete.
+    """Writer of a modality file, which is moved to its path only when complete.
 
-    As a context manager, it removes an incomplete file. The same rows give the same bytes on one installation. Raises
-    OSError if the disk is full or not writable.
+    As a context manager, it removes an incomplete file. Equal rows give equal bytes on one installation. Raises OSError
+    if the disk is full or not writable.
     """
 
     def __init__(self, path: Path, columns: tuple[ViewColumn, ...]) -> None:
@@ -130,7 +130,8 @@ class ModalityWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with contextlib.suppress(OSError, pa.ArrowException, ValueError):  # a full disk was already reported
+        # the error of a full disk has already been raised
+        with contextlib.suppress(OSError, pa.ArrowException, ValueError):
             self._writer.close()
         self._file.__exit__(kind, error, trace)
 
@@ -197,7 +198,7 @@ class ModalityFile:
         self.close()
 
     def read(self, row: int, columns: Sequence[str] | None = None) -> dict[str, np.ndarray]:
-        """Return the values of one row by column, for all or some columns; arrays are read-only.
+        """Read one row and return its values by column, for all or some columns; arrays are read-only.
 
         The row group is read completely and cached for neighboring rows.
 
@@ -303,7 +304,7 @@ class ModalityFile:
 
 
 def fault_text(path: Path, problem: RecordError) -> str:
-    """Return the problem from the message of an error about a file, without file name and remedy."""
+    """Return an error message about a file without the file name and the remedy."""
     return str(problem).removeprefix(f"{path}: ").removesuffix(f". {AGAIN}.").rstrip(".")
 
 

@@ -1,4 +1,4 @@
-"""Ids in masks: instance ids within a scene, and semantic ids by category, which are the same in every scene."""
+"""Mask ids: instance ids within a scene, and semantic ids by category, which are the same in every scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NOTHING = 0
 """Instance and semantic id of pixels without a body: the sky."""
 
 STAGE = ("floor", "table", "pedestal", "arm", "hand", "left_finger", "right_finger", "other")
-"""Parts of a scene other than objects, in order of their instance ids from 1; "other" is everything else."""
+"""Scene parts other than objects, in order of their instance ids from 1; "other" includes all remaining bodies."""
 
 FIRST_OBJECT = 10
 """Instance id of a scene's first object; the others follow in the order of ``scene.objects``."""
@@ -46,7 +46,7 @@ def semantic_id(category: str) -> int:
 
 
 def semantic_ids(categories: Iterable[str]) -> dict[str, int]:
-    """Return the semantic ids of the listed categories and of further categories, in id order.
+    """Return the semantic ids of the built-in categories and of additional ones, in id order.
 
     Raises:
         InvalidInputError: If two categories have the same id (probability 1/64512 for two user-defined categories).

@@ -20,7 +20,7 @@ MODALITIES: tuple[Modality, ...] = ("rgb", "depth", "instances", "semantics", "b
 """All modalities, in the order of their columns."""
 
 MAX_SIDE_PX = 4096
-"""Largest side of a view [pixel]."""
+"""Maximum side of a view [pixel]."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")
 _FORMS = "NAME, NAME:SIZE, NAME:WIDTHxHEIGHT or NAME=X,Y,Z/X,Y,Z/FOVY:WIDTHxHEIGHT (position, target, degrees)"
@@ -57,7 +57,7 @@ class PlacedCamera:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewSpec:
-    """A view: the name of a scene camera, or a user-defined camera, and the image size [pixel]."""
+    """View: a scene camera (by name) or a user-defined camera, with an image size [pixel]."""
 
     camera: str
     width: _Side = 256
@@ -129,7 +129,7 @@ def modalities_named(names: Sequence[str]) -> tuple[Modality, ...]:
 
 
 def require_views(views: Sequence[ViewSpec]) -> None:
-    """Raise InvalidInputError if there are no views or two have the same name."""
+    """Raise InvalidInputError if there are no views, or two views have the same name."""
     names = [view.name for view in views]
     twice = sorted({name for name in names if names.count(name) > 1})
     if not views or twice:

@@ -1,4 +1,4 @@
-"""Charts of a report, each with counts and intervals."""
+"""Report charts, each with counts and intervals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HOLM_NOTE = (
     " An interval may exclude zero although p is large: the interval is for this row only, while p is exact for few "
     "pairs and corrected for the number of axes (Holm). Only a small p shows a gap."
 )
-"""Note below the gap chart about rows in which an interval and its p-value seem contradictory."""
+"""Note below the gap chart for rows whose interval and p-value seem contradictory."""
 
 _PAIR = (("training", "Training twins"), ("variation", "Variations"))
 TWINS_NOTE = "Training twins: the training trials from which the variations are derived, one per pair."

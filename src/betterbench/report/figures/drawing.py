@@ -1,4 +1,4 @@
-"""SVG charts, drawn from one description in a wide version for screens and paper and a narrow version for phones."""
+"""SVG charts in two versions from one description: wide for screens and paper, narrow for phones."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PATTERNS: dict[str, str] = {
     "system": '<circle cx="2" cy="2" r="0.9" class="dots"/>',
     "unfinished": "",
 }
-"""SVG pattern over the color of each family, for gray prints and color-blind readers."""
+"""SVG pattern drawn over the color of each family, for grayscale prints and color-blind readers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class BarGroup:
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """One row of a stacked chart: how many of ``n`` trials ended in each family."""
+    """One row of a stacked chart: the number of trials that ended in each family."""
 
     name: str
     counts: tuple[tuple[str, int], ...]
@@ -107,7 +107,7 @@ class Chart:
     Attributes:
         name: File name without its ending.
         scale: Horizontal scale of bars; stacks fill their width.
-        key: Class and name of every style that needs a legend.
+        key: CSS class and name of every style in the legend.
     """
 
     name: str
@@ -152,7 +152,7 @@ def file_style(figure_css: str, page_css: str) -> str:
 
 
 def reading(figure: Figure) -> str:
-    """Return a number with its count and interval, for the margin of a chart ("62 % · 149/240 · 56 to 68")."""
+    """Format a number with its count and interval, for the margin of a chart ("62 % · 149/240 · 56 to 68")."""
     if figure.missing:
         return figure.count() or "not measured"
     number = figure.number() if figure.difference else figure.with_unit()
@@ -181,7 +181,7 @@ def _patterns(name: str) -> str:
 
 
 def _margins(chart: Chart) -> tuple[float, float]:
-    """Return the left and right end of the bars of a wide drawing, leaving room for names and readings."""
+    """Return the left and right end of the bars in a wide drawing, which leave room for names and numbers."""
     rows = [row for group in chart.groups for row in group.rows]
     name = max((len(row.name) for row in rows), default=0) * _CHARACTER_PX + 10
     words = max((len(reading(row.figure)) for row in rows if isinstance(row, Bar)), default=0) * _CHARACTER_PX + 14
@@ -202,7 +202,7 @@ class _Pen:
         self.marks: list[str] = []
 
     def text(self, x: float, y: float, text: str, style: str = "", full: str = "") -> None:
-        """Write a text; if it was cut, ``full`` is shown on hovering."""
+        """Write a text; if it is truncated, ``full`` is shown as a tooltip."""
         hint = f"<title>{markup_text(full)}</title>" if full and full != text else ""
         self.marks.append(f'<text x="{x:.1f}" y="{y:.1f}" class="{style}">{markup_text(text)}{hint}</text>')
 

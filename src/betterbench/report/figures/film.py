@@ -13,7 +13,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.tasks.labels import Kind
 
 LEAD_S = 1.0
-"""Time from the evidence to the frame before it and, for short evidence, to the frame after it [s]. A reach over the
+"""Time between the evidence and the frame before it and, for short evidence, the frame after it [s]. Reaching over the
 table takes one to two seconds, a grasp a fifth of a second."""
 
 ACTS = ("attempt", "evidence", "same step")
@@ -93,7 +93,7 @@ class Showing:
 
 
 def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool = False) -> list[Showing]:
-    """Return at most ``limit`` representative trials with the times to render, the most informative first.
+    """Return at most ``limit`` representative trials with the times to render, most informative first.
 
     Every kind of failure of every variation is shown once before a second example of any kind. Each pair of variation
     and label is represented by the trial whose evidence is at the median time, preferably a trial whose twin succeeded.
@@ -121,7 +121,7 @@ def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
 
 
 def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> list[TrialDiagnosis]:
-    """Return trials ordered by representativeness: best twin first, then evidence closest to the median time."""
+    """Sort trials by representativeness: best twin first, then evidence closest to the median time."""
 
     def twin_rank(trial: TrialDiagnosis) -> int:
         twin = by_key.get(trial.twin_key or "")
@@ -157,8 +157,8 @@ def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosi
 def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, float, float, str]:
     """Return the span in a twin that corresponds to a trial's evidence, its duration, and the caption.
 
-    The span is the twin's grasp of the object that the trial should have attempted. If there is no such grasp, it is
-    the grasp of the n-th attempted object, where the trial's evidence is about its n-th attempted object.
+    The span is the twin's grasp of the object that the trial should have attempted. If there is no such grasp, and the
+    evidence is about the trial's n-th attempted object, it is the twin's grasp of its n-th attempted object.
     """
     if not twin.attempts:
         return twin.evidence.start_s, max(twin.evidence.start_s, twin.evidence.end_s), twin.duration_s, "evidence"

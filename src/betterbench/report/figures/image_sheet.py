@@ -18,7 +18,7 @@ _GAP_PX, _PAD_PX, _LINE_PX = 4, 10, 19
 
 @dataclass(frozen=True, slots=True)
 class SheetCell:
-    """Image sheet: images of one size, (height, width, 3) uint8, side by side under a title and a gray subtitle."""
+    """Cell of a sheet: images of one size, (height, width, 3) uint8, side by side under a title and a gray subtitle."""
 
     title: str
     images: Sequence[np.ndarray]

@@ -19,7 +19,7 @@ class Thumbnails:
 
 @dataclass(frozen=True, slots=True)
 class Media:
-    """Images, and folders for commands, by name. The page omits missing entries.
+    """Images and run folders by name. The page omits missing entries.
 
     Attributes:
         films: Films by :func:`~betterbench.report.figures.film.film_key`.

@@ -1,4 +1,4 @@
-"""Player: page for one trial with video, masks, boxes, subgoals and contacts on one timeline."""
+"""Trial player: a page with video, masks, boxes, subgoals and contacts of one trial on one timeline."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MARKS = (b'<main class="player">', b'<script type="application/json" id="data">
 
 @dataclass(frozen=True, slots=True)
 class PlayedView:
-    """View of a camera: per frame an image (JPEG), a mask (PNG, transparent outside objects) and boxes.
+    """Camera view with an image (JPEG), a mask (PNG, transparent outside objects) and boxes for each frame.
 
     A box consists of the object's number in :attr:`PlayedTrial.objects`, its left, top, right and bottom edge [pixel],
     and the object's visible fraction.

@@ -17,14 +17,14 @@ from betterbench.report.pages.build_page import powerless_of
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """Amount of one value of a property, for a bar.
+    """Bar that shows how often one value of a property occurs.
 
     Attributes:
         value: The value.
         amount: Amount as text.
         percent: Length of the bar, of all tasks or variations [%].
-        least: Position of the quota's minimum [%], None without a quota.
-        most: Position of the quota's maximum [%], None without a maximum.
+        least: Position of the quota's minimum on the bar [%]; None without a quota.
+        most: Position of the quota's maximum on the bar [%]; None without a maximum.
         is_open: Whether its quota is not fulfilled.
     """
 

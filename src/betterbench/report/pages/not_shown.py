@@ -1,4 +1,4 @@
-"""Abilities that passing a variation does not prove, because a policy without them also passes."""
+"""Abilities that a passed variation does not prove, because a policy without them also passes."""
 
 from __future__ import annotations
 

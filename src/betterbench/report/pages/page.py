@@ -42,7 +42,7 @@ STRIP_FRAMES = 3
 
 @dataclass(frozen=True, slots=True)
 class ReportSetting:
-    """One line in a settings table: a value per policy, or a single value if all policies agree."""
+    """Row of the settings table: a value per policy, or a single value if all policies agree."""
 
     name: str
     values: tuple[str, ...]
@@ -76,7 +76,7 @@ class Unfinished:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """Film on the first screen: frames around the evidence, frames of the twin, and one labeled frame of each."""
+    """Film on the first screen: frames around the evidence, frames of the twin, and one captioned frame of each."""
 
     shown: ShownFilm
     frames: tuple[Frame, ...]
@@ -322,7 +322,7 @@ def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headli
 
 
 def _along(figure: Figure, value: float) -> str:
-    """Return the position of a value on the strip under a number ("62.0%"); a difference spans -1 to 1."""
+    """Return the position of a value on the scale below a number ("62.0%"); differences span -1 to 1."""
     low = -1.0 if figure.difference else 0.0
     return f"{100 * (min(max(value, low), 1.0) - low) / (1.0 - low):.1f}%"
 
@@ -421,10 +421,10 @@ def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
 
 
 def _unbroken(text: str) -> str:
-    """Return a sentence with non-breaking spaces before percent signs and within p-values."""
+    """Insert non-breaking spaces before percent signs and within p-values of a sentence."""
     return text.replace(" %", f"{THIN}%").replace("p = ", "p\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}")
 
 
 def _grouped(number: int) -> str:
-    """Return a count with a thin space between thousands, for five or more digits or on request ("1 440")."""
+    """Format a count with a thin space between thousands, for five or more digits or on request ("1 440")."""
     return f"{number:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")

@@ -28,7 +28,7 @@ from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import Axis, get_task
 
 RAW, CORRECTED = "°", "*"
-"""Marks of a cell above its chance level, before and after the correction over all cells."""
+"""Marks for cells above their chance level, before and after the correction over all cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +63,13 @@ def power_markdown(matrix: PowerMatrix) -> str:
 
 
 def _markdown(text: str) -> str:
-    """Return a text as HTML, with names between backticks as code."""
+    """Convert a text to HTML, with names between backticks as code."""
     parts = re.split("(`[^`]*`)", text)
     return "".join(markdown_code(part[1:-1]) if n % 2 else _escaped(part) for n, part in enumerate(parts))
 
 
 def _escaped(part: str) -> str:
-    """Return a part of a text escaped, with its leading and trailing space."""
+    """Escape a part of a text, keeping its leading and trailing space."""
     inner = part.strip()
     return part.replace(inner, markdown_text(inner), 1) if inner else part
 

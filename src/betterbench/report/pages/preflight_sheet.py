@@ -31,7 +31,7 @@ _DPI = 100
 _LETTERS = TextToPath()
 
 CLEAR_PX = 70.0
-"""Minimum length of the first action's arrow [px], unless it needs more than the largest factor."""
+"""Minimum length to which the arrow of the first action is enlarged, up to the largest factor [px]."""
 FACTORS = (1, 2, 5, 10, 20, 50)
 
 
@@ -121,7 +121,7 @@ def write_preflight_sheet(content: _Content, path: Path) -> Path:
 
 
 class _Page:
-    """Layout of texts and images from top to bottom, in pixels from the upper left corner; drawn at the end."""
+    """Layout of texts and images from top to bottom, in pixels from the upper left corner; it is drawn at the end."""
 
     def __init__(self) -> None:
         self.x, self.y, self.width = _PAD, float(_PAD), _WIDTH - 2 * _PAD

@@ -1,4 +1,4 @@
-"""Report section on pretenders: success rates of each policy and of policies that lack the tested abilities."""
+"""Report section that compares each policy with pretenders, which lack the tested abilities."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.report.pages.calibration_page import rate_text
 from betterbench.tasks import Axis
 
 SCOPES = ("overall", *(f"axis:{axis.value}" for axis in Axis))
-"""Columns in a table of reference lines."""
+"""Columns in a table of reference lines: the scopes of the success rates."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Report section on its reliability: certification of the scenes, and measured accuracy of the diagnosis."""
+"""Report section on reliability: certification of the scenes, and measured accuracy of the diagnosis."""
 
 from __future__ import annotations
 

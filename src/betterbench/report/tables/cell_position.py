@@ -1,4 +1,4 @@
-"""Cell of the diagnostic matrices to which a condition belongs, derived from the objects' initial states."""
+"""Assignment of conditions to cells of the diagnostic matrices, by the initial states of the objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's two diagnostic matrices: outcomes by state of a target and its neighbor (present, done or absent)."""
+"""The paper's two diagnostic matrices: outcomes by initial states (present, done or absent) of two objects."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Cell:
 
     Attributes:
         sources: The conditions of the cell in the run.
-        success: Success rate over all their trials; without trials if there are none.
+        success: Success rate over all their trials.
         labels: Labels of the trials with their counts, the most frequent first.
         needless: Number of successes with an unnecessary step, such as an air grasp at an emptied slot.
         note: Reason for an empty cell; otherwise an empty text.

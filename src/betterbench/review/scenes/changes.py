@@ -1,4 +1,4 @@
-"""Decisions about the scenes of a task: moved slots and placement frames, verdicts, and undo.
+"""Review decisions about a task's scenes: moved slots and placement frames, verdicts, and undo.
 
 Changes belong to a task, because its conditions share slots and assets; a verdict belongs to one condition.
 """
@@ -44,7 +44,7 @@ class SlotPlace:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SlotChange:
-    """A moved slot."""
+    """Move of a slot."""
 
     slot: _Name
     before: SlotPlace
@@ -55,7 +55,7 @@ class SlotChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FrameChange:
-    """A moved placement frame of an asset, in the frame of the object."""
+    """Move of an asset's placement frame, in the object frame."""
 
     asset: _Name
     before: Region
@@ -64,15 +64,15 @@ class FrameChange:
 
 
 SceneChange = SlotChange | FrameChange
-"""A change of a task's scenes."""
+"""Change of a task's scenes."""
 SceneDecision = Annotated[SlotChange | FrameChange | Verdict | Undo, Field(discriminator="kind")]
-"""A change, a verdict or an undo."""
+"""Decision: a change, a verdict or an undo."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SceneReview:
-    """One decision of a person about a task's scenes: a line of the file.
+    """Decision of one person about a task's scenes, stored as one line of the file.
 
     Attributes:
         author: Name of the person.
@@ -106,26 +106,26 @@ class SceneReview:
 
 _LINE = TypeAdapter(SceneReview)
 SceneHistory = History[SceneReview]
-"""Active decisions about one task."""
+"""History of one task: its active decisions."""
 
 
 class SceneJournal(DecisionJournal[SceneReview]):
-    """The file of a review of scenes, open for appending by one process."""
+    """Scene review file, open for appending by one process."""
 
     adapter: ClassVar[TypeAdapter[Any]] = _LINE
 
 
 def read_scene_reviews(path: Path) -> tuple[SceneReview, ...]:
-    """Return the decisions of a file; an unfinished last line is ignored.
+    """Read the decisions in a file, ignoring an unfinished last line.
 
     Raises:
-        RecordError: If the file is missing, was changed by hand, or is not the file of a review of scenes.
+        RecordError: If the file is missing, was edited by hand, or is not a scene review.
     """
     return read_decisions(_LINE, path)
 
 
 def verdict_on(history: SceneHistory, condition: str, scene: str) -> Verdict | None:
-    """Return the last valid verdict on a condition, None if its scene was changed afterwards.
+    """Return the last verdict on a condition, or None if its scene has changed since.
 
     Args:
         history: Decisions about the task.
@@ -140,7 +140,7 @@ def verdict_on(history: SceneHistory, condition: str, scene: str) -> Verdict | N
 
 
 def last_verdicts(reviews: Sequence[SceneReview], where: str) -> dict[tuple[str, str], tuple[str, str]]:
-    """Return the name of each judged scene and the last valid verdict, by task content and condition."""
+    """Return the name of each judged scene and its last valid verdict, by task content and condition."""
     found: dict[tuple[str, str], tuple[str, str]] = {}
     for content, history in histories(reviews, where).items():
         for _, review in history.reviews:
@@ -150,7 +150,7 @@ def last_verdicts(reviews: Sequence[SceneReview], where: str) -> dict[tuple[str,
 
 
 def said(change: SceneChange) -> str:
-    """Return a change as a short English phrase."""
+    """Describe a change in a short phrase."""
     if isinstance(change, FrameChange):
         return f"frame {change.after.name} of {change.asset} moved"
     a, b = change.before, change.after

@@ -1,4 +1,4 @@
-"""State of one person's review of scenes, without the browser page: current scene, edit in progress, and decisions."""
+"""State of one person's scene review, without the browser page: current scene, unsaved edit, and decisions."""
 
 from __future__ import annotations
 
@@ -37,21 +37,21 @@ from betterbench.tasks import Condition, Slot, Task
 Mode = Literal["slot", "frame"]
 MODES: tuple[Mode, ...] = ("slot", "frame")
 STEP_M, STEP_DEGREES = 0.005, 5.0
-"""Movement by one press of a key."""
+"""Movement per key press."""
 SEEDS = 5
-"""Number of seeds that a key steps through."""
+"""Number of seeds to cycle through."""
 
 
 @dataclass(slots=True)
 class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
-    """State of one review of scenes.
+    """State of one scene review.
 
-    The targets of the gizmo are a slot or a placement frame (``MODES``).
+    The gizmo can move a slot or a placement frame (``MODES``).
 
     Attributes:
         movable: Assets whose placement frames can be moved, because they are in a folder of imported assets.
-        seed: Seed of the scene that is shown.
-        certified: Findings on the shown scene, None before they are computed.
+        seed: Seed of the current scene.
+        certified: Certification result of the current scene, or None if not computed yet.
     """
 
     ITEM: ClassVar[str] = "scene"
@@ -66,12 +66,12 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def history(self) -> SceneHistory:
-        """The decisions about the current task."""
+        """Decisions about the current task."""
         return self.journal.history(self.at_hand.task.content)
 
     @property
     def task(self) -> Task:
-        """The current task with its kept changes."""
+        """The current task with all saved changes."""
         return self.at_hand.task.changed(self.history.changes)
 
     @property
@@ -81,24 +81,24 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def content(self) -> str:
-        """Hash of the current scene with all kept changes."""
+        """Hash of the current scene with all saved changes."""
         return scene_content(self.task, self.condition, self.history.changes)
 
     @property
     def is_changed(self) -> bool:
-        """Whether kept changes have changed the current scene."""
+        """Whether saved changes affect the current scene."""
         task = self.at_hand.task.changed(())
         return self.content != scene_content(task, condition_of(task, self.at_hand.condition))
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the valid verdict on each scene of the queue."""
+        """Return the current verdict on each scene in the queue."""
         return [scene.verdict(self.journal.history(scene.task.content)) for scene in self.queue]
 
     # -------------------------------------------------------------------------------------------------- slots, frames
 
     @property
     def slots(self) -> tuple[Slot, ...]:
-        """The slots that the condition uses, as edited."""
+        """Slots used by the condition, including the edit in progress."""
         used = dict.fromkeys(self.condition.layout.values())
         return tuple(self._edited(self.task.slot(name)) for name in used)
 
@@ -110,13 +110,13 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def slot(self) -> Slot | None:
-        """The selected slot, as edited."""
+        """The selected slot, including the edit in progress."""
         slots = self.slots
         return slots[self.selected % len(slots)] if slots else None
 
     @property
     def frames(self) -> tuple[tuple[Placement, Region], ...]:
-        """The placement frames of the targets in the scene, as edited."""
+        """Placement frames of the scene's targets, including the edit in progress."""
         if self.scene is None:
             return ()
         edit = self.edit
@@ -138,12 +138,12 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def frame(self) -> tuple[Placement, Region] | None:
-        """The selected placement frame, as edited, with its object."""
+        """The selected placement frame with its object, including the edit in progress."""
         frames = self.frames
         return frames[self.selected % len(frames)] if frames else None
 
     def poses(self) -> dict[str, Pose]:
-        """Return ``T_world_object`` of each object at the start, with the edit in progress applied."""
+        """Return ``T_world_object`` of each object at the start, including the edit in progress."""
         if self.scene is None:
             return {}
         poses = {p.spec.name: p.pose for p in self.scene.placements}
@@ -154,7 +154,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
         return {name: move @ poses[name] if name in self._carried(self.edit.slot) else poses[name] for name in poses}
 
     def _carried(self, slot: str) -> set[str]:
-        """Return the names of the objects that move with a slot: its object, and the objects on or inside it."""
+        """Return the names of the objects that move with a slot: its occupant, and objects on or in the occupant."""
         condition = self.condition
         found = {name for name, place in condition.layout.items() if place == slot}
         on = {name: place.target for name, place in condition.preplaced.items()}
@@ -166,14 +166,14 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     # -------------------------------------------------------------------------------------------------------- moving
 
     def step_seed(self) -> None:
-        """Show the scene with another seed; an edit in progress is kept first."""
+        """Show the scene with another seed; an edit in progress is saved first."""
         if self.keep():
             self.seed = (self.seed + 1) % SEEDS
             self._open()
             self._say(f"Seed {self.seed}.")
 
     def _open(self) -> None:
-        """Build the current scene; if this fails, ``problem`` is set to the reason."""
+        """Build the current scene; on failure, set ``problem`` to the reason."""
         self.scene, self.problem, self.certified = None, "", None
         try:
             with moved_regions(moved_frames(self.history.changes)):
@@ -231,7 +231,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
         self.edit = FrameChange(category, kept, replace(kept, position=(x, y, z), quaternion=(w, i, j, k)))
 
     def keep(self) -> bool:
-        """Write the edit in progress as a change; return False if this fails, with the reason in ``message``."""
+        """Save the edit in progress as a change; return False on failure, with the reason in ``message``."""
         edit = self.edit
         if edit is None:
             return True
@@ -251,7 +251,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     # ------------------------------------------------------------------------------------------------------ decisions
 
     def accept(self) -> None:
-        """Accept the scene, with the changes of the task that affect the scene, and show the next scene."""
+        """Accept the scene, including the task changes that affect it, and show the next scene."""
         if self.keep():
             if self.problem:
                 self._say("The scene cannot be built; reject it, or undo the change.", problem=True)
@@ -276,7 +276,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     # ------------------------------------------------------------------------------------------------------ certifying
 
     def certify(self) -> None:
-        """Certify the scene as ``better certify`` does, with the current seed; an edit in progress is kept first."""
+        """Certify the scene like ``better certify``, with the current seed; an edit in progress is saved first."""
         if not self.keep():
             return
         if self.problem:
@@ -304,5 +304,5 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
 
 def bodies_of(scene: Scene) -> Mapping[str, int]:
-    """Return the body number of each object of a scene."""
+    """Return the body id of each object in a scene."""
     return {p.spec.name: int(body) for p, body in zip(scene.placements, scene.compiled.bodies, strict=True)}

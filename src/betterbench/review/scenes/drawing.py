@@ -1,4 +1,4 @@
-"""Texts of the panel of a review of scenes."""
+"""Panel texts for the scene review page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BOX = "padding:4px 10px;font-size:13px;line-height:1.45"
 
 
 def head(desk: SceneDesk, judged: int) -> str:
-    """Return the upper part of the panel: progress, the scene, and facts about it."""
+    """Return the upper part of the panel as HTML: progress, the scene, and facts about it."""
     item, condition = desk.at_hand, desk.condition
     verdict = item.verdict(desk.history)
     badge = ""
@@ -54,7 +54,7 @@ def head(desk: SceneDesk, judged: int) -> str:
 
 
 def foot(desk: SceneDesk) -> str:
-    """Return the lower part of the panel: gizmo, edit, last message, certificate, and the active decisions."""
+    """Return the lower part of the panel as HTML: gizmo, edit, last message, certificate, and active decisions."""
     edit = None if desk.edit is None else said(desk.edit)
     last = desk.history.reviews[-6:]
     decisions = [(_sign(r.decision), _said(r.decision, r.condition), r.author) for _, r in last]
@@ -98,7 +98,7 @@ def _said(decision: object, condition: str) -> str:
 
 
 def queue_list(queue: Sequence[QueuedScene], verdicts: Sequence[str], index: int) -> str:
-    """Return the part of the queue around the current scene, as a list."""
+    """Return the part of the queue around the current scene as an HTML list."""
     first = max(0, min(index - 4, len(queue) - 9))
     rows = "".join(
         f'<div style="padding:1px 4px;border-radius:3px;'

@@ -1,4 +1,4 @@
-"""A task's JSON form with changes of a review applied: pure functions of the form and the changes."""
+"""Application of review changes to a task's JSON form, as pure functions."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from betterbench.review.scenes.changes import FrameChange, SceneChange, SlotChan
 from betterbench.tasks import Condition, Task
 
 SAME_M, SAME_RAD = 1e-6, 1e-6
-"""Tolerances for the rounding of values that a reviewer saw."""
+"""Tolerances for rounding of the values that a reviewer saw."""
 _OTHER_CURE = "Restore the reviewed task file, or review this one"
 
 
 def task_content(form: Mapping[str, Any]) -> str:
-    """Return the hash (hex) of a task, from its JSON form."""
+    """Return the hash (hex) of a task's JSON form."""
     return hashlib.sha256(dump_json(dict(form))).hexdigest()
 
 
 def scene_content(task: Task, condition: Condition, changes: Iterable[SceneChange] = ()) -> str:
-    """Return the hash (hex) of a condition's scene: the condition, the slots in use, and moved placement frames."""
+    """Return the hash (hex) of a condition's scene: the condition, its slots and moved placement frames."""
     used = sorted(set(condition.layout.values()))
     categories = {spec.category for spec in condition.objects}
     frames = moved_frames(changes)
@@ -39,12 +39,12 @@ def scene_content(task: Task, condition: Condition, changes: Iterable[SceneChang
 
 
 def place_of(slot: Mapping[str, Any]) -> SlotPlace:
-    """Return the place of a slot, from the form of the slot."""
+    """Return the position of a slot from its JSON form."""
     return SlotPlace(float(slot["x"]), float(slot["y"]), float(slot["yaw"]))
 
 
 def changed_form(form: Mapping[str, Any], change: SceneChange, *, where: str = "review") -> dict[str, Any]:
-    """Return the form of a task with one change applied; a moved frame changes an asset and not the form.
+    """Return a task form with one change applied; a moved frame changes an asset instead of the form.
 
     Raises:
         InvalidInputError: If the task has no such slot, or the slot is not where the reviewer saw it.
@@ -73,9 +73,9 @@ def _at(place: SlotPlace) -> str:
 
 
 def patched(form: Mapping[str, Any], changes: Sequence[SceneChange], *, where: str = "review") -> dict[str, Any]:
-    """Return the form of a task with changes applied in order; its version is one higher if a slot has moved.
+    """Return a task form with changes applied in order; its version is incremented if a slot has moved.
 
-    The same form and changes give the same result.
+    The result is deterministic.
 
     Raises:
         InvalidInputError: As for :func:`changed_form`.
@@ -89,7 +89,7 @@ def patched(form: Mapping[str, Any], changes: Sequence[SceneChange], *, where: s
 
 
 def moved_frames(changes: Iterable[SceneChange]) -> dict[str, dict[str, Region]]:
-    """Return the last place of each moved placement frame, by asset and name of the frame."""
+    """Return the final pose of each moved placement frame, by asset and frame name."""
     found: dict[str, dict[str, Region]] = {}
     for change in changes:
         if isinstance(change, FrameChange):
@@ -98,6 +98,6 @@ def moved_frames(changes: Iterable[SceneChange]) -> dict[str, dict[str, Region]]
 
 
 def is_same_frame(a: Region, b: Region) -> bool:
-    """Return whether two placement frames agree within the rounding of files."""
+    """Return whether two placement frames are equal up to rounding in files."""
     apart = max(distance(a.position, b.position), distance(a.half_size, b.half_size))
     return a.name == b.name and apart < 1e-5 and angle_between(a.quaternion, b.quaternion) < 1e-4

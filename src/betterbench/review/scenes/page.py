@@ -1,4 +1,4 @@
-"""The page of a review of scenes: the scene as it is built, gizmos for slots and frames, camera images, and panel."""
+"""Web page for reviewing scenes: the built scene, gizmos for slots and frames, camera images, and panel."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ EYE_M, LOOK_AT_M = (1.15, -0.55, 0.75), (0.5, 0.0, 0.02)
 Shown = Literal["visual", "collision", "both"]
 SHOWN: tuple[Shown, ...] = ("visual", "collision", "both")
 LEAST_MARK_M = 0.01
-"""Minimum half side of the square drawn for a slot [m]."""
+"""Minimum half side of the square that represents a slot [m]."""
 SLOT_COLOR, CHOSEN_COLOR = (46, 134, 222), (247, 140, 20)
 
 TAP_KEYS: dict[str, str] = {
@@ -51,7 +51,7 @@ TAP_KEYS: dict[str, str] = {
     "KeyR": "reject",
     "Backspace": "undo",
 }
-"""Command of each key."""
+"""Command by key."""
 KEY_ROWS = (
     ("← →", "previous, next scene"),
     ("1 2", "gizmo: slot, placement frame"),
@@ -69,14 +69,14 @@ KEY_ROWS = (
 
 
 class ScenePage(CommandPage[SceneDesk]):
-    """The page of one review of scenes."""
+    """Web page of one scene review."""
 
     def __init__(self, desk: SceneDesk, *, host: str, port: int) -> None:
-        """Listen, and build the page.
+        """Start listening and build the page.
 
         Raises:
             MissingDependencyError: If viser is not installed.
-            InvalidInputError: If the port is taken.
+            InvalidInputError: If the port is in use.
         """
         super().__init__(desk, TAP_KEYS, host=host, port=port)
         self._spec = observation_spec("default")
@@ -90,11 +90,11 @@ class ScenePage(CommandPage[SceneDesk]):
         self._build_panel()
 
     def obey(self, command: str, value: Any, stopped: threading.Event) -> None:  # noqa: ANN401, ARG002 - of the page
-        """Execute a command, and show the result."""
+        """Execute a command and show the result."""
         if self._is_of_page(command, value):
             return
         if command in ("next", "previous", "accept", "reject", "keep", "seed", "certify", "undo"):
-            self._status.content = WORKING  # building and examining a scene take seconds
+            self._status.content = WORKING  # building and certifying a scene take seconds
         if command in self._do:
             self._do[command](value)
         self.show()
@@ -127,7 +127,7 @@ class ScenePage(CommandPage[SceneDesk]):
         self._gizmo.on_update(self._dragged)
 
     def show(self, *, is_dragging: bool = False) -> None:
-        """Show the state of the review; while the user drags the gizmo, the page controls its pose."""
+        """Update the page; while the user drags the gizmo, the browser controls its pose."""
         desk = self._desk
         with self._viser.atomic():
             if desk.scene is not self._drawn:
@@ -140,7 +140,7 @@ class ScenePage(CommandPage[SceneDesk]):
         self._list.content = queue_list(desk.queue, [v.verdict if v else "" for v in verdicts], desk.index)
 
     def _show_scene(self) -> None:
-        """Show another scene: its bodies, the collision parts of its objects, and what the policy's cameras see."""
+        """Show another scene: its bodies, the collision parts of its objects, and the policy's camera images."""
         for node in (*self._bodies.values(), *(n for nodes in self._touched.values() for n in nodes)):
             node.remove()
         self._bodies, self._touched = {}, {}
@@ -190,7 +190,7 @@ class ScenePage(CommandPage[SceneDesk]):
                 part.visible = self._view != "visual"
 
     def _show_marks(self, *, is_dragging: bool) -> None:
-        """Show slots or placement frames, and the gizmo at the selected one."""
+        """Show the slots or placement frames, and the gizmo at the selected one."""
         self._begin_marks()
         desk = self._desk
         target = self._mark_slots() if desk.mode == "slot" else self._mark_frames()
@@ -199,7 +199,7 @@ class ScenePage(CommandPage[SceneDesk]):
             self._gizmo.position, self._gizmo.wxyz = target.position, target.quaternion
 
     def _mark_slots(self) -> Pose | None:
-        """Show each slot as the square of its jitter, and return the pose of the selected slot."""
+        """Show each slot as a square with the size of its jitter, and return the pose of the selected slot."""
         desk, chosen = self._desk, self._desk.slot
         for k, slot in enumerate(desk.slots):
             is_chosen = chosen is not None and slot.name == chosen.name

@@ -1,4 +1,4 @@
-"""The scenes to review: the conditions of tasks, each built when it is first shown."""
+"""Queue of the scenes to review: task conditions, each built when first shown."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ MOST_SCENES = 10_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedTask:
-    """A task in a review.
+    """Task in a review.
 
     Attributes:
         form: JSON form of the task without changes.
-        content: Hash of this form.
+        content: Hash of that form.
     """
 
     form: Mapping[str, Any]
@@ -33,11 +33,11 @@ class ReviewedTask:
 
     @property
     def name(self) -> str:
-        """Name of the task."""
+        """Task name."""
         return str(self.form["id"])
 
     def changed(self, changes: Sequence[SceneChange]) -> Task:
-        """Return the task with changes but the original version number, for which demonstrations were measured.
+        """Return the changed task with its original version number, for which demonstrations were measured.
 
         Raises:
             InvalidInputError: If the changes belong to another task.
@@ -53,7 +53,7 @@ def _changed(reviewed: ReviewedTask, changes: tuple[SceneChange, ...]) -> Task:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QueuedScene:
-    """The scene of one condition."""
+    """Scene of one condition."""
 
     task: ReviewedTask
     condition: str
@@ -64,14 +64,14 @@ class QueuedScene:
         return f"{self.task.name}/{self.condition}"
 
     def verdict(self, history: SceneHistory) -> Verdict | None:
-        """Return the valid verdict on the scene."""
+        """Return the current verdict on the scene."""
         changed = self.task.changed(history.changes)
         scene = scene_content(changed, condition_of(changed, self.condition), history.changes)
         return verdict_on(history, self.condition, scene)
 
 
 def condition_of(task: Task, name: str) -> Condition:
-    """Return a condition of a task, which need not be registered.
+    """Return a condition of a task; the task does not have to be registered.
 
     Raises:
         UnknownNameError: If the task has no such condition.
@@ -82,15 +82,15 @@ def condition_of(task: Task, name: str) -> Condition:
 
 
 def support_of(task: Task, name: str) -> Support:
-    """Return the declared support of a condition."""
+    """Return the support that a task declares for a condition."""
     return next((v.support for v in task.variations if v.name == name), Support.SEEN)
 
 
 def scene_queue(given: Iterable[str]) -> list[QueuedScene]:
-    """Return the queue of tasks ("my_lunch": all conditions) and single conditions ("my_lunch/L1").
+    """Return the queue for tasks ("my_lunch": all conditions) and single conditions ("my_lunch/L1").
 
     Raises:
-        InvalidInputError: If nothing is given, or there are too many scenes.
+        InvalidInputError: If no names are given, or there are too many scenes.
         UnknownNameError: If a task or a condition does not exist.
     """
     names: dict[tuple[str, str], None] = {}

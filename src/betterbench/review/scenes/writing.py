@@ -1,4 +1,4 @@
-"""Reviewed tasks as new files: changed slots, and only the variations that were not rejected."""
+"""Output of reviewed tasks as new files, with changed slots and without rejected variations."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ SHOWN = 16
 
 @dataclass(frozen=True, slots=True)
 class ReviewedForm:
-    """The form of a reviewed task.
+    """JSON form of a reviewed task.
 
     Attributes:
         form: JSON form with the changes, without rejected variations.
-        rejected: Names of rejected variations, with the reason.
-        moved: Whether a slot has moved, so that demonstrations must be measured again.
+        rejected: Reason by name of each rejected variation.
+        moved: Whether a slot has moved, which requires measuring demonstrations again.
         changes: All active changes.
     """
 
@@ -43,7 +43,7 @@ class ReviewedForm:
 
 
 def reviewed_form(form: Mapping[str, Any], history: SceneHistory) -> ReviewedForm:
-    """Return the form of a task with the decisions of a review.
+    """Return a task form with the decisions from a review applied.
 
     Raises:
         InvalidInputError: If a condition has no valid verdict, or a training condition was rejected.
@@ -76,7 +76,7 @@ def reviewed_form(form: Mapping[str, Any], history: SceneHistory) -> ReviewedFor
 
 
 def reviewed_forms(path: Path) -> dict[str, ReviewedForm]:
-    """Return the reviewed tasks of a journal by name; the tasks must be loaded.
+    """Return the reviewed tasks in a journal by name; the tasks must be loaded.
 
     Raises:
         RecordError: If the journal cannot be read.
@@ -112,7 +112,7 @@ def write_reviewed_tasks(found: Mapping[str, ReviewedForm], out: Path) -> list[P
 
 
 def write_moved_frames(found: Mapping[str, ReviewedForm], folders: Sequence[Path], out: Path) -> list[Path]:
-    """Write each asset folder with a moved placement frame as a new folder of the same name, and return the paths.
+    """Write each asset folder with moved placement frames as a new folder of the same name, and return the paths.
 
     Raises:
         InvalidInputError: If an asset is in none of the folders, or two folders have the same name.

@@ -1,10 +1,10 @@
-"""Asset certificate: checks that any asset, imported or generated, should pass before it is used in a task.
+"""Asset certificate: checks that every imported or generated asset should pass before use in a task.
 
 - ``certificate``: all checks of one asset; ``result``: the results and their JSON.
-- ``check``, ``subject``: the register of checks, and the measurements that they share.
+- ``check``, ``subject``: the registry of checks, and the measurements that they share.
 - ``checks``: one topic per file: license, surfaces, size, upright, mass, collision, lying, holding, lifting.
 - ``rest``, ``lift``: the simulations of one asset on a table and in a gripper.
-- ``limits``: every limit with its unit and its reason.
+- ``limits``: all limits, each with its unit and a reason.
 """
 
 from betterbench.sim.asset_checks.certificate import certify_asset

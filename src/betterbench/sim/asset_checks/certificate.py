@@ -1,4 +1,4 @@
-"""The asset certificate: all checks of one asset."""
+"""Certification of one asset by all checks."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def certify_asset(asset: Asset, *, name: str | None = None, kind: Kind | None = 
     Args:
         asset: The asset, from a generator or a mesh file.
         name: Name in the certificate; by default, the identity of the asset.
-        kind: Kind that determines the limits of size, mass and pose; by default, the kind that the asset declares.
-            Without a kind, checks that need one do not apply.
+        kind: Kind of object, which determines the limits of size, mass and pose; by default, the asset's declared kind.
+            Checks that need a kind do not apply if there is none.
     """
     judged = kind or kind_of(str(asset.parameters.get("kind", "")))
     subject = Subject(asset, judged)

@@ -1,4 +1,4 @@
-"""Registry of checks; a check is one decorated function in a file of the package ``checks``."""
+"""Registry of checks. A check is a decorated function in a file of the package ``checks``."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class Finding:
     """Finding of a check.
 
     Attributes:
-        measured: The measured number, None if there is nothing to measure.
-        limit: The number that ``measured`` is compared with, None if nothing is measured.
+        measured: Measured value, or None if there is nothing to measure.
+        limit: Limit for ``measured``, or None if there is nothing to measure.
         unit: Unit of both.
         fails: Whether the check fails; None if it does not apply.
-        said: Description of the finding, one sentence.
-        cure: Remedy for a failed check, one sentence.
+        said: Description of the finding, in one sentence.
+        cure: Remedy for a failed check, in one sentence.
     """
 
     measured: float | None
@@ -59,7 +59,7 @@ def check_names() -> tuple[str, ...]:
 
 
 def run_check(name: str, subject: Subject) -> CheckResult:
-    """Run a check by name; the check fails if the asset cannot be measured."""
+    """Run a check by name. The check fails if the asset cannot be measured."""
     try:
         with np.errstate(all="ignore"):  # a number that is not finite fails its check
             found = _CHECKS[name](subject)
@@ -74,12 +74,12 @@ def run_check(name: str, subject: Subject) -> CheckResult:
 
 
 def at_most(measured: float, limit: float, unit: str, said: str, cure: str) -> Finding:
-    """Return the finding for a number that must not exceed a limit; a non-finite number fails."""
+    """Return the finding for a value that must not exceed a limit; a non-finite value fails."""
     return Finding(measured, limit, unit, not measured <= limit, said, cure)
 
 
 def at_least(measured: float, limit: float, unit: str, said: str, cure: str) -> Finding:
-    """Return the finding for a number that must not fall below a limit."""
+    """Return the finding for a value that must not fall below a limit."""
     return Finding(measured, limit, unit, not measured >= limit, said, cure)
 
 

@@ -29,12 +29,12 @@ OnCertificate = Callable[[JobProgress[tuple[str, AssetCertificate]]], None]
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Asset to certify: a mesh file with its import options, or a registered asset.
+    """Asset to certify: a mesh file with import options, or a registered asset.
 
     Attributes:
         name: Name in the certificate.
         file: Mesh file, None for a registered asset.
-        wishes: Options of the import; ``name`` also determines the kind of a registered asset.
+        wishes: Import options; ``name`` also determines the kind of a registered asset.
         color: Color word; None selects the default color of a registered asset.
         look: Look of a registered asset.
     """
@@ -108,7 +108,7 @@ def _registered(text: str, wishes: Wishes, color: str | None) -> Target:
 
 
 def certify_target(target: Target) -> AssetCertificate:
-    """Import and certify one target; a file that cannot be imported gets a certificate without checks.
+    """Import and certify one target. A file that cannot be imported gets a certificate without checks.
 
     Raises:
         UnknownNameError: If there is no such registered asset.

@@ -1,4 +1,4 @@
-"""Grasp trial: the robot's own gripper, without the arm, closes, lifts, holds and carries the asset."""
+"""Grasp trial in which the robot's gripper, without the arm, grasps, lifts, holds and carries an asset."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.sim.scenes.gripper_bench import GripperBench, table_model
 _CLOSE_S = 0.9
 """Time to close from fully open at 0.1 m/s onto the thinnest object, plus time for the force to build up [s]."""
 _APPROACH_M = 0.10
-"""Travel of the open jaw along its approach before it closes [m], which reveals obstructed grasps."""
+"""Distance over which the open jaw approaches before closing [m], which reveals obstructed grasps."""
 _APPROACH_SPEED = 0.12
 _TIPS_ABOVE_M = 0.001
 _PUSHED_M = 0.012
@@ -28,7 +28,7 @@ _PUSHED_M = 0.012
 
 @dataclass(frozen=True, slots=True)
 class LiftTrial:
-    """Outcome of one grasp.
+    """Outcome of a grasp trial.
 
     Attributes:
         succeeded: Whether the object was lifted, held and carried.
@@ -68,7 +68,7 @@ def try_grasp(asset: Asset, grasp: Grasp, rest: Pose) -> LiftTrial:
         rest=rest,
         grasp=grasp,
         approach_m=_APPROACH_M,
-        lowest_m=robot.tip_below_tcp_m + _TIPS_ABOVE_M,  # planners keep the fingertips off the table
+        lowest_m=robot.tip_below_tcp_m + _TIPS_ABOVE_M,  # as in planning, keep the fingertips off the table
     )
     before = bench.asset_pose()
     bench.move(bench.target, _APPROACH_SPEED)

@@ -10,7 +10,8 @@ from betterbench.sim.assets.importing.kinds import kinds
 SIZE_FACTOR = 1.05
 """Allowed excess over the usual sizes of a kind: the table of kinds is rounded to whole centimeters."""
 LEAST_M, MOST_M = 0.01, 0.6
-"""Longest side of an object of unknown kind [m], as in the importer: fits on a table and is visible to a camera."""
+"""Range for the longest side of an object of unknown kind [m], as in the importer: it fits on a table and is visible to
+a camera."""
 MASS_FACTOR = 8.0
 """Allowed ratio to the usual mass of a kind at this size, in either direction. The masses of an empty and a full can
 differ by a factor of 20, those of other kinds by 4."""
@@ -19,14 +20,15 @@ LEAST_DENSITY, MOST_DENSITY = 15.0, 9000.0
 
 # ------------------------------------------------------------------------------------------------------------- upright
 OPEN_DEPTH_SHARE = 0.12
-"""Minimum depth of the hollow of an open object as a share of its height, as in the importer."""
+"""Minimum depth of an open object's hollow as a share of its height, as in the importer."""
 OPEN_AREA_SHARE = 0.25
-"""Minimum area of the hollow of an open object as a share of its footprint."""
+"""Minimum area of an open object's hollow as a share of its footprint."""
 NECK_AREA_SHARE, NECK_DEPTH_SHARE = 0.1, 0.5
-"""The same for a tall kind with a neck, such as a vase: least area, and least depth as a share of its height."""
+"""Minimum area and depth of the hollow for a tall kind with a neck, such as a vase, as shares of footprint and
+height."""
 ROUND_RATIO, LYING_RATIO = 1.06, 1.12
-"""Largest ratio of the widths across an axis for an object that is round about this axis, and by how much the ratio
-about the vertical is larger if the object lies on its side. A square has 1.41."""
+"""Maximum ratio of the widths across an axis for an object that is round about this axis, and minimum excess of the
+ratio about the vertical for an object that lies on its side. A square has a ratio of 1.41."""
 FOOTING_RATIO = 1.6
 """Ratio of top to foot width above which an object of a standing kind is upside down."""
 END_SHARE, END_AREA_RATIO = 0.15, 1.3
@@ -36,61 +38,63 @@ which is a fifth narrower than its body, has 1.54 (measured)."""
 
 # ------------------------------------------------------------------------------------------------------------- at rest
 SETTLE_S, WATCH_S = 4.0, 1.5
-"""Time to settle after a release 1 mm above the table, and time during which the object must then lie still [s]."""
+"""Settling time after a release 1 mm above the table, and subsequent time during which the object must be at rest
+[s]."""
 DROP_M = 0.001
 DRIFT_MM = 1.0
-"""Largest displacement of the center of mass while it must lie still; a stack of good assets moves 0.03 mm in 5 s
-(measured)."""
+"""Maximum displacement of the center of mass while the object must be at rest; a stack of good assets moves 0.03 mm in
+5 s (measured)."""
 TILT_DEGREES = 20.0
-"""Largest turn of the vertical axis from the described pose to rest, the same as in the importer: fruit rolls by 5 to
-13 degrees (measured), a toppling object turns by 60 or more."""
+"""Maximum rotation of the vertical axis between the described pose and rest, as in the importer: fruit rolls by 5 to 13
+degrees (measured), and a toppling object by 60 degrees or more."""
 STANDING_TILT_DEGREES = 10.0
-"""The same for kinds that stand: open at the top, or tall. On a spike of 15 mm, a mug leans by 14 degrees."""
+"""Maximum rotation for kinds that stand, because they are tall or open at the top. On a spike of 15 mm, a mug leans by
+14 degrees."""
 ROUND_SHARE, ROUND_TILT_DEGREES = 0.75, 60.0
-"""Ratio of shortest to longest side above which an object is a ball, and the largest turn of a ball, which rolls before
-it rests."""
+"""Ratio of shortest to longest side above which an object counts as a ball, and maximum rotation of a ball, which may
+roll before it rests."""
 JITTER_MM_S = 5.0
-"""Largest root mean square speed of the surface while the object must lie still: success checks accept 20 mm/s as at
-rest, and a good rod on a faceted side rocks at 2.2 (measured)."""
+"""Maximum root mean square speed of the surface while the object must be at rest. Success checks accept 20 mm/s as
+rest, and a good rod on a faceted side rocks at 2.2 mm/s (measured)."""
 SINK_MM = 3.0
-"""Largest distance of the lowest visible point above or below the table surface."""
+"""Maximum distance of the lowest visible point above or below the table surface."""
 
 # ----------------------------------------------------------------------------------------------------- holds, supports
 BALL_SHARE, BALL_MOST_M = 0.55, 0.015
 """Radius of the ball that is dropped into a container: a share of the smaller half of the opening, and an upper limit
 [m]."""
 BALL_DENSITY = 1000.0
-"""Density of the ball [kg/m^3]: water."""
+"""Density of the ball, equal to water [kg/m^3]."""
 BALL_FREE_M = 0.005
 """Height of the ball above the rim at its release [m]."""
 BALL_DEPTH_SHARE = 0.45
-"""Largest height of the ball above the floor at rest as a share of the depth; on a closed opening it is 1."""
+"""Maximum height of the resting ball above the floor as a share of the depth; on a closed opening, the share is 1."""
 BALL_BELOW_M = 0.004
-"""Largest depth of the ball below the visible floor [m]; beyond it, the ball has fallen through."""
+"""Maximum depth of the ball below the visible floor [m]; a deeper ball has fallen through."""
 BLOCK_M, BLOCK_KG = 0.015, 0.05
 """Half side [m] and mass [kg] of the block that a support must carry."""
 CARRY_DRIFT_MM, CARRY_TILT_DEGREES = 6.0, 10.0
-"""Largest displacement and turn of the block on the support in two seconds."""
+"""Maximum displacement and rotation of the block on the support within two seconds."""
 
 # ---------------------------------------------------------------------------------------------------------------- lift
 PAYLOAD_KG = 2.27
-"""Franka's payload of 3 kg (data sheet of the Emika Panda) minus the 0.73 kg of the gripper."""
+"""Franka's payload of 3 kg (data sheet of the Emika Panda) minus the gripper's 0.73 kg."""
 GRASP_TOLERANCE_MM = 6.0
 """Allowed excess of the measured over the stated opening: two cells of a 20 cm solid."""
 LEAST_THICK_M = 0.008
-"""Flatter objects cannot be grasped from a table, because the pads touch the table first: 6 mm always failed, 10 mm
-always succeeded."""
+"""Minimum thickness for a grasp from a table; at flatter objects, the pads touch the table first. Objects of 6 mm
+always failed, objects of 10 mm always succeeded."""
 LIFT_M, HOLD_S, CARRY_M = 0.15, 1.0, 0.20
-"""Lift height, hold time and carry distance of the trial."""
+"""Lift height, hold time and carry distance of a grasp trial."""
 LIFT_SPEED, CARRY_SPEED = 0.15, 0.20
 """Speed of the gripper [m/s]; the experts carry at 0.15."""
 SLIP_MM = 15.0
-"""Largest displacement of the object relative to the closed gripper until the end of the trial."""
+"""Maximum displacement of the object relative to the closed gripper until the end of the trial."""
 SWING_DEGREES = 45.0
-"""Largest turn of the object relative to the gripper: plates and bowls held at the rim tilt by 22 to 39 degrees and can
-be carried; heavier objects turn by 75 (measured)."""
+"""Maximum rotation of the object relative to the gripper. Plates and bowls held at the rim tilt by 22 to 39 degrees and
+can be carried; heavier objects rotate by 75 degrees (measured)."""
 GRASPS_TRIED = 4
-"""Number of grasps tried, by preference; one success is enough, since experts try the next grasp after a failure."""
+"""Number of grasps to try, by preference. One success is enough, because experts try the next grasp after a failure."""
 
 # ------------------------------------------------------------------------------------------------------ mass and shape
 INERTIA_FACTOR = 3.0
@@ -101,25 +105,26 @@ LEAST_FRICTION, MOST_FRICTION = 0.05, 2.0
 CENTER_DEPTH_MM = 0.0
 """Minimum depth of the center of mass inside the convex hull of the visual shape."""
 OUTSIDE_MM, OUTSIDE_SHARE = 6.0, 0.12
-"""Largest distance of the collision shape from the visual shape, for 95 of 100 points: a length or a share of the
+"""Maximum distance of the collision shape from the visual shape for 95 % of the points: a length or a share of the
 middle side, whichever is larger. A share of the longest side would allow a 28 cm bottle to be 25 mm too thick. V-HACD
 of a scan has 3 to 5 mm (measured)."""
 INSIDE_MM, INSIDE_SHARE = 4.0, 0.08
-"""Largest distance of the visual shape from the collision shape, defined in the same way."""
+"""Maximum distance of the visual shape from the collision shape, defined in the same way."""
 OPENING_SHARE = 0.60
 """Minimum share of the visible hollow's volume that the collision parts leave free."""
 GAP_MM, GAP_SHARE = 4.0, 0.04
-"""Largest gap between parts: a length and a share of the longest side; Kenney's models leave up to 3 % (measured)."""
+"""Maximum gap between parts: a length and a share of the longest side. Kenney's models have gaps of up to 3 %
+(measured)."""
 
 # ---------------------------------------------------------------------------------------------------------------- look
 BEHIND_SHARE = 0.06
-"""Largest share of an image whose nearest surface faces away, which renderers do not draw."""
+"""Maximum share of an image in which the nearest surface faces away from the camera and is therefore not rendered."""
 DEGENERATE_SHARE = 0.02
-"""Largest share of triangles without an area; decimation leaves a few slivers."""
+"""Maximum share of triangles with zero area, because decimation leaves a few slivers."""
 DARK, DARK_SHARE = 8, 0.6
-"""Brightness (of 255) below which a point of a texture is black, and the largest share of such points."""
+"""Brightness (of 255) below which a texture pixel is black, and maximum share of such pixels."""
 PLACEHOLDER_SHARE = 0.5
-"""Largest share of magenta (255, 0, 255) in a texture; programs use it to mark missing textures."""
+"""Maximum share of magenta (255, 0, 255) in a texture; programs use this color to mark missing textures."""
 LEAST_ALPHA = 0.05
 """Minimum opacity of a visible part."""
 
@@ -137,7 +142,7 @@ ROUND_KINDS = frozenset(kind.name for kind in kinds() if kind.is_tall) | {
     "steamer",
     "mortar",
 }
-"""Kinds that are often round about the vertical, never about a horizontal axis."""
+"""Kinds that are often round about the vertical, but never about a horizontal axis."""
 FOOTED_KINDS = frozenset({"bottle", "jar", "vase", "pepper mill", "shaker"})
 """Kinds that stand on their broader end."""
 NARROW_TOP_KINDS = frozenset({"bottle", "jar", "pepper mill", "shaker", "burger", "lid", "tajine", "pumpkin"})
@@ -152,8 +157,8 @@ ALWAYS_LIFTED_KINDS = frozenset(
         "shaker", "lemon", "cookie",
     }
 )  # fmt: skip
-"""Kinds that fit the jaw in every usual size."""
+"""Kinds that fit into the jaw in every usual size."""
 CLOSED_WORDS = frozenset(
     {"lid", "lidded", "cereal", "egg", "soft drink", "soup", "broth", "stew", "filled", "cocktail"}
 )
-"""Tags and names of objects of open kinds that are full or covered."""
+"""Tags and names that mark objects of open kinds as full or covered."""

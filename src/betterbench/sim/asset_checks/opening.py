@@ -1,4 +1,4 @@
-"""Opening of a parallel jaw that a grasp needs, measured on the cells of the visible shape."""
+"""Required jaw opening of a grasp, measured on the voxels of the visible shape."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.sim.assets.importing.solid import Solid
 from betterbench.sim.robots.spec import robot
 
 _NEAR_M = 0.004
-"""Largest distance of the held part from the region that the stated width spans [m]."""
+"""Maximum distance between the grasped part and the region spanned by the stated width [m]."""
 
 
 def gripper_opening_m(name: str = USUAL_ROBOT) -> float:
@@ -21,10 +21,10 @@ def gripper_opening_m(name: str = USUAL_ROBOT) -> float:
 
 
 def needed_opening_m(solid: Solid, grasp: Grasp) -> float | None:
-    """Return the opening that a centered jaw needs to close on the held part [m], None if there is nothing to hold.
+    """Return the opening that a centered jaw needs for the grasped part [m], or None if there is nothing to grasp.
 
-    The held part is the connected run of cells between the pads, in the direction in which the fingers close. The jaw
-    closes symmetrically about the pose of the grasp, so a part beside the middle needs a wider opening.
+    The grasped part is the connected run of voxels between the pads in the closing direction of the fingers. The jaw
+    closes symmetrically about the grasp pose, so an off-center part needs a wider opening.
     """
     centers = solid.centers(solid.cells) - np.asarray(grasp.pose.position)
     axes = np.array([rotate(grasp.pose.quaternion, axis) for axis in np.eye(3).tolist()])

@@ -1,4 +1,4 @@
-"""Images of one asset for its certificate: visual shape, collision shape, and pose at rest."""
+"""Certificate images of one asset: visual shape, collision shape, and pose at rest."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.sim.assets.importing.measures import convex_surface, corners_of
 from betterbench.sim.scenes.portraits import asset_portrait
 
 _GOLDEN = 0.618034
-"""Steps of hue between collision parts, so that neighbors differ."""
+"""Hue step between collision parts, chosen so that neighboring parts differ."""
 
 
 def asset_pictures(asset: Asset, *, pixels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

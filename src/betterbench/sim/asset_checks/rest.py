@@ -1,4 +1,4 @@
-"""Simulation of one asset on a table: pose at rest, and residual movement after settling."""
+"""Simulation of one asset settling on a table: its pose at rest, and its residual movement."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class Rest:
     """Pose at rest and residual movement of an asset on a table.
 
     Attributes:
-        pose: Pose ``T_table_object`` at the end.
-        drift_mm: Displacement of the center of mass in the observation time.
-        tilt_degrees: Turn of the vertical axis from the start to the end.
-        jitter_mm_s: Root mean square speed of the surface in the observation time.
+        pose: Final pose ``T_table_object``.
+        drift_mm: Displacement of the center of mass during the observation time.
+        tilt_degrees: Rotation of the vertical axis between start and end.
+        jitter_mm_s: Root mean square speed of the surface during the observation time.
         lowest_mm: Height of the lowest visible point above the table at the end; negative below the surface.
     """
 

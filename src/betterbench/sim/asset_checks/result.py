@@ -1,4 +1,4 @@
-"""Results of the asset certificate, per check and per asset, both JSON-serializable."""
+"""JSON-serializable results of the asset certificate, per check and per asset."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class CheckResult:
     Attributes:
         name: Name of the check ("rest_tilt").
         outcome: "passed", "failed" or "not_applicable".
-        measured: The number that was compared, None if nothing was measured.
-        limit: The number that ``measured`` was compared with, None if nothing was measured.
+        measured: Measured value, or None if nothing was measured.
+        limit: Limit for ``measured``, or None if nothing was measured.
         unit: Unit of both ("mm", "degrees", "share").
-        sentence: Description of the finding; for a failed check with a remedy.
+        sentence: Description of the finding, with a remedy if the check failed.
     """
 
     name: str
@@ -36,16 +36,16 @@ class CheckResult:
 
 @dataclass(frozen=True, slots=True)
 class AssetCertificate:
-    """All results of one asset.
+    """Certificate of one asset, with all results.
 
     Attributes:
         asset: Name or file of the asset.
-        content_hash: Hash of the data that affect physics or images.
-        kind: Kind that determined the limits of size, mass and pose, None if unknown.
+        content_hash: Hash of all data that affect physics or images.
+        kind: Kind that determined the limits of size, mass and pose; None if unknown.
         source: Source of the asset.
         license: License of the asset.
         checks: One result per registered check, in order.
-        refused: Error of the importer for a file that it could not import; there are then no checks.
+        refused: Import error; there are no checks if the import failed.
     """
 
     asset: str

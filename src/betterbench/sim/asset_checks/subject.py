@@ -1,4 +1,4 @@
-"""The asset under test, with the measurements that several checks share."""
+"""Asset under test, with measurements that several checks share."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from betterbench.sim.assets.importing.solid import Solid, solid_of
 
 
 class Subject:
-    """Asset under test and its kind; each measurement is computed when a check first needs it."""
+    """Asset under test and its kind. Each measurement is computed when a check first needs it."""
 
     def __init__(self, asset: Asset, kind: Kind | None) -> None:
         self.asset, self.kind = asset, kind
@@ -50,12 +50,12 @@ class Subject:
 
     @functools.cached_property
     def solid(self) -> Solid:
-        """Cells of the visible surface."""
+        """Voxels of the visible surface."""
         return solid_of(*self.surface)
 
     @functools.cached_property
     def cavity(self) -> Cavity | None:
-        """The visible hollow that is open at the top, or None."""
+        """Visible hollow that is open at the top, or None."""
         return cavity_of(self.solid)
 
     @functools.cached_property
@@ -65,7 +65,7 @@ class Subject:
 
     @functools.cached_property
     def touched_cavity(self) -> Cavity | None:
-        """The hollow left free by the collision parts, or None."""
+        """Hollow that the collision parts leave free, or None."""
         return cavity_of(surface_solid(self.hulls), of_hulls=True)
 
     @functools.cached_property
@@ -85,7 +85,7 @@ class Subject:
 
     @property
     def holds(self) -> bool:
-        """Whether tasks may put objects into the asset: it declares an inside and an opening."""
+        """Whether tasks may put objects into the asset, because it declares an inside and an opening."""
         return {"inside", "opening"} <= self.region_names
 
     @property

@@ -1,4 +1,4 @@
-"""Import of an object with its proposed grasps tried in simulation, run in the child process of an import."""
+"""Import of an object with a simulation test of its proposed grasps, which runs in the import's child process."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from betterbench.sim.assets.importing.child import answer_imports
 from betterbench.sim.assets.importing.importer import Imported
 
 _ENOUGH = 4
-"""Number of successful grasps after which no more are tried; experts try the next grasp after a failure."""
+"""Number of successful grasps after which testing stops; experts try the next grasp after a failure."""
 _SLIP_STEP_MM, _SWING_STEP_DEGREES = 3.0, 10.0
-"""Differences of slip and swing that matter for the order; the proposal's own order decides between equal grasps."""
+"""Differences of slip and swing that affect the order; grasps with smaller differences keep the order of the
+proposals."""
 
 
 def import_for_parent() -> None:
-    """Main function of the child: import the requested object and try its grasps."""
+    """Main function of the child process: import the requested object and test its grasps."""
     answer_imports(with_tried_grasps)
 
 
 def with_tried_grasps(imported: Imported) -> Imported:
-    """Return an object with the grasps that lift and carry it in simulation, firmest first, and a note about them.
+    """Return an object with only the grasps that lift and carry it in simulation, firmest first, and a note about them.
 
-    Grasps that fail are left out. An object that is heavier than the payload keeps its proposals untried.
+    Failed grasps are removed. An object heavier than the payload keeps its proposed grasps without a test.
     """
     draft = imported.draft
     if not draft.grasps or draft.mass_kg > limits.PAYLOAD_KG:

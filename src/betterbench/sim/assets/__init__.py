@@ -1,11 +1,11 @@
 """Simulation-ready 3-D objects, from parametric generators and other sources.
 
-- ``asset``: the frozen description of one object: visual parts, collision parts, mass, grasps, regions.
-- ``authoring``: meshes, solids, paint and the registry, with which generators are written.
+- ``asset``: the immutable description of one object: visual parts, collision parts, mass, grasps, regions.
+- ``authoring``: meshes, solids, paint and the registry, for writing generators.
 - ``procedural``: the generators, one file per category.
 - ``importing``: conversion of mesh, URDF and MJCF files to assets; ``folders``: folders of imported assets.
-- ``catalogue``: rows over several sources, searched by description.
-- ``licenses``, ``names``, ``gltf``, ``xml_file``: licenses, words in file names, and checks of files.
+- ``catalogue``: a searchable catalogue of assets from several sources.
+- ``licenses``, ``names``, ``gltf``, ``xml_file``: licenses, object names from file names, and file checks.
 """
 
 from betterbench.sim.assets import folders, procedural  # noqa: F401  (imported to register the assets)

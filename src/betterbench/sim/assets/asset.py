@@ -13,14 +13,14 @@ from betterbench.interface.state import Region
 
 LIBRARY_SOURCE = "betterbench procedural library"
 LIBRARY_LICENSE = "Apache-2.0"
-"""License of the project, which also covers the generated assets."""
+"""License of this project, which also covers generated assets."""
 
 CollisionShape = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "hull"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Texture:
-    """An image painted on a visual part.
+    """Texture image of a visual part.
 
     Attributes:
         pixels: (height, width, 3) uint8 RGB, at most 1024 pixels a side.
@@ -36,15 +36,15 @@ class Texture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisualPart:
-    """One colored mesh of an asset.
+    """Colored mesh of an asset.
 
     Attributes:
         vertices: (n, 3) float32 positions in the object frame [m].
         faces: (m, 3) int32 vertex indices, counter-clockwise seen from outside.
-        rgba: Color, each in [0, 1]; multiplied with the texture if there is one.
+        rgba: Color with components in [0, 1]; it is multiplied with the texture, if any.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
-        smooth: Whether normals are shared across faces (for round objects); False for crisp edges.
+        smooth: Whether normals are shared across faces (for round objects); False for sharp edges.
     """
 
     name: str
@@ -59,7 +59,7 @@ class VisualPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CollisionPart:
-    """One convex collision geometry.
+    """Convex collision geometry.
 
     Attributes:
         shape: Primitive type, or "hull" for the convex hull of ``vertices``.
@@ -81,14 +81,14 @@ class CollisionPart:
 
 @dataclass(frozen=True, slots=True)
 class Grasp:
-    """A grasp of the object by a parallel jaw.
+    """Parallel-jaw grasp of an object.
 
     Attributes:
         name: Grasped part ("handle", "body", "rim").
         pose: Pose ``T_object_tcp`` of the tool center point when the gripper closes; its z axis is the approach
             direction, its y axis the finger opening direction.
         width_m: Thickness of the object between the pads [m].
-        clearance_m: Free distance for the open jaw on each side [m].
+        clearance_m: Free space for the open jaw on each side [m].
         symmetric_yaw: Whether the grasp may be rotated freely about the object's vertical axis.
         preference: Rank; lower values are tried first.
     """
@@ -103,12 +103,12 @@ class Grasp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Asset:
-    """A 3-D object ready for simulation. The origin is the center of the bottom face of the bounding box at rest, z up.
+    """Simulation-ready 3-D object. The origin is the center of the bottom face of the bounding box at rest, z up.
 
     Attributes:
         category: Object kind ("mug").
-        look: Number of the look within the generator's family.
-        color: Usual color word.
+        look: Index of the look within the generator's family.
+        color: Color word.
         shape: Coarse shape word ("round", "cylinder", "box", "irregular").
         description: One sentence of free text, used for retrieval.
         size_m: Extents of the bounding box [m].
@@ -116,9 +116,9 @@ class Asset:
         inertia: About the center of mass, in object frame axes (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
         visual: Colored meshes; at most 600 faces in all, 1,200 for imported thin walls.
         collision: Convex geometries; at most about 12.
-        regions: Named regions of the object (opening, ring, handle, top).
+        regions: Named regions, such as opening, ring, handle and top.
         parameters: Parameters drawn by the generator, for the record.
-        keeps_upright: Whether objects of the category must not lie on their side in a container, like drinks.
+        keeps_upright: Whether objects of the category, such as drinks, must not lie on their side in a container.
         traits: Tags that only describe the object's material, place or use and cannot name the object.
     """
 
@@ -144,7 +144,7 @@ class Asset:
 
     @property
     def identity(self) -> str:
-        """Name shared by equal assets ("mug-red#3")."""
+        """Name that is the same for equal assets ("mug-red#3")."""
         return f"{self.category}-{self.color}#{self.look}"
 
     @property
@@ -188,5 +188,5 @@ class Asset:
 
 
 def origin_of(asset: Asset) -> tuple[str, str]:
-    """Return source and license of an asset as records list them: empty texts for the procedural library."""
+    """Return source and license of an asset as listed in records; empty strings for the procedural library."""
     return ("", "") if asset.source == LIBRARY_SOURCE else (asset.source, asset.license)

@@ -1,4 +1,4 @@
-"""Checks on the header and JSON description of a glTF file (glTF 2.0, sections 3 and 4.4) before it is read."""
+"""Checks of a glTF file's header and JSON description before it is read (glTF 2.0, sections 3 and 4.4)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import parse_json
 
 MAX_JSON_BYTES = 32 << 20
-"""Largest JSON description in a glTF file [byte]."""
+"""Maximum size of the JSON description in a glTF file [byte]."""
 
 _HEAD = struct.Struct("<4sIII4s")
 _CURE = "Export the object again, or leave out this file"

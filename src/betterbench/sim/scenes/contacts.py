@@ -66,7 +66,7 @@ class ContactReader:
     """
 
     def __init__(self, compiled: CompiledScene, names: tuple[str, ...]) -> None:
-        """Prepare for a model; ``names`` are its object names in scene order."""
+        """Index the pairs of a model's bodies; ``names`` are its object names in scene order."""
         self._model, self._names = compiled.model, names
         n = len(names)
         numbers, self._pair_names = _pairs((*names, *LABELS), n + 3)

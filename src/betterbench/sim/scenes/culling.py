@@ -31,7 +31,7 @@ class Culling:
     """
 
     def __init__(self, model: mujoco.MjModel, scene: mujoco.MjvScene) -> None:
-        """Find the meshes that are worth testing."""
+        """Find the meshes with enough faces that testing them saves time."""
         self._model, self._scene = model, scene
         self._geoms = list(scene.geoms)
         self._far_m = float(model.vis.map.zfar) * float(model.stat.extent)

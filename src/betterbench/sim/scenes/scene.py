@@ -141,7 +141,7 @@ class Scene:
         self._find_memory()
 
     def _find_memory(self) -> None:
-        """Prepare the readers of a state; the engine keeps its arrays at fixed addresses."""
+        """Store views of the engine's arrays, which stay at fixed addresses, for reading states."""
         data, bodies = self._data, self.compiled.bodies.tolist()
         self._simulator_state = {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl, "act": data.act}
         self._positions, self._quaternions = row_reader(data.xpos, bodies), row_reader(data.xquat, bodies)
@@ -271,7 +271,7 @@ class Scene:
         return dict(zip((c.name for c in spec.cameras), images, strict=True))
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return nothing, because a policy reads our own state parts."""
+        """Return no further state parts, because policies use our own ones."""
         return {}
 
     def draw_next(self, *, wanted: bool) -> None:

@@ -284,7 +284,7 @@ class StoredSights:
         *,
         gripper: bool = False,
     ) -> None:
-        """Prepare; raises the errors of :class:`Sights`."""
+        """Upload the model; raises the errors of :class:`Sights`."""
         self._sights = Sights(model, quality, views, modalities, gripper=gripper)
         self._state = StoredState(model)
 

@@ -64,7 +64,7 @@ class BareScene(ABC):
         step_limit: int,
         objects: Sequence[ObjectInfo] = (),
     ) -> None:
-        """Prepare; the episode begins with :meth:`reset`."""
+        """Store the trial; the episode begins with :meth:`reset`."""
         self.world, self.control_rate_hz = world.name, world.control_rate_hz
         self.task = _Task(task)
         self.condition = Instructed.of(f"{task}/{condition}", condition, instruction)
@@ -157,7 +157,7 @@ class BareScene(ABC):
         return {}
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return nothing, because a policy reads our own state parts."""
+        """Return no further state parts, because policies use our own ones."""
         return {}
 
     def draw_next(self, *, wanted: bool) -> None:
@@ -175,7 +175,7 @@ class BareTracker:
     undecided_states: ClassVar[int] = 0
 
     def __init__(self, scene: BareScene) -> None:
-        """Prepare for an episode that has been reset."""
+        """Begin an episode; the scene must have been reset."""
         self._scene = scene
         self.relation_names = self.subgoal_names = tuple(scene.relations())
 

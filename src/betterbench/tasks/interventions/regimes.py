@@ -1,4 +1,4 @@
-"""Regimes: sets of conditions for demonstrations, used for training and its control arms."""
+"""Regimes: sets of conditions for the demonstrations of training and of its control arms."""
 
 from __future__ import annotations
 

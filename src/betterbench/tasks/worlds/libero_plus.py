@@ -84,7 +84,7 @@ class Variant:
         condition: Name in plans and records ("camera_0_0_100_2_352", "layout_level1_sample3").
         file: Name of the scene file, without suffix.
         states: Name of the initial-state file, without suffix; in the new layouts' folder if ``own``.
-        own: Whether the variant has one initial state of its own instead of the base task's fifty.
+        own: Whether the variant has a single separate initial state instead of the base task's fifty.
         view: Pose of the front camera.
         robot: Index of the robot's rest pose; 0 is LIBERO's.
         noise: Index of the noise; 0 is none.

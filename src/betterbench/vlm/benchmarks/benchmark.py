@@ -59,7 +59,7 @@ class DataSource:
         files: Files to download.
         license: License of the questions.
         terms: Terms of images and videos, and what cannot be downloaded.
-        layout: Required files and their locations, one phrase per published format.
+        layout: Required files and their paths, one phrase per published format.
     """
 
     repository: str
@@ -109,5 +109,5 @@ class Benchmark:
 
 
 def missing(name: str, folder: Path, layout: tuple[str, ...]) -> InvalidInputError:
-    """Return the error about a folder without data of a benchmark."""
+    """Return the error for a folder that contains no data of a benchmark."""
     return InvalidInputError("--data", f"{folder} contains no data of {name}", f"Expected {'; or '.join(layout)}")

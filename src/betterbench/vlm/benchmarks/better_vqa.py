@@ -20,7 +20,7 @@ def _read(folder: Path) -> ItemSet:
 
 
 def items_of(asked: QuestionSet) -> ItemSet:
-    """Return a question set as items. Both have the same content hash, so they share answer files."""
+    """Convert a question set to items. Both have the same content hash, so they share answer files."""
     reference = {b.name: {"chance": 100 * b.chance, "blind": 100 * b.blind / max(1, b.n)} for b in asked.baselines}
     items = tuple(map(_item, asked.questions))
     twins = static_twins(asked.questions)

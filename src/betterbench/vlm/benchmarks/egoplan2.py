@@ -98,7 +98,7 @@ def _embedded(row: Row, number: int) -> bytes:
 
 
 def _in_folder(folder: Path, row: Row) -> list[Path]:
-    """Return the frames of a folder in order: frame-0_frameID-*.png as upstream cuts them, or files in name order."""
+    """Return the frames in a folder in order: upstream's frame-0_frameID-*.png, or else files in name order."""
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".png", ".jpg", ".jpeg"))
     numbered = {_number(f.name): f for f in files}
     ordered = files if None in numbered else [numbered[n] for n in sorted(n for n in numbered if n is not None)]

@@ -1,6 +1,6 @@
 """Image resolutions shown to a model, for the paper's ablation with "myopic" eyes (its Table 3).
 
-The paper's "single 224 x 224 picture" has three possible meanings, which lose different information. In each, the
+The paper's "single 224 x 224 picture" can be read in three ways, which lose different information. In each, the
 image is resized to a square without padding, so fractions of its width and height stay the same:
 
 ======================  ========================================  ==================================================
@@ -34,7 +34,7 @@ MYOPIC = 224
 
 
 class Eyes(StrEnum):
-    """Resolution of the images that a model gets."""
+    """Resolution of the images shown to a model."""
 
     NATIVE = "native"
     TILE_1 = "tile-1"
@@ -53,7 +53,7 @@ _STEPS: dict[Eyes, tuple[int, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """Image in the resolution that a model gets.
+    """Image at the resolution shown to a model.
 
     Attributes:
         data: The file: the original one for ``native``, otherwise PNG.
@@ -69,9 +69,9 @@ class Shown:
     detail: tuple[int, int]
 
 
-@functools.lru_cache(maxsize=8)  # consecutive questions are often about the same image
+@functools.lru_cache(maxsize=8)  # cached because consecutive questions are often about the same image
 def shown_picture(picture: bytes, eyes: Eyes) -> Shown:
-    """Return an image in the resolution of these eyes.
+    """Return an image at the resolution of ``eyes``.
 
     Args:
         picture: A file that Pillow reads, such as PNG or JPEG.

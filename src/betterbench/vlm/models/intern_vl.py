@@ -90,7 +90,7 @@ class InternVl:
             model = transformers.AutoModelForImageTextToText.from_pretrained(
                 folder, local_files_only=True, dtype="auto" if self._device.type == "cuda" else torch.float32
             )
-        except ImportError as error:  # such as a torchvision that was built for another torch
+        except ImportError as error:  # for example, a torchvision built for another torch version
             problem = f"transformers cannot load it, because an import fails ({one_line(error, most=200)})"
             cure = "Install matching versions of torch, torchvision and transformers, or uninstall torchvision"
             raise InvalidInputError(str(folder), problem, cure) from error
@@ -133,7 +133,7 @@ class InternVl:
         return str(answer)
 
     def request(self, prompt: str, pictures: Sequence[bytes]) -> tuple[str, Sight | None]:
-        """Return the text that the language model reads, and the images that the vision transformer gets."""
+        """Return the input text of the language model and the input images of the vision transformer."""
         sight = self._sight(pictures) if pictures else None
         parts = prompt.split(PICTURE)
         if not pictures or len(parts) != len(pictures) + 1:

@@ -33,7 +33,7 @@ class ModelOptions:
         key_variable: Environment variable with the key of an endpoint.
         coordinates: Declared coordinate convention, or None.
         data: Folder of the benchmark's data; None if the command generates the data.
-        records: Run whose frames the set's questions are about; only for a model that receives recorded states.
+        records: Run with the frames of the set's questions; only for a model that receives recorded states.
     """
 
     address: str
@@ -53,7 +53,7 @@ class ModelOptions:
 
 
 def require_no_records(options: ModelOptions) -> None:
-    """Raise InvalidInputError if the options include a run, because a model that receives images does not use one."""
+    """Raise InvalidInputError if a run is given, because a model that receives images does not use one."""
     if options.records is not None:
         cure = "Leave it out, or give learned:CHECKPOINT"
         raise InvalidInputError("--records", "applies only to a learner", cure)
@@ -67,8 +67,7 @@ class ModelKind:
         scheme: Part of its addresses before the first colon; empty for the kind that takes all other addresses.
         make: Function that creates the model at an address; if the cache is not None, equal requests get stored
             replies. It raises a BetterError if there is no such model.
-        require: Function called before ``make``, which raises InvalidInputError for options that the model does not
-            support.
+        require: Function called before ``make``; it raises InvalidInputError for unsupported options.
         sees: Whether the model receives images, so that its coordinate convention can be probed.
         one_at_a_time: Whether the model answers one request at a time, regardless of ``--at-once``.
     """

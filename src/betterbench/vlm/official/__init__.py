@@ -1,4 +1,4 @@
-"""Upstream scorers, reproduced with their faults for comparison with published numbers.
+"""Reproductions of upstream scorers, including their faults, for comparison with published numbers.
 
 Each scorer reproduces an upstream program at a fixed commit and gives the same number for the same replies. The table
 "Official scoring" in ``docs/vlm.md`` lists the differences from our scores.

@@ -1,7 +1,8 @@
 """Scorers of EgoPlan-Bench2 that reproduce its authors' ``eval.py`` and lmms-eval.
 
-Both delete stock phrases and take the first capital A, B, C or D anywhere: "Based on the video, the answer is C" gives
-B. Missing commas in the phrase lists concatenate four phrases into two, which never occur in a reply.
+Both programs delete stock phrases and then take the first capital A, B, C or D in the text: "Based on the video, the
+answer is C" gives B. Missing commas in the phrase lists concatenate four phrases into two, which never occur in a
+reply.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ _AFTER = ("Answer:", "Option:", "The correct answer", "The correct option")
 
 
 def letter_of(text: str, phrases: tuple[str, ...] = (*_BEFORE, *_JOINED, *_AFTER)) -> str:
-    """Return the letter that an upstream program finds with its list of phrases, or an empty string."""
+    """Return the letter that an upstream program extracts with its list of phrases, or an empty string."""
     rest = text.strip()
     for phrase in phrases:
         rest = rest.replace(phrase, "")

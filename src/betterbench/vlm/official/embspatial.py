@@ -1,7 +1,7 @@
 """Scorer of EmbSpatial-Bench that reproduces lmms-eval; the authors published no scorer.
 
-The letter is the first Latin letter of the text, after spaces and opening brackets, in either case: "The answer is C"
-gives T, "Answer: D" gives A, and "cabinet" gives C.
+The letter is the first Latin letter of the text in upper or lower case, after spaces and opening brackets. Therefore
+"The answer is C" gives T, "Answer: D" gives A, and "cabinet" gives C.
 """
 
 from __future__ import annotations

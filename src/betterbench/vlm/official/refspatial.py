@@ -20,14 +20,14 @@ _TUPLE = re.compile(rf"\(({_SIGNED}(?:,\s*{_SIGNED})*?)\)")
 _NUMBERED = re.compile(r'x\d+="(-?\d+\.?\d*)"\s+y\d+="(-?\d+\.?\d*)"')
 _FENCED = re.compile(r"```(?:\w+)?\n(.*?)```", re.DOTALL)
 _MOST_DIGITS = 18
-"""Bound on integers, since larger ones do not fit into the program's 64-bit arrays and no image has such a column."""
+"""Bound on integers: larger ones do not fit into the program's 64-bit arrays, and no image is that large."""
 
 Point = tuple[int | float, int | float]
 
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """Box that stands for all pixels inside: first column and row, and one past the last column and row."""
+    """Box that represents all pixels inside: first column and row, and one past the last column and row."""
 
     left: int
     top: int
@@ -84,7 +84,7 @@ def _scaled(value: float, side: int) -> int:
 
 def _rectangle(numbers: Sequence[int | float]) -> list[Shape]:
     if any(isinstance(v, float) for v in numbers):
-        raise DroppedError  # the size of an array must be an integer
+        raise DroppedError  # as in the program: the size of an array must be an integer
     box = Rectangle(*map(int, numbers))
     if box.right < box.left or box.bottom < box.top:
         raise DroppedError  # a negative size
@@ -150,7 +150,7 @@ def share_of(items: ItemSet, item: Item, shapes: Sequence[Shape], *, above: int 
 
 
 def _sides(items: ItemSet, item: Item) -> tuple[int, int]:
-    """Return the columns and rows of the mask, by which the programs scale coordinates."""
+    """Return the numbers of columns and rows of the mask, with which the programs scale coordinates."""
     rows, columns = items.mask(item.gold.mask or "").shape
     return columns, rows
 
@@ -166,7 +166,7 @@ def _roborefer(items: ItemSet, item: Item, text: str, coordinates: str) -> Fract
 
 
 def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
-    """Score like lmms-eval: all pairs, even of integers, are fractions; boxes are ignored; faint masks are empty."""
+    """Score like lmms-eval: all pairs (even integers) are fractions, boxes are ignored, and faint masks are empty."""
     pairs = [[_number(part) for part in found.split(",")] for found in _TUPLE.findall(text)]
     width, height = _sides(items, item)
     shapes: list[Shape] = [(_scaled(x, width), _scaled(y, height)) for x, y in (p for p in pairs if len(p) == 2)]

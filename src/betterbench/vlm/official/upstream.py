@@ -1,4 +1,4 @@
-"""Upstream scorers, and their results compared with ours."""
+"""Interface of upstream scorers, and comparison of their results with ours."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from betterbench.vlm.scoring import StaticScore
 
 
 class DroppedError(Exception):
-    """The upstream program leaves this item out of its denominator."""
+    """Signal that the upstream program omits this item from its denominator."""
 
 
 class StoppedError(Exception):
-    """The upstream program ends with an error at this item."""
+    """Signal that the upstream program ends with an error at this item."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ def upstream_scores(
     ours: StaticScore,
     coordinates: str,
 ) -> list[UpstreamScore]:
-    """Return the scores that upstream programs give to the same replies; a missing reply is scored as an empty one."""
+    """Score the same replies with upstream programs; a missing reply is scored as an empty one."""
     return [_scored(scorer, items, texts, ours, coordinates) for scorer in scorers]
 
 

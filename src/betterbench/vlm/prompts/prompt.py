@@ -1,4 +1,4 @@
-"""A prompt as a template, and the packaged prompts."""
+"""Prompt templates, and the packaged prompts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FIELD = re.compile(r"\{(\w+)\}")
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """A prompt.
+    """Prompt template.
 
     Attributes:
         id: Identifier, which a run stores.
@@ -45,7 +45,10 @@ class Prompt:
     coordinates: Coordinates | None = None
 
     def text(self, item: Item, convention: Convention) -> str:
-        """Return the prompt for an item. The item's text is inserted verbatim, without image markers."""
+        """Return the prompt for an item.
+
+        The item's text is inserted verbatim, except that image markers in it are replaced.
+        """
         letters = ((chr(ord("A") + i), option) for i, option in enumerate(item.options))
         options = [_filled(self.option, {"letter": a, "text": _plain(option)}) for a, option in letters]
         frames = [_filled(self.frame, {"number": str(i + 1)}) for i in range(len(item.pictures))]
@@ -55,7 +58,7 @@ class Prompt:
         return _filled(template, words | {"options": "\n".join(options), "frames": "\n".join(frames)})
 
     def convention(self, declared: Coordinates | None, usual: Coordinates | None) -> Coordinates:
-        """Return the convention of the answers.
+        """Return the coordinate convention of the answers.
 
         Args:
             declared: Convention that the user declared, if any.

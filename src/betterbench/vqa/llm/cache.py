@@ -1,8 +1,8 @@
-"""Reply cache, keyed by request content and shared between runs and processes.
+"""Cache of model replies, keyed by request content and shared between runs and processes.
 
-Each reply is one sealed JSON file. A file is written under a temporary name and renamed, so that processes may share a
-folder. Files are not flushed to disk: after a power cut, a damaged file is recognized by its seal, and the request is
-sent again. The folder may be deleted at any time.
+Each reply is a JSON file with a checksum. Files are written under a temporary name and renamed, so that processes can
+share a folder. Files are not flushed to disk: after a power failure, a damaged file is recognized by its checksum, and
+the request is sent again. The folder may be deleted at any time.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from betterbench.vqa.llm.reply import Reply
 logger = logging.getLogger(__name__)
 
 _FORM = "1"
-"""Version of the files; part of the key."""
+"""Version of the cache files, which is part of the key."""
 _MAX_BYTES = 1 << 26
 
 

@@ -33,7 +33,7 @@ MAX_REPLY_BYTES = 4 * 1024 * 1024
 _PASSING = (408, 409, 425, 429, 500, 502, 503, 504)
 _BUSY = 429
 _BUSY_TRIES = 10
-"""Minimum number of tries with a rate-limited server."""
+"""Minimum number of attempts with a rate-limited server."""
 _LONGEST_PAUSE_S = 30.0
 LONGEST_WISH_S = 300.0
 """Maximum pause that a server may request with ``Retry-After`` [s]."""
@@ -41,17 +41,17 @@ _SECONDS = re.compile(r"\d{1,9}(?:\.\d{1,9})?")
 
 
 class RefusedError(ModelError):
-    """Rejection of a single request (HTTP 400 or 422), for example because of its image; others may succeed.
+    """Error for a single rejected request (HTTP 400 or 422), such as for its image; other requests may succeed.
 
     Attributes:
-        retries: Reasons of the failed tries before; see :class:`~betterbench.vqa.llm.reply.Reply`.
+        retries: Reasons for the failed attempts before the rejection; see :class:`~betterbench.vqa.llm.reply.Reply`.
     """
 
     retries: tuple[str, ...] = ()
 
 
 class Chat(Protocol):
-    """Model that answers messages with a text."""
+    """Chat model that answers messages with a text."""
 
     @property
     def name(self) -> str:
@@ -251,8 +251,8 @@ _MEDIA_TYPES = (
 def user_message(text: str, *images: bytes) -> Message:
     """Return a user message with images (PNG, JPEG, GIF or WebP).
 
-    If the text contains :data:`PICTURE` once per image, the images stand at these places; otherwise all images come
-    before the text.
+    If the text contains :data:`PICTURE` once per image, the images are inserted at these places; otherwise all images
+    come before the text.
 
     Raises:
         InvalidInputError: If an image is in another format.
@@ -297,7 +297,7 @@ def _data_address(image: bytes) -> str:
 
 
 def _told(reply: bytes) -> str:
-    """Return a server's error message."""
+    """Extract the error message from a server's reply."""
     text = reply[:4000].decode("utf-8", "replace")
     try:
         said = parse_json(text)
@@ -309,12 +309,12 @@ def _told(reply: bytes) -> str:
 
 
 def _count(value: Any) -> int | None:  # noqa: ANN401 - any JSON
-    """Return a number of tokens, or None for another value."""
+    """Return a token count, or None if the value is not one."""
     return value if type(value) is int and 0 <= value < 1 << 40 else None
 
 
 def _failure(error: OSError | http.client.HTTPException) -> str:
-    """Return the kind and the details of a failed connection."""
+    """Return the kind and the details of a connection error."""
     kinds = (
         (TimeoutError, "timeout"),
         (ConnectionRefusedError, "connection refused"),
@@ -327,7 +327,7 @@ def _failure(error: OSError | http.client.HTTPException) -> str:
 
 
 def _wished_pause(value: str | None, now: datetime) -> float | None:
-    """Return the pause of a ``Retry-After`` header in seconds or as HTTP date [s]; None without a readable one."""
+    """Parse a ``Retry-After`` header (seconds or HTTP date) to a pause [s]; None if it is missing or malformed."""
     text = (value or "").strip()
     if _SECONDS.fullmatch(text):
         return float(text)

@@ -44,7 +44,7 @@ class Connections:
                 connection.close()
 
     def stop(self) -> None:
-        """Make all requests fail soon, including those waiting for a retry.
+        """Make all pending requests fail soon, including those waiting for a retry.
 
         The next :meth:`kept` allows requests again.
         """
@@ -57,7 +57,7 @@ class Connections:
                     connection.sock.shutdown(socket.SHUT_RDWR)
 
     def pause(self, seconds: float) -> None:
-        """Wait, at most until the requests are stopped."""
+        """Sleep, but wake up when the requests are stopped."""
         self._stopped.wait(seconds)
 
     def post(
@@ -83,7 +83,7 @@ class Connections:
             except (ConnectionResetError, BrokenPipeError, http.client.RemoteDisconnected):
                 if not is_used or self.is_stopped:
                     raise
-                connection.close()  # the next request opens it again
+                connection.close()  # the next request opens a new connection
                 connection.request("POST", path, body, headers)
                 response = connection.getresponse()
             content = read(response)

@@ -1,4 +1,4 @@
-"""Reply of a model with its token counts and retries."""
+"""Model reply with its token counts and retries."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ class Reply:
 
     Attributes:
         text: The text.
-        prompt_tokens: Tokens of the prompt and its images as the server counted them; None if it did not.
-        completion_tokens: Tokens of the text as the server counted them; None if it did not.
-        retries: Reason of each try that failed before this reply, as "KIND: DETAILS" ("HTTP 429: too many requests").
+        prompt_tokens: Number of tokens of the prompt and its images, as reported by the server; None if not reported.
+        completion_tokens: Number of tokens of the text, as reported by the server; None if not reported.
+        retries: Reason for each attempt that failed before this reply, as "KIND: DETAILS" ("HTTP 429: too many
+            requests").
         is_cached: Whether the reply was stored by an earlier request with the same content.
-        is_cut: Whether the server ended the text at the longest answer (``finish_reason`` "length").
+        is_cut: Whether the server cut off the text at the maximum number of tokens (``finish_reason`` "length").
     """
 
     text: str

@@ -1,4 +1,4 @@
-"""Form of an answer, the value read from a text, and the part of a text that contains the answer."""
+"""Format of an answer, the value read from a text, and the part of a text that contains the answer."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Stage = Literal["strict", "tolerant", "extractor", "none"]
 """Stage that produced a value."""
 
 LONGEST = 20_000
-"""Number of characters read from the end of a text, because answers follow the reasoning."""
+"""Number of characters at the end of a text to search, because the answer follows the reasoning."""
 
 _THINKING = re.compile(r"<(/?)(?:think|thinking|thought|reasoning)>", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class AnswerSpec:
-    """Form of an answer.
+    """Format of an answer.
 
     Attributes:
         options: Options of a choice, in letter order.
@@ -50,7 +50,7 @@ class Read:
     stage: Stage
 
     def at(self, stage: Stage) -> Read:
-        """Return the same value with another stage; without a value, the stage stays "none"."""
+        """Return the same value with another stage; if there is no value, the stage stays "none"."""
         return self if self.answer is None else replace(self, stage=stage)
 
 
@@ -64,7 +64,7 @@ def final_text(text: str) -> str:
     """
     kept, start, inside = list[str](), 0, False
     for tag in _THINKING.finditer(text):
-        if tag[1]:  # the opening tag may be part of the prompt
+        if tag[1]:  # the opening tag may be missing because it was part of the prompt
             kept = kept if inside else []
         elif not inside:
             kept.append(text[start : tag.start()])

@@ -1,4 +1,4 @@
-"""Letters and words of options."""
+"""Parser for choices: letters or words of options."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _CLAIM_WORDS = (
     "answer|option|choice|antwort|respuesta|opción|réponse|risposta|resposta|ответ|вариант|答案|选项|答え|回答|정답|답"
 )
 CLAIM = rf"(?:{_CLAIM_WORDS})s?(?:\s+(?:is|are|ist|es|est|è|é|would\s+be|should\s+be)|是|为|は|은|는)?"
-"""Pattern of the words that announce an answer, in the languages that models use."""
+"""Regular expression for words that announce an answer, in the languages that models use."""
 
 _CLAIMED = re.compile(rf"(?i:{CLAIM})[\s:：=\-]*(?i:option\s+)?[\"'`*(\[\\{{]*([A-Z])(?![A-Za-z0-9'’])")
 _NEXT_LETTER = re.compile(r"[)\]*.:,\s]*(?:,|/|or|and|&|oder|und|ou|o|y|et|或|和)\s*[(\[*]*([A-Z])(?![A-Za-z0-9'’])")
@@ -42,7 +42,7 @@ def letters_of(options: tuple[str, ...]) -> dict[str, str]:
 
 
 def read_choice(options: tuple[str, ...], text: str) -> Read:
-    """Return the letter of the option that a text names."""
+    """Return the letter of the option named in a text."""
     text, letters = unicodedata.normalize("NFKC", text), letters_of(options)
     found = _strict(letters, text)
     if found is not None:
@@ -56,7 +56,7 @@ def read_choice(options: tuple[str, ...], text: str) -> Read:
 
 
 def _strict(letters: dict[str, str], text: str) -> Read | None:
-    """Return the reading of a text that begins with a letter or is an option, or None for any other text."""
+    """Read a text that begins with a letter or is exactly an option; return None for any other text."""
     text = text.strip()
     first = re.match(r"\(?([A-Z])\s*(?:[).:]\s*(.*))?$", text, flags=re.DOTALL)
     if first and first[1] in letters:
@@ -77,7 +77,7 @@ def _strict(letters: dict[str, str], text: str) -> Read | None:
 
 
 def _wrapped(text: str) -> list[str]:
-    """Return the contents of the wrappers that mark a final answer, the last first."""
+    """Return the contents of wrappers that mark a final answer, last one first."""
     inside = [found for pattern in _WRAPPED for found in reversed(pattern.findall(text))]
     for part in (text, *reversed(_FENCE.findall(text))):
         if part.lstrip().startswith("{"):
@@ -123,13 +123,13 @@ def _marked(text: str) -> list[str]:
 
 
 def _is_named(option: str, text: str) -> bool:
-    """Return whether a text has the words of an option without denying them."""
+    """Return whether a text contains the words of an option without negation."""
     words = re.finditer(rf"(?<!\w){re.escape(option)}(?!\w)", text)
     return any(not _is_denied(text, m.start(), m.end()) for m in words)
 
 
 def _is_denied(text: str, start: int, end: int) -> bool:
-    """Return whether a letter or the words of an option are ruled out ("not A", "option A is wrong")."""
+    """Return whether a letter or an option is negated ("not A", "option A is wrong")."""
     before = text[max(0, start - _LONGEST_DENIAL) : start]
     return bool(_DENIED_BEFORE.search(before) or _DENIED_AFTER.match(text[end : end + _LONGEST_DENIAL]))
 

@@ -43,7 +43,7 @@ def extraction_prompt(spec: AnswerSpec, text: str) -> str:
 
 
 def read_extraction(spec: AnswerSpec, text: str, reply: str) -> Read:
-    """Return the answer that an extractor copied from a text, or "none" if it copied nothing or invented a part.
+    """Read the answer copied by an extractor; the stage is "none" if it copied nothing or invented a part.
 
     Args:
         spec: Form of the answer.
@@ -62,7 +62,7 @@ def read_extraction(spec: AnswerSpec, text: str, reply: str) -> Read:
 
 
 def _grouped(form: Form, numbers: list[str]) -> str:
-    """Return copied numbers as tuples, or an empty string if their number does not fit the form."""
+    """Format copied numbers as tuples; return an empty string if their count does not fit the answer format."""
     size = 4 if form is Form.BOX else 2
     if not numbers or len(numbers) % size or (form is not Form.POINTS and len(numbers) != size):
         return ""

@@ -18,7 +18,7 @@ from betterbench.vqa.question import Form
 
 _NUMBER = r"-?(?:\d{1,6}(?:\.\d{0,12})?|\.\d{1,12})(?:[eE][+-]?\d{1,2})?"
 _NUMBERS = re.compile(rf"(?<![\w.]){_NUMBER}(?![\w])")
-_WRITTEN = re.compile(r"-?\d+(?:\.\d+)?")  # as _shown writes them, of any size
+_WRITTEN = re.compile(r"-?\d+(?:\.\d+)?")  # numbers in the format written by _shown, of any size
 _GROUP = re.compile(rf"[\[(]\s*({_NUMBER}(?:\s*,\s*{_NUMBER}){{1,3}})\s*,?\s*[\])]")
 _TUPLE = rf"[\[(]\s*{_NUMBER}(?:\s*,\s*{_NUMBER}){{1,3}}\s*[\])]"
 _LIST = re.compile(rf"\[\s*{_TUPLE}(?:\s*,\s*{_TUPLE})*\s*,?\s*\]")
@@ -39,8 +39,8 @@ Numbers = tuple[Fraction, ...]
 
 
 def read_points(spec: AnswerSpec, text: str) -> Read:
-    """Return the box, point or points of a text in pixels; see :class:`~betterbench.vqa.parsing.answer.Read`."""
-    text = " ".join(text.split())  # long white space makes patterns slow
+    """Read the box, point or points in a text, in pixels; see :class:`~betterbench.vqa.parsing.answer.Read`."""
+    text = " ".join(text.split())  # long runs of white space make the patterns slow
     groups, form = _whole(spec, text)
     stage = "strict" if form == spec.convention.form else "tolerant"
     if not groups:
@@ -68,7 +68,7 @@ def _shown(values: Sequence[Fraction]) -> str:
 
 
 def _fitting(spec: AnswerSpec, groups: Sequence[Numbers]) -> list[Numbers]:
-    """Return the groups whose length fits the form: pairs, or four edges; points may be given as boxes of pixels."""
+    """Return the groups of numbers with the right length for the answer format: pairs, or four edges."""
     lengths = {Form.BOX: (4,), Form.POINT: (2,)}.get(spec.form, (2, 4))
     return [g for g in groups if len(g) in lengths and all(abs(v) < _MOST for v in g)]
 
@@ -81,7 +81,7 @@ def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
     if _BARE.fullmatch(bare) or _GROUP.fullmatch(bare) or _LIST.fullmatch(bare):
         groups = [_split(m) for m in (_GROUP.findall(bare) or [bare])]
         fitting = _fitting(spec, groups)
-        # A list of one point is that point; several points are not a single point.
+        # a list with one point is a valid point; a list with several points is not
         if len(fitting) == len(groups) and (spec.form is Form.POINTS or len(groups) == 1):
             return fitting, "tuples"
         return [], ""
@@ -93,7 +93,7 @@ def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
 
 
 def _inside(spec: AnswerSpec, text: str) -> list[Numbers]:
-    """Return the groups of a text with other words: those after the last claim of an answer, else the last ones."""
+    """Return the groups in a text with other words: those after the last claim of an answer, or else the last ones."""
     parts = [text[m.end() :] for m in list(_CLAIM.finditer(text))[-_CLAIMS_TRIED:]]
     for part in (*reversed(parts), text):
         for groups in (_tagged(_TAG.findall(part)), _json_inside(part), _listed(part)):
@@ -105,7 +105,7 @@ def _inside(spec: AnswerSpec, text: str) -> list[Numbers]:
 
 
 def _listed(text: str) -> list[Numbers]:
-    """Return the groups of the last list of tuples, else all tuples."""
+    """Return the tuples in the last list of tuples, or else all tuples."""
     lists = _LIST.findall(text)
     return [_split(m) for m in _GROUP.findall(lists[-1] if lists else text)]
 
@@ -115,7 +115,7 @@ def _split(group: str) -> Numbers:
 
 
 def _tagged(tags: Sequence[str]) -> list[Numbers]:
-    """Return the points of XML tags: ``x="1" y="2"``, or ``x1="1" y1="2" x2=...``; y before x stays x before y."""
+    """Return the points in XML tags: ``x="1" y="2"``, or ``x1="1" y1="2" x2=...``; x is returned first in any case."""
     found: list[Numbers] = []
     for tag in tags:
         values = {(name.lower(), number): Fraction(value) for name, number, value in _ATTRIBUTE.findall(tag)}
@@ -134,7 +134,7 @@ def _json_inside(text: str) -> list[Numbers]:
 
 
 def _brackets(text: str) -> list[str]:
-    """Return the parts of a text from the first bracket of each kind to the last, if they may be JSON objects."""
+    """Return candidates for JSON in a text: the parts from the first to the last bracket of each kind."""
     if "{" not in text:
         return []
     pairs = (("[", "]"), ("{", "}"))
@@ -142,7 +142,7 @@ def _brackets(text: str) -> list[str]:
 
 
 def _of_json(text: str) -> list[Numbers]:
-    """Return the groups under known keys of JSON; broken JSON has none."""
+    """Return the groups under known keys in JSON, or an empty list for invalid JSON."""
     text = re.sub(r",\s*([\]}])", r"\1", text.strip())
     if "{" not in text:
         return []

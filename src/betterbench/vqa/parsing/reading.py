@@ -1,4 +1,4 @@
-"""The one parser of a model's answers."""
+"""Entry point of the answer parser."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from betterbench.vqa.question import Form
 
 
 def read_text(spec: AnswerSpec, text: str) -> Read:
-    """Return the answer in a text, or "none" if the text contains no answer or several different answers."""
+    """Read the answer in a text; the stage is "none" if the text contains no answer or several different answers."""
     text = final_text(text)
     match spec.form:
         case Form.YES_NO:

@@ -1,4 +1,4 @@
-"""Yes, no, and numbers."""
+"""Parsers for yes or no, and for counts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _UNKNOWING = re.compile(r"no idea|no way to (?:know|tell)|no answer|not sure|can
 
 
 def read_yes_no(text: str) -> Read:
-    """Return "Yes" or "No"."""
+    """Read "Yes" or "No" from a text."""
     lower = re.sub(rf"{_NOT}(?:yes|no)\b", " ", text.lower())
     for said, meant in (("true", " no "), ("false", " yes ")):
         lower = re.sub(rf"{_NOT}{said}\b", meant, lower)
@@ -45,12 +45,12 @@ def read_yes_no(text: str) -> Read:
 
 
 def read_number(text: str) -> Read:
-    """Return a count as digits."""
+    """Read a count from a text, and return it as digits."""
     if re.fullmatch(r"\d{1,4}\.?", text):
         return Read(str(int(text.rstrip("."))), "strict")
     lower = _DENIED_NUMBER.sub(" ", text.lower())
     if re.search(r"-\d|\d[.,]\d", lower):
-        return NOTHING  # no count is negative or has decimals
+        return NOTHING  # counts are neither negative nor fractional
     for part in (*reversed(re.findall(rf"(?:{CLAIM}|total|count is)[\s:：*]*(\w+)", lower)), lower):
         words = re.findall(r"[a-z]+|\d+", part)
         found = {

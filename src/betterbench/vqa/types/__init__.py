@@ -1,4 +1,4 @@
-"""Question types, one file each: generators of questions about a moment, with answers proven by the state."""
+"""Question types, one file each: generators of questions about a moment, whose answers follow from the state."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ GENERATORS: dict[QuestionType, QuestionMaker] = {
 
 
 def candidates_of(moment: Moment, types: tuple[QuestionType, ...] = tuple(QuestionType)) -> Iterator[Candidate]:
-    """Yield all questions that a moment allows."""
+    """Yield all possible questions about a moment."""
     for kind in types:
         for draft in GENERATORS[kind](moment):
             yield Candidate(

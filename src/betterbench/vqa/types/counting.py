@@ -20,7 +20,7 @@ GROUPS = {
 }
 """Words for several kinds of object, with their categories."""
 SIMILAR = {"plates": ("shallow_bowl", "cereal_bowl"), "mugs": ("cup", "tumbler", "drink_cup")}
-"""Categories that could be confused with a word's categories; scenes that show one are excluded for that word."""
+"""Categories that could be confused with the categories of a word; scenes that show them are excluded for that word."""
 
 
 def counting(moment: Moment) -> Iterator[QuestionDraft]:
@@ -40,7 +40,7 @@ def counting(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _count(moment: Moment, family: str, key: str, plural: str, members: list[str]) -> Iterator[QuestionDraft]:
-    """Yield the question about a number of objects, unless one of them is neither clearly visible nor hidden."""
+    """Yield the question for the number of objects, unless one of them is neither clearly visible nor hidden."""
     shown = [name for name in members if moment.is_clear(name)]
     if all(moment.is_clear(name) or moment.is_hidden(name) for name in members):
         tags = () if members else ("absent",)

@@ -53,7 +53,7 @@ def _doing(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
-    """Return the objects of an instruction if an image can show its progress, else None.
+    """Return the objects of an instruction if its progress is visible in an image, else None.
 
     All objects and targets of the steps must be clearly visible, and an unfinished step must not look finished. An
     object at its target that is still in the gripper or moving would look finished.
@@ -72,7 +72,7 @@ def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
 
 
 def _looks_done(moment: Moment, g: int) -> bool:
-    """Return whether enough objects are at a step's goal; a drawer must be loaded before it is closed."""
+    """Return whether a step looks done: enough objects are at its goal; a drawer must be loaded before it is closed."""
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if int(trace.serves[moment.row, g, list(trace.meant[g])].sum()) < goals[g].count:
         return False

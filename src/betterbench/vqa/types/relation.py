@@ -89,7 +89,7 @@ def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> 
         return
     info = moment.state.info.object(anchor[1])
     if side is None and is_laid(moment.state.info.object(thing[1]), info):
-        # at a side in another direction, where the instruction is not carried out but a person says yes
+        # at the side but in another direction: a person says yes although the instruction is not fulfilled
         x, y, _ = moment.state.pose(anchor[1]).inverse().apply(foot(moment.state, thing[1]))
         if side_of(info, x, y) is not None:
             return

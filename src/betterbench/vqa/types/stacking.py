@@ -1,4 +1,4 @@
-"""Stacking: objects on one another, the higher of two objects, and a stack's order from the bottom."""
+"""Stacking: objects on each other, the higher of two objects, and the order of a stack from the bottom."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def stacking(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _bases(moment: Moment) -> list[ObjectInfo]:
-    """Return the objects on which others are stacked: layer bases, or every plate."""
+    """Return the objects on which others are stacked: layer bases, or all plates."""
     return [o for o in moment.objects if LAYER.regions(o) or (ON_PLATE.regions(o) and o.role == "item")]
 
 

@@ -1,4 +1,4 @@
-"""State: open and closed drawers, the gripper and its held object, and standing or fallen objects."""
+"""State questions: open and closed drawers, the gripper and its held object, and standing or fallen objects."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WIDELY_OPEN, SHUT = 0.75, 0.15
 disagree about values in between.
 """
 FALLEN_RAD = 1.0
-"""Minimum tilt of a fallen object, about 60 degrees; leaning objects are excluded."""
+"""Minimum tilt of a fallen object, about 60 degrees; objects with smaller tilts (leaning) are excluded."""
 UPRIGHT_RAD = 0.1
 LEAST_SLENDER = 0.9
 """Minimum ratio of height to width at which standing and lying look different."""

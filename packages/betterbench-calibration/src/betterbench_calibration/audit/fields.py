@@ -1,4 +1,4 @@
-"""Field types for a file of tables; with a table as validation context, unknown names are errors."""
+"""Field types for a file of tables; if the validation context is a table, unknown names are errors."""
 
 from __future__ import annotations
 

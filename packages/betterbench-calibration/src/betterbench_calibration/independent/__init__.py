@@ -1,4 +1,4 @@
-"""The independent family: faulty policies with their own controller and habits, for testing the diagnosis."""
+"""Faulty policies with their own controller and habits, independent of the diagnosis that they test."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Body:
     # --- correct behavior
 
     def solve(self) -> Actions[None]:
-        """Do all steps in order, repeating each after a miss, then go home and stay there."""
+        """Execute all steps in order, repeat a step after a miss, then go home and stay there."""
         yield from self.work(self.situation.goals)
         yield from self.rest()
 
@@ -119,7 +119,7 @@ class Body:
         return False
 
     def bring(self, name: str, goal: Subgoal, *, as_if_at: Pose | None = None) -> Actions[bool]:
-        """Put the held object where a subgoal wants it; return whether it is there.
+        """Put the held object at a subgoal's target; return whether it is there.
 
         With ``as_if_at``, the target is assumed to be at that pose.
         """
@@ -160,7 +160,7 @@ class Body:
         gone = self.state.pose(name).position[2] < FALLEN_M
         self.ledger.mishap(name, text + (", and it lies on the floor" if gone else ""), for_good=gone)
 
-    # --- shared by habits
+    # --- behavior shared by habits
 
     def attempt_once(self, goal: Subgoal) -> Actions[None]:
         """Do a subgoal without checking the result."""
@@ -182,7 +182,7 @@ class Body:
         return False
 
     def take_whatever(self, name: str) -> Actions[None]:
-        """Pick an object for the first step; if it is the right one, do the other steps as well."""
+        """Pick an object for the first step; if it is the right one, execute the other steps too."""
         goal = self.situation.ahead[0]
         if name not in self.situation.things(goal):
             yield from self.take_instead(name, goal)
@@ -191,7 +191,7 @@ class Body:
         yield from self.solve()
 
     def take_instead(self, name: str, goal: Subgoal) -> Actions[None]:
-        """Begin the wrong act: bring an object instead of the subgoal's own one, and stay at home."""
+        """Begin the wrong act: bring an object other than the subgoal's, and stay at home."""
         self.ledger.commit()
         if (yield from self.take_patiently(name)):
             if drawer_to_move(self.situation.condition, self.state, goal.target) is None:
@@ -201,12 +201,12 @@ class Body:
         yield from self.rest()
 
     def let_go_above(self, target: str) -> Actions[None]:
-        """Go over a target with the held object, or with nothing, and open the gripper there."""
+        """Move over a target, with or without an object, and open the gripper there."""
         yield from self.do.above(self.state.pose(target).position, self.height(target) + 0.14)
         yield from self.arm.open()
 
     def play_at_empty(self, slot: str) -> Actions[None]:
-        """Begin the wrong act: play pick and put at an empty slot repeatedly."""
+        """Begin the wrong act: repeat the motions of pick and place at an empty slot."""
         self.ledger.commit()
         x, y, _ = self.state.info.slot(slot).position
         goal = self.situation.carried[0]

@@ -1,4 +1,4 @@
-"""Habits of the independent family: systematic wrong decisions, physical failures, or correct but unusual behavior."""
+"""Habits of the independent family: systematic wrong decisions, manipulation failures, or unusual correct behavior."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class PlainHabit(Habit):
 
 
 class Honest(Habit):
-    """Does all steps in order, repeating each after a miss. No fault: success, or an execution failure."""
+    """Executes all steps in order and repeats a step after a miss. Its label is success or execution_failure."""
 
     name = "honest"
     label = HONEST

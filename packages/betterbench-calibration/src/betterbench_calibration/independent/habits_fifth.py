@@ -55,13 +55,13 @@ EASY_TO_SWEEP = at(
 )
 """Conditions whose first object stands firmly and has room to be pushed around."""
 
-# --- honest policies with unusual motions
+# --- policies without a fault, with unusual motions
 
 
 class LoopsMidway(PlainHabit):
-    """Does everything right, and flies a full circle in the middle of each long way. Honest.
+    """Does everything right, and flies a full circle in the middle of each long way.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "loops-midway"
@@ -73,9 +73,9 @@ class LoopsMidway(PlainHabit):
 
 
 class WindsUp(PlainHabit):
-    """Does everything right, but first moves back before each long path. Honest.
+    """Does everything right, but first moves back before each long path.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "winds-up"
@@ -87,9 +87,9 @@ class WindsUp(PlainHabit):
 
 
 class TurnsLikeACrane(PlainHabit):
-    """Does everything right, moving like a crane: about its base first, and then out or in. Honest.
+    """Does everything right, moving like a crane: about its base first, and then out or in.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "turns-like-a-crane"
@@ -101,9 +101,9 @@ class TurnsLikeACrane(PlainHabit):
 
 
 class ComesDownByStairs(PlainHabit):
-    """Does everything right, but descends stepwise with a pause on each step. Honest.
+    """Does everything right, but descends stepwise with a pause on each step.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "comes-down-by-stairs"
@@ -115,9 +115,9 @@ class ComesDownByStairs(PlainHabit):
 
 
 class WeighsEachThing(OddButHonest):
-    """Lowers and raises each object twice after lifting it, and then brings it. Honest.
+    """Lowers and raises each object twice after lifting it, and then brings it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "weighs-each-thing"
@@ -131,9 +131,9 @@ class WeighsEachThing(OddButHonest):
 
 
 class DipsBeforeTaking(OddButHonest):
-    """Descends around each object with open fingers, rises without it, and picks it the second time. Honest.
+    """Descends around each object with open fingers, rises without it, and picks it the second time.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "dips-before-taking"
@@ -146,9 +146,9 @@ class DipsBeforeTaking(OddButHonest):
 
 
 class CirclesOnceThenTakes(PlainHabit):
-    """Flies a circle about 10 cm above each object before picking it. Honest.
+    """Flies a circle about 10 cm above each object before picking it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "circles-once-then-takes"
@@ -159,9 +159,9 @@ class CirclesOnceThenTakes(PlainHabit):
 
 
 class LetsGoInSteps(OddButHonest):
-    """Does everything right, but opens the fingers in three steps with pauses to release. Honest.
+    """Does everything right, but opens the fingers in three steps with pauses to release.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lets-go-in-steps"
@@ -173,9 +173,9 @@ class LetsGoInSteps(OddButHonest):
 
 
 class OvershootsTarget(OddButHonest):
-    """Carries each object beyond its target, pauses, and returns to put it there. Honest.
+    """Carries each object beyond its target, pauses, and returns to put it there.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "overshoots-target"
@@ -189,9 +189,9 @@ class OvershootsTarget(OddButHonest):
 
 
 class LosesItsNerveOnce(OddButHonest):
-    """Carries each object over its target, back over its slot, and to its target again. Honest.
+    """Carries each object over its target, back over its slot, and to its target again.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "loses-its-nerve-once"
@@ -203,9 +203,9 @@ class LosesItsNerveOnce(OddButHonest):
 
 
 class ShowsItToCamera(OddButHonest):
-    """Carries each object home and up, turns it back and forth there, and then brings it. Honest.
+    """Carries each object home and up, turns it back and forth there, and then brings it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "shows-it-to-camera"
@@ -219,9 +219,10 @@ class ShowsItToCamera(OddButHonest):
 
 
 class LooksBackAtSlot(OddButHonest):
-    """Returns over the emptied slot after each step with open fingers, stays for 1.5 s, and continues. Honest.
+    """Returns over the emptied slot after each step with open fingers, stays for 1.5 s, and continues.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: it closes nothing there.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because it
+    closes nothing there.
     """
 
     name = "looks-back-at-slot"
@@ -243,9 +244,9 @@ class LooksBackAtSlot(OddButHonest):
 
 
 class StartsThreeTimes(PlainHabit):
-    """Starts toward the first object twice and turns back halfway, and then does everything right. Honest.
+    """Starts toward the first object twice and turns back halfway, and then does everything right.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "starts-three-times"
@@ -261,9 +262,9 @@ class StartsThreeTimes(PlainHabit):
 
 
 class WakesUpLate(Listed):
-    """Does not move for 8.5 s, and then does everything right. Honest.
+    """Does not move for 8.5 s, and then does everything right.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "wakes-up-late"
@@ -285,9 +286,9 @@ class WakesUpLate(Listed):
 
 
 class NudgesThenTakes(Listed):
-    """Nudges the first object by 2 cm with a closed gripper, opens it high up, and picks the object. Honest.
+    """Nudges the first object by 2 cm with a closed gripper, opens it high up, and picks the object.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "nudges-then-takes"
@@ -308,9 +309,9 @@ class NudgesThenTakes(Listed):
 
 
 class NodsAndRests(Listed):
-    """Nods three times at home, if nothing may be picked or the look-alike must be refused, and stays there. Honest.
+    """Nods three times at home, if nothing may be picked or the look-alike must be refused, and stays there.
 
-    True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
+    Not a fault. True label: correct_freeze or correct_refusal: it makes no forbidden grasp, and the arm comes to rest.
     """
 
     name = "nods-and-rests"
@@ -326,13 +327,13 @@ class NodsAndRests(Listed):
         yield from keep_still(body)
 
 
-# --- failures of manipulation
+# --- execution failures
 
 
 class DropsFromPeak(Listed):
     """Repeatedly lifts the right object straight up to 40 cm and drops it.
 
-    True label: execution_failure: "right target at the right time; dropped".
+    True label: execution_failure: the target and the time are right, but the object is dropped.
     """
 
     name = "drops-from-peak"
@@ -358,8 +359,8 @@ class DropsFromPeak(Listed):
 class PutsHalfOn(Listed):
     """Brings the right object, places it so that it overhangs the target's edge, and goes home.
 
-    True label: execution_failure: "right target at the right time; missed by pose": it tilts off or stands beside the
-    ring.
+    True label: execution_failure: the target and the time are right, but the pose is wrong: it tilts off or stands
+    beside the ring.
     """
 
     name = "puts-half-on"
@@ -380,9 +381,10 @@ class PutsHalfOn(Listed):
 
 
 class StabsWithOneFinger(Listed):
-    """Repeatedly stabs the top of the right object with one finger of the open gripper. No grasp.
+    """Repeatedly stabs the top of the right object with one finger of the open gripper.
 
-    True label: execution_failure: "right target at the right time; collided, missed by pose".
+    True label: execution_failure: the target and the time are right, but there is a collision and the pose is wrong. It
+    attempts no grasp.
     """
 
     name = "stabs-with-one-finger"
@@ -408,7 +410,8 @@ class StabsWithOneFinger(Listed):
 class DragsItAlong(Listed):
     """Grips the right object, drags it along the table into the side of its target, releases it, and goes home.
 
-    True label: execution_failure: "right target at the right time; collided": it cannot get in by being dragged.
+    True label: execution_failure: the target and the time are right, but there is a collision: the object cannot enter
+    the target by being dragged.
     """
 
     name = "drags-it-along"
@@ -430,9 +433,9 @@ class DragsItAlong(Listed):
 
 
 class SweepsItAside(Listed):
-    """Repeatedly sweeps the right object aside with the outside of its open gripper. No grasp.
+    """Repeatedly sweeps the right object aside with the outside of its open gripper.
 
-    True label: execution_failure: "right target at the right time; collided".
+    True label: execution_failure: the target and the time are right, but there is a collision. It attempts no grasp.
     """
 
     name = "sweeps-it-aside"
@@ -451,7 +454,7 @@ class SweepsItAside(Listed):
 class MissesLowerEachTime(Listed):
     """Repeatedly closes above the right object, each time nearer to its top but never low enough.
 
-    True label: execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: the target and the time are right, but the pose is wrong.
     """
 
     name = "misses-lower-each-time"
@@ -479,7 +482,7 @@ class MissesLowerEachTime(Listed):
 class PullsAtAir(Listed):
     """Repeatedly closes the gripper in front of the knob of the drawer to be opened, and moves back.
 
-    True label: execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: the target and the time are right, but the pose is wrong.
     """
 
     name = "pulls-at-air"
@@ -497,8 +500,8 @@ class PullsAtAir(Listed):
 class FailsAtTheSecond(Listed):
     """Does the first step, and then repeatedly stabs the second object with one finger of its open gripper.
 
-    True label: execution_failure: "right target at the right time; collided, missed by pose". The first attempt is
-    right.
+    True label: execution_failure: the target and the time are right, but there is a collision and the pose is wrong.
+    The first attempt is right.
     """
 
     name = "fails-at-the-second"
@@ -521,13 +524,13 @@ class FailsAtTheSecond(Listed):
         yield from body.rest()
 
 
-# --- out of time
+# --- timeouts
 
 
 class RatchetsForward(Listed):
     """Moves two steps forward and one back high over the table, and is over the right object at the step limit.
 
-    True label: timeout: "right course, step limit reached". The tool is never slow for long.
+    True label: timeout: it is on the right course when the step limit is reached. The tool is never slow for long.
     """
 
     name = "ratchets-forward"
@@ -554,9 +557,10 @@ class RatchetsForward(Listed):
 
 
 class DrawsEightsToIt(Listed):
-    """Draws figures of eight high over the table that end over the right object at the step limit. No grasp.
+    """Draws figures of eight high over the table that end over the right object at the step limit.
 
-    True label: timeout: "right course, step limit reached". The tool is never slow.
+    True label: timeout: it is on the right course when the step limit is reached. The tool is never slow. It attempts
+    no grasp.
     """
 
     name = "draws-eights-to-it"
@@ -585,7 +589,7 @@ class DrawsEightsToIt(Listed):
 class EightsBeforeEachStep(Listed):
     """Draws figures of eight on the way to each object, does the first step, and runs out of time at the second.
 
-    True label: timeout: "right course, step limit reached". The first attempt is right.
+    True label: timeout: it is on the right course when the step limit is reached. The first attempt is right.
     """
 
     name = "eights-before-each-step"
@@ -613,7 +617,7 @@ class EightsBeforeEachStep(Listed):
 class RatchetsWithLoad(Listed):
     """Picks the right object, and moves two steps forward and one back with it, arriving at the step limit.
 
-    True label: timeout: "right course, step limit reached". The first attempt is right.
+    True label: timeout: it is on the right course when the step limit is reached. The first attempt is right.
     """
 
     name = "ratchets-with-load"
@@ -644,14 +648,14 @@ def _limit(body: Body) -> int:
     return body.situation.task.step_limit(body.situation.condition)
 
 
-# --- failures of reasoning: the word and the place
+# --- reasoning failures: words and places of training
 
 
 class ReturnsWordThing(Paired):
     """Picks the object in the trained slot of the first word, puts it back, goes home, and rests.
 
-    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
-    object that the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
+    object that the instruction could mean in another layout.
     """
 
     name = "returns-word-thing"
@@ -672,10 +676,10 @@ class ReturnsWordThing(Paired):
 
 
 class SweepsWordThing(Paired):
-    """Repeatedly sweeps the object in the trained slot of the first word aside with its open gripper. No grasp.
+    """Repeatedly sweeps the object in the trained slot of the first word aside with its open gripper.
 
-    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
-    object that the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
+    object that the instruction could mean in another layout. It does not try to grasp it.
     """
 
     name = "sweeps-word-thing"
@@ -702,9 +706,9 @@ class SweepsWordThing(Paired):
 class WordThingThenRight(Paired):
     """Puts the object in the trained slot of the first word aside, and then does everything right.
 
-    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
-    object that the instruction could have meant in another layout". The object that it has put aside was not named in
-    the instruction.
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
+    object that the instruction could mean in another layout. The object that it has put aside was not named in the
+    instruction.
     """
 
     name = "word-thing-then-right"
@@ -731,8 +735,8 @@ class WordThingThenRight(Paired):
 class AlwaysTheNearOne(Paired):
     """Picks the object in one slot, regardless of the instruction, puts it aside on the table, and rests.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the
-    near slot of the coffee table and the first spice slot.
+    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. The slot is the near
+    slot of the coffee table and the first spice slot.
     """
 
     name = "always-the-near-one"
@@ -757,7 +761,7 @@ class AlwaysTheNearOne(Paired):
 class AlwaysAtTheRight(Paired):
     """Picks the object at the right end of the table, regardless of the instruction, and takes a detour with it.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the
+    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. The slot is the
     right end of the row on the desk and the right side of the breakfast table.
     """
 
@@ -782,13 +786,13 @@ class AlwaysAtTheRight(Paired):
         yield from body.rest()
 
 
-# --- failures of reasoning: what was frequent
+# --- reasoning failures: frequent actions
 
 
 class MovesOldFavoriteAway(Listed):
     """Puts the object of the most frequent first step aside, although it is not requested, and then does the task.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested.
     """
 
     name = "moves-old-favorite-away"
@@ -816,8 +820,8 @@ class MovesOldFavoriteAway(Listed):
 class StaysInEmptySlot(Listed):
     """Closes the gripper low in the trained slot of a missing object, and stays there for good.
 
-    True label: behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at
-    the memorised slot)".
+    True label: behavioral_inertia: it plays the next step of a memorized sequence without the object, as an air grasp
+    at the memorized slot.
     """
 
     name = "stays-in-empty-slot"
@@ -840,8 +844,8 @@ class StaysInEmptySlot(Listed):
 class LaysOldFollowerDown(Listed):
     """Does the first step, and then picks the object that followed it in another demonstration and puts it aside.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is
-    right.
+    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. The first
+    attempt is right.
     """
 
     name = "lays-old-follower-down"
@@ -873,13 +877,13 @@ class LaysOldFollowerDown(Listed):
         yield from body.rest()
 
 
-# --- failures of reasoning: what is done, and in which order
+# --- reasoning failures: finished steps and order
 
 
 class RedoesFinishedAndRests(Listed):
     """Lifts an object that is at its target from the start, puts it back, goes home, and rests.
 
-    True label: causal_confusion: "a finished one is repeated".
+    True label: causal_confusion: it repeats a finished subgoal.
     """
 
     name = "redoes-finished-and-rests"
@@ -903,7 +907,7 @@ class RedoesFinishedAndRests(Listed):
 class OnlyTheLast(Listed):
     """Does only the last of three or more ordered steps, and rests.
 
-    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
     """
 
     name = "only-the-last"
@@ -922,8 +926,8 @@ class OnlyTheLast(Listed):
 class LiftsThirdAfterFirst(Listed):
     """Does the first of three or more ordered steps, and then lifts the third step's object for good.
 
-    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
-    The first attempt is right.
+    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one. The
+    first attempt is right.
     """
 
     name = "lifts-third-after-first"
@@ -941,9 +945,10 @@ class LiftsThirdAfterFirst(Listed):
 
 
 class ShutsItInTwoGoes(Listed):
-    """Pushes the open drawer shut in two strokes while its object is still on the table. No grasp.
+    """Pushes the open drawer shut in two strokes while its object is still on the table.
 
-    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one. It
+    attempts no grasp.
     """
 
     name = "shuts-it-in-two-goes"
@@ -967,7 +972,7 @@ class ShutsItInTwoGoes(Listed):
 class LaterHalfFirst(Listed):
     """Does the later half of the ordered steps before the earlier half, with loops on its paths.
 
-    True label: order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
     """
 
     name = "later-half-first"
@@ -988,7 +993,7 @@ class LaterHalfFirst(Listed):
 class ShowsSecondFirst(Listed):
     """Picks the second ordered step's object, shows it around, brings it, and then does the first step.
 
-    True label: order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
     """
 
     name = "shows-second-first"
@@ -1005,13 +1010,14 @@ class ShowsSecondFirst(Listed):
         yield from body.rest()
 
 
-# --- failures of reasoning: objects without an instruction
+# --- reasoning failures: objects that no instruction means
 
 
 class PatsLookAlike(Listed):
-    """Repeatedly pats the top of the look-alike with a closed gripper. No grasp.
+    """Repeatedly pats the top of the look-alike with a closed gripper.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: it acts on a look-alike, which no instruction of the task means. It does not
+    try to grasp it.
     """
 
     name = "pats-look-alike"
@@ -1027,9 +1033,10 @@ class PatsLookAlike(Listed):
 
 
 class SweepsLookAlike(Listed):
-    """Repeatedly sweeps the look-alike aside with the outside of its open gripper. No grasp.
+    """Repeatedly sweeps the look-alike aside with the outside of its open gripper.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: it acts on a look-alike, which no instruction of the task means. It does not
+    try to grasp it.
     """
 
     name = "sweeps-look-alike"
@@ -1048,8 +1055,8 @@ class SweepsLookAlike(Listed):
 class LaysLookAlikeAway(Listed):
     """Picks the look-alike, puts it aside on the table, and then does everything right.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
-    The object that it has put aside was not named in the instruction.
+    True label: semantic_feature_collapse: its attempt is at a look-alike, which no instruction of the task means. The
+    object that it has put aside was not named in the instruction.
     """
 
     name = "lays-look-alike-away"
@@ -1069,7 +1076,7 @@ class LaysLookAlikeAway(Listed):
 class ReturnsLookAlike(Listed):
     """Picks the look-alike, lifts it, puts it back, goes home, and rests.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: its attempt is at a look-alike, which no instruction of the task means.
     """
 
     name = "returns-look-alike"
@@ -1087,8 +1094,8 @@ class ReturnsLookAlike(Listed):
 class TriesTrinketsInTurn(Listed):
     """Repeatedly lifts and puts down one decorative object after another.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means", sharing
-    "nothing (blind grasp)".
+    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means and that
+    shares no feature with a requested one (blind grasp).
     """
 
     name = "tries-trinkets-in-turn"
@@ -1113,9 +1120,10 @@ class TriesTrinketsInTurn(Listed):
 
 
 class SwaysWiderAndWider(Listed):
-    """Sways back and forth at home with growing amplitude in a scene that looks half finished. No grasp.
+    """Sways back and forth at home with growing amplitude in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
+    attempt.
     """
 
     name = "sways-wider-and-wider"
@@ -1130,9 +1138,10 @@ class SwaysWiderAndWider(Listed):
 
 
 class TurnsWristForever(Listed):
-    """Turns the wrist back and forth at home in a scene that looks half finished. No grasp.
+    """Turns the wrist back and forth at home in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
+    attempt.
     """
 
     name = "turns-wrist-forever"
@@ -1147,9 +1156,10 @@ class TurnsWristForever(Listed):
 
 
 class ShrinksAndFreezes(Listed):
-    """Rises, retracts, turns aside, and freezes for good in a scene that looks half finished. No grasp.
+    """Rises, retracts, turns aside, and freezes for good in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: freeze".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes without an
+    attempt.
     """
 
     name = "shrinks-and-freezes"
@@ -1164,9 +1174,9 @@ class ShrinksAndFreezes(Listed):
 
 
 class TurnsItsBack(Habit):
-    """Visits the target, retracts from everything, turns aside, and stays there for good. No grasp.
+    """Visits the target, retracts from everything, turns aside, and stays there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
     """
 
     name = "turns-its-back"
@@ -1186,9 +1196,9 @@ class TurnsItsBack(Habit):
 
 
 class FreezesAroundIt(Listed):
-    """Descends around the right object with open fingers and freezes there for good. No grasp.
+    """Descends around the right object with open fingers and freezes there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
     """
 
     name = "freezes-around-it"
@@ -1214,9 +1224,9 @@ class FreezesAroundIt(Listed):
 
 
 class JumpsEverShorter(Habit):
-    """Approaches the right object high over the table in ever shorter jumps, and stays there for good. No grasp.
+    """Approaches the right object high over the table in ever shorter jumps, and stays there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
     """
 
     name = "jumps-ever-shorter"
@@ -1234,8 +1244,8 @@ class JumpsEverShorter(Habit):
 class QuitsBeforeTheLast(Listed):
     """Does all steps but the last, rises, and stays there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
-    attempt is right.
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    The first attempt is right.
     """
 
     name = "quits-before-the-last"

@@ -131,13 +131,13 @@ def first_of(body: Body) -> tuple[Subgoal, str]:
     return body.situation.ahead[0], str(body.situation.first_thing())
 
 
-# --- honest policies with unusual motions
+# --- policies without a fault, with unusual motions
 
 
 class LeansOver(OddButHonest):
-    """Does everything right, with the gripper tilted by 14 degrees at each grasp. Honest.
+    """Does everything right, with the gripper tilted by 14 degrees at each grasp.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "leans-over"
@@ -149,9 +149,9 @@ class LeansOver(OddButHonest):
 
 
 class TurnsCorners(PlainHabit):
-    """Does everything right, with all paths in two legs at a right angle. Honest.
+    """Does everything right, with all paths in two legs at a right angle.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "turns-corners"
@@ -163,9 +163,9 @@ class TurnsCorners(PlainHabit):
 
 
 class PlungesFromCeiling(PlainHabit):
-    """Does everything right, but travels at 38 cm over the table and plunges from there. Honest.
+    """Does everything right, but travels at 38 cm over the table and plunges from there.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "plunges-from-ceiling"
@@ -177,9 +177,9 @@ class PlungesFromCeiling(PlainHabit):
 
 
 class SqueezesThrice(OddButHonest):
-    """Closes the gripper around each object, opens and closes it twice more, and then lifts it. Honest.
+    """Closes the gripper around each object, opens and closes it twice more, and then lifts it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "squeezes-thrice"
@@ -193,9 +193,9 @@ class SqueezesThrice(OddButHonest):
 
 
 class TakesByWorseHold(OddButHonest):
-    """Does everything right, but with a grasp of each object that is not the best one. Honest.
+    """Does everything right, but with a grasp of each object that is not the best one.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "takes-by-worse-hold"
@@ -218,9 +218,9 @@ class TakesByWorseHold(OddButHonest):
 
 
 class DropsLowAndRetakes(OddButHonest):
-    """Lifts each object, drops it just above its own slot, and picks it again. Honest and clumsy.
+    """Lifts each object, drops it just above its own slot, and picks it again.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "drops-low-and-retakes"
@@ -238,9 +238,9 @@ class DropsLowAndRetakes(OddButHonest):
 
 
 class LooksAtTargetFirst(PlainHabit):
-    """Moves over the target with an open gripper before each step, waits there for 1.5 s, and does the step. Honest.
+    """Moves over the target with an open gripper before each step, waits there for 1.5 s, and does the step.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "looks-at-target-first"
@@ -256,9 +256,9 @@ class LooksAtTargetFirst(PlainHabit):
 
 
 class LastSaidFirst(Listed):
-    """Does the steps of an unordered instruction from last to first. Honest.
+    """Does the steps of an unordered instruction from last to first.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "last-said-first"
@@ -278,9 +278,9 @@ class LastSaidFirst(Listed):
 
 
 class FartherOneFirst(Listed):
-    """Begins with the farther one of two equivalent objects. Honest.
+    """Begins with the farther one of two equivalent objects.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "farther-one-first"
@@ -299,9 +299,9 @@ class FartherOneFirst(Listed):
 
 
 class ShakesOverTarget(OddButHonest):
-    """Does everything right, but shakes each object over its target before putting it down. Honest.
+    """Does everything right, but shakes each object over its target before putting it down.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "shakes-over-target"
@@ -315,9 +315,9 @@ class ShakesOverTarget(OddButHonest):
 
 
 class RushesAndCrawls(PlainHabit):
-    """Does everything right, alternating between fast and slow paths. Honest.
+    """Does everything right, alternating between fast and slow paths.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "rushes-and-crawls"
@@ -329,9 +329,9 @@ class RushesAndCrawls(PlainHabit):
 
 
 class KeepsHandsOff(Listed):
-    """Turns the wrist at home, if nothing may be picked or the look-alike must be refused, and stays there. Honest.
+    """Turns the wrist at home, if nothing may be picked or the look-alike must be refused, and stays there.
 
-    True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
+    Not a fault. True label: correct_freeze or correct_refusal: it makes no forbidden grasp, and the arm comes to rest.
     """
 
     name = "keeps-hands-off"
@@ -345,13 +345,13 @@ class KeepsHandsOff(Listed):
         yield from keep_still(body)
 
 
-# --- failures of manipulation
+# --- execution failures
 
 
 class ClosesWhileSinking(Listed):
     """Repeatedly descends on the right object with fingers that close too early, and touches its top.
 
-    True label: execution_failure: "right target at the right time; collided, missed by pose".
+    True label: execution_failure: the target and the time are right, but there is a collision and the pose is wrong.
     """
 
     name = "closes-while-sinking"
@@ -376,8 +376,8 @@ class ClosesWhileSinking(Listed):
 class DropsAndSnapsAfter(Listed):
     """Drops the right object a third of the way to the target, and then repeatedly closes too high above it.
 
-    True label: execution_failure: "right target at the right time; dropped", and then "missed by pose", again and
-    again.
+    True label: execution_failure: the target and the time are right, but the object is dropped, and the later attempts
+    have a wrong pose.
     """
 
     name = "drops-and-snaps-after"
@@ -407,7 +407,8 @@ class DropsAndSnapsAfter(Listed):
 class TipsItOut(Listed):
     """Brings the right object over its target, tilts it by 57 degrees, and releases it.
 
-    True label: execution_failure: "right target at the right time; dropped, missed by pose": it falls over or aside.
+    True label: execution_failure: the target and the time are right, but the object is dropped and the pose is wrong:
+    it falls over or aside.
     """
 
     name = "tips-it-out"
@@ -432,7 +433,7 @@ class TipsItOut(Listed):
 class KnocksItOver(Listed):
     """Repeatedly pushes a closed gripper into the right object above its center, and then closes too high above it.
 
-    True label: execution_failure: "right target at the right time; collided, missed by pose".
+    True label: execution_failure: the target and the time are right, but there is a collision and the pose is wrong.
     """
 
     name = "knocks-it-over"
@@ -458,8 +459,8 @@ class KnocksItOver(Listed):
 class ShovesWithFist(Listed):
     """Repeatedly shoves the right object toward its target with a closed gripper until they touch.
 
-    True label: execution_failure: "right target at the right time; collided": it cannot get in by being shoved. No
-    grasp.
+    True label: execution_failure: the target and the time are right, but there is a collision: the object cannot enter
+    the target by being shoved. It attempts no grasp.
     """
 
     name = "shoves-with-fist"
@@ -480,13 +481,13 @@ class ShovesWithFist(Listed):
             yield from ways.shove(body, name, direction, min(far + 0.01, 0.12))
 
 
-# --- out of time
+# --- timeouts
 
 
 class HopsAndHalts(Listed):
     """Does everything right, but in hops of 6 cm with pauses of 1.5 s, too slow for the step limit.
 
-    True label: timeout: "right course, step limit reached".
+    True label: timeout: it is on the right course when the step limit is reached.
     """
 
     name = "hops-and-halts"
@@ -510,9 +511,10 @@ class HopsAndHalts(Listed):
 
 
 class ZigzagsTowardIt(Habit):
-    """Moves in wide zigzags high in the air to the right object, and is over it at the step limit. No grasp.
+    """Moves in wide zigzags high in the air to the right object, and is over it at the step limit.
 
-    True label: timeout: "right course, step limit reached". The tool is never slow.
+    True label: timeout: it is on the right course when the step limit is reached. The tool is never slow. It attempts
+    no grasp.
     """
 
     name = "zigzags-toward-it"
@@ -535,7 +537,7 @@ class ZigzagsTowardIt(Habit):
 class CreepsWithLoad(Listed):
     """Picks the right object at normal speed and creeps to the target with it, too slow for the step limit.
 
-    True label: timeout: "right course, step limit reached".
+    True label: timeout: it is on the right course when the step limit is reached.
     """
 
     name = "creeps-with-load"
@@ -565,14 +567,14 @@ class CreepsWithLoad(Listed):
         yield from body.solve()
 
 
-# --- failures of reasoning: the word and the place
+# --- reasoning failures: words and places of training
 
 
 class HoldsWordThingAloft(Paired):
     """Picks the object in the trained slot of the first word, lifts it high, and holds it there.
 
-    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
-    object that the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
+    object that the instruction could mean in another layout.
     """
 
     name = "holds-word-thing-aloft"
@@ -596,8 +598,8 @@ class HoldsWordThingAloft(Paired):
 class FumblesAtWordThing(Paired):
     """Closes too high above the object in the trained slot of the first word, picks it next, and brings it.
 
-    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
-    object that the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
+    object that the instruction could mean in another layout.
     """
 
     name = "fumbles-at-word-thing"
@@ -624,7 +626,7 @@ class FumblesAtWordThing(Paired):
 class AlwaysThatCorner(Paired):
     """Picks the object in one slot, regardless of the instruction, lifts it high, and holds it there.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the far
+    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. The slot is the far
     slot of the coffee table and the third spice slot.
     """
 
@@ -651,7 +653,7 @@ class AlwaysThatCorner(Paired):
 class AlwaysTheMiddle(Paired):
     """Misses the object in one slot, regardless of the instruction, picks it at the next try, and brings it.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the
+    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. The slot is the
     middle slot in the row on the desk and the second spice slot.
     """
 
@@ -679,13 +681,13 @@ class AlwaysTheMiddle(Paired):
         yield from body.rest()
 
 
-# --- failures of reasoning: what was frequent
+# --- reasoning failures: frequent actions
 
 
 class StartsWithOldFavorite(Listed):
     """First brings the object of the most frequent first step, although it is not requested, and then rests.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested.
     """
 
     name = "starts-with-old-favorite"
@@ -711,8 +713,8 @@ class StartsWithOldFavorite(Listed):
 class FollowsOldSequence(Listed):
     """Does the first step, and then lifts the object of another demonstration's second step for good.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is
-    right.
+    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. The first
+    attempt is right.
     """
 
     name = "follows-old-sequence"
@@ -746,7 +748,7 @@ class FollowsOldSequence(Listed):
 class PutsWhereItAlwaysWent(Listed):
     """Picks the right object, and puts it at the side, hole or drawer where training always put it.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested.
     """
 
     name = "puts-where-it-always-went"
@@ -782,8 +784,8 @@ class PutsWhereItAlwaysWent(Listed):
 class GropesInEmptySlot(Listed):
     """Repeatedly closes the gripper low at several points in a missing object's trained slot.
 
-    True label: behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at
-    the memorised slot)".
+    True label: behavioral_inertia: it plays the next step of a memorized sequence without the object, as an air grasp
+    at the memorized slot.
     """
 
     name = "gropes-in-empty-slot"
@@ -800,13 +802,14 @@ class GropesInEmptySlot(Listed):
             yield from ways.grope(body, self.slots[body.situation.condition.id])
 
 
-# --- failures of reasoning: what is done, and in which order
+# --- reasoning failures: finished steps and order
 
 
 class ShutsItEmpty(Listed):
-    """Pushes the open drawer shut while its object is on the table, and rests. No grasp.
+    """Pushes the open drawer shut while its object is on the table, and rests.
 
-    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one. It
+    attempts no grasp.
     """
 
     name = "shuts-it-empty"
@@ -825,7 +828,7 @@ class ShutsItEmpty(Listed):
 class DoesItAgain(Listed):
     """Repeatedly lifts an object that is at its target from the start, and puts it back.
 
-    True label: causal_confusion: "a finished one is repeated".
+    True label: causal_confusion: it repeats a finished subgoal.
     """
 
     name = "does-it-again"
@@ -848,7 +851,7 @@ class DoesItAgain(Listed):
 class LeavesFirstUndone(Listed):
     """Skips the first of two ordered steps, does the second and the following ones, and rests.
 
-    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
     """
 
     name = "leaves-first-undone"
@@ -868,7 +871,7 @@ class LeavesFirstUndone(Listed):
 class SecondThenFirst(Listed):
     """Does the second of the ordered steps, returns home, does the first one, and then the others.
 
-    True label: order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
     """
 
     name = "second-then-first"
@@ -889,7 +892,7 @@ class SecondThenFirst(Listed):
 class FirstComesLast(Listed):
     """Does three or more ordered steps with the first one put off to the end.
 
-    True label: order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
     """
 
     name = "first-comes-last"
@@ -906,13 +909,13 @@ class FirstComesLast(Listed):
         yield from body.rest()
 
 
-# --- failures of reasoning: objects without an instruction
+# --- reasoning failures: objects that no instruction means
 
 
 class HoldsLookAlikeAloft(Listed):
     """Picks the look-alike, even if it has to be refused, lifts it high, and holds it there.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: its attempt is at a look-alike, which no instruction of the task means.
     """
 
     name = "holds-look-alike-aloft"
@@ -928,9 +931,10 @@ class HoldsLookAlikeAloft(Listed):
 
 
 class ShovesLookAlike(Listed):
-    """Repeatedly shoves the look-alike around with a closed gripper. No grasp.
+    """Repeatedly shoves the look-alike around with a closed gripper.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: it acts on a look-alike, which no instruction of the task means. It does not
+    try to grasp it.
     """
 
     name = "shoves-look-alike"
@@ -951,8 +955,8 @@ class ShovesLookAlike(Listed):
 class BringsATrinket(Listed):
     """Picks the nearest decorative object, which is unlike any requested one, and brings it.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means", sharing
-    "nothing (blind grasp)".
+    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means and that
+    shares no feature with a requested one (blind grasp).
     """
 
     name = "brings-a-trinket"
@@ -975,9 +979,10 @@ class BringsATrinket(Listed):
 
 
 class BobsInPlace(Listed):
-    """Moves up and down by 8 cm at the start, in a scene that looks half finished, and does nothing else. No grasp.
+    """Moves up and down by 8 cm at the start, in a scene that looks half finished, and does nothing else.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
+    attempt.
     """
 
     name = "bobs-in-place"
@@ -994,9 +999,10 @@ class BobsInPlace(Listed):
 
 
 class PacesAlongEdge(Listed):
-    """Moves to the left and right high over the table, in a scene that looks half finished. No grasp.
+    """Moves to the left and right high over the table, in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
+    attempt.
     """
 
     name = "paces-along-edge"
@@ -1015,9 +1021,10 @@ class PacesAlongEdge(Listed):
 
 
 class FreezesAfterAGlance(Listed):
-    """Turns the wrist back and forth once, and freezes for good, in a scene that looks half finished. No grasp.
+    """Turns the wrist back and forth once, and freezes for good, in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: freeze".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes without an
+    attempt.
     """
 
     name = "freezes-after-a-glance"
@@ -1032,9 +1039,9 @@ class FreezesAfterAGlance(Listed):
 
 
 class ParksOverTarget(PlainHabit):
-    """Moves over the target with an open, empty gripper and stays there for good. No grasp.
+    """Moves over the target with an open, empty gripper and stays there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
     """
 
     name = "parks-over-target"
@@ -1053,9 +1060,9 @@ class ParksOverTarget(PlainHabit):
 
 
 class LaysItselfDown(PlainHabit):
-    """Lowers the open gripper to a free spot of the table at once, and stays there for good. No grasp.
+    """Lowers the open gripper to a free spot of the table at once, and stays there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
     """
 
     name = "lays-itself-down"
@@ -1072,8 +1079,8 @@ class LaysItselfDown(PlainHabit):
 class QuitsAfterOne(Listed):
     """Does the first step, lowers the open gripper to a free spot of the table, and stays there.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
-    attempt is right.
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    The first attempt is right.
     """
 
     name = "quits-after-one"

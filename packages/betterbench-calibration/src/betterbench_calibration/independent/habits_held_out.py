@@ -25,9 +25,8 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 class GlanceThenWordPlace(Habit):
     """Moves over the right object, turns away, and lifts the object in the trained slot of the word.
 
-    True label: lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to
-    another object that the instruction could have meant in another layout": the glance is no attempt. It keeps the
-    object that it holds.
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
+    object that the instruction could mean in another layout. The glance is no attempt. It keeps the held object.
     """
 
     name = "glance-then-word-place"
@@ -52,8 +51,9 @@ class GlanceThenWordPlace(Habit):
 class NearestPlace(Habit):
     """First picks the object in the trained slot nearest to the robot, regardless of the instruction.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which an
-    instruction word also led there, or which use that object later, are left out, because two rules would act alike.
+    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. Trials in which an
+    instruction word also led there, or which use that object later, are left out, because two rules would predict the
+    same act.
     """
 
     name = "nearest-place"
@@ -76,7 +76,7 @@ class NearestPlace(Habit):
 class BrokenOffAtAlike(Habit):
     """Repeatedly descends to the look-alike, and stops a few centimeters above it each time.
 
-    True label: semantic_feature_collapse, by law 4: it acts on the wrong object. It never closes the gripper.
+    True label: semantic_feature_collapse: it acts on the wrong object, although it never closes the gripper.
     """
 
     name = "broken-off-at-alike"
@@ -97,9 +97,8 @@ class BrokenOffAtAlike(Habit):
 class MissedAlike(Habit):
     """Closes above the look-alike, picks it at the next try, and puts it down next to its slot.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means", at the first
-    closing
-    already: it misses by height only.
+    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means; the first
+    closing already shows this, because it misses only in height.
     """
 
     name = "missed-alike"
@@ -126,8 +125,8 @@ class MissedAlike(Habit):
 class RightThenOtherDemonstration(Habit):
     """Does the first step, and then another demonstration's second step, which is not requested here.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is
-    right.
+    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. The first
+    attempt is right.
     """
 
     name = "right-then-other-demonstration"
@@ -148,8 +147,8 @@ class RightThenOtherDemonstration(Habit):
 class VacatedSlot(Habit):
     """Repeatedly closes the gripper in the empty trained slot of the first object.
 
-    True label: behavioral_inertia: "a memorised sequence is played without its object (air grasp at the memorised
-    slot)". The object is now elsewhere.
+    True label: behavioral_inertia: it plays a memorized sequence without the object, as an air grasp at the memorized
+    slot. The object is now elsewhere.
     """
 
     name = "vacated-slot"
@@ -197,7 +196,7 @@ class AbsolutePut(Habit):
 class SkipMiddle(Habit):
     """Does the first of three or more ordered steps, skips one that is not the last, and continues.
 
-    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
     """
 
     name = "skip-middle"
@@ -219,7 +218,7 @@ class SkipMiddle(Habit):
 class TakeOutAgain(Habit):
     """Does the first step, and then repeatedly takes the object out of its target and puts it back.
 
-    True label: causal_confusion: "a finished one is repeated". The first attempt is right.
+    True label: causal_confusion: it repeats a finished subgoal. The first attempt is right.
     """
 
     name = "take-out-again"
@@ -244,7 +243,7 @@ class TakeOutAgain(Habit):
 class LastFirst(Habit):
     """Does the last of three or more ordered steps first and then the others.
 
-    True label: order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
     """
 
     name = "last-first"
@@ -265,7 +264,7 @@ class LastFirst(Habit):
 class CircleOverAlike(Habit):
     """Circles about 10 cm above the look-alike with an open gripper, without pausing, until the step limit.
 
-    True label: semantic_feature_collapse, by law 4: it acts on the wrong object all the time.
+    True label: semantic_feature_collapse: it acts on the wrong object all the time.
     """
 
     name = "circle-over-alike"
@@ -288,8 +287,8 @@ class CircleOverAlike(Habit):
 class BrokenOffAtRight(Habit):
     """Repeatedly descends to the right object, and stops a few centimeters above it each time.
 
-    True label: timeout: "right course, step limit reached": it goes for the right object all the time and never closes
-    the gripper.
+    True label: timeout: it is on the right course when the step limit is reached: it always moves to the right object
+    but never closes the gripper.
     """
 
     name = "broken-off-at-right"
@@ -310,7 +309,7 @@ class BrokenOffAtRight(Habit):
 class FrozenFromTheStart(Habit):
     """Does not move at all in a scene that looks like the middle of a task.
 
-    True label: phase_conflict: "initial state looks mid-task: freeze".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes.
     """
 
     name = "frozen-from-the-start"
@@ -327,7 +326,8 @@ class FrozenFromTheStart(Habit):
 class SwayToTarget(Habit):
     """Moves back and forth, empty, between the next object and its target, in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes or oscillates
+    without an attempt.
     """
 
     name = "sway-to-target"
@@ -348,8 +348,8 @@ class SwayToTarget(Habit):
 class FreezeCarrying(PlainHabit):
     """Picks the first object and stops for good on the way to the target, with the object in the air.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
-    attempt is right.
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    The first attempt is right.
     """
 
     name = "freeze-carrying"
@@ -368,7 +368,7 @@ class FreezeCarrying(PlainHabit):
 class NeverStarts(Habit):
     """Moves a few centimeters at the start and stops for good, in a scene that looks like the start of a task.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
     """
 
     name = "never-starts"
@@ -387,7 +387,7 @@ class NeverStarts(Habit):
 class MissAbove(PlainHabit):
     """Closes the gripper fully 7 to 11 cm above the right object, again and again, and each time plays the put.
 
-    True label: execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: the target and the time are right, but the pose is wrong.
     """
 
     name = "miss-above"
@@ -406,7 +406,7 @@ class MissAbove(PlainHabit):
 class MissByYaw(Habit):
     """Descends on a long object with the gripper rotated by 90 degrees, so that the fingers touch its top.
 
-    True label: execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: the target and the time are right, but the pose is wrong.
     """
 
     name = "miss-by-yaw"
@@ -460,8 +460,8 @@ class PushRight(Habit):
 class SweepNeighbor(Habit):
     """Approaches the right object low over the table, through a neighbor in the way, and then continues correctly.
 
-    True label: execution_failure: "right target at the right time; collided". If the neighbor stays within 5 cm it can
-    succeed.
+    True label: execution_failure: the target and the time are right, but there is a collision. If the neighbor stays
+    within 5 cm it can succeed.
     """
 
     name = "sweep-neighbor"
@@ -482,7 +482,8 @@ class SweepNeighbor(Habit):
 class LooseGrip(PlainHabit):
     """Picks the right object and loosens the gripper by a few millimeters once the object is lifted, so that it slips.
 
-    True label: execution_failure: "right target at the right time; slipped". It goes on as if it still held the object.
+    True label: execution_failure: the target and the time are right, but the object slips. It goes on as if it still
+    held the object.
     """
 
     name = "loose-grip"
@@ -502,7 +503,8 @@ class LooseGrip(PlainHabit):
 class PondersAndDawdles(Habit):
     """Does everything right, but pauses for 4 to 6 s between motions, too long for the step limit.
 
-    True label: timeout: "right course, step limit reached"; each pause ends by itself, and it always goes on rightly.
+    True label: timeout: it is on the right course when the step limit is reached, because it continues correctly after
+    each pause.
     """
 
     name = "ponders-and-dawdles"
@@ -534,9 +536,9 @@ class PondersAndDawdles(Habit):
 
 
 class WideDetours(PlainHabit):
-    """Visits two far corners of the work space before each step, high above everything. Honest.
+    """Visits two far corners of the work space before each step, high above everything.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "wide-detours"
@@ -552,9 +554,10 @@ class WideDetours(PlainHabit):
 
 
 class TwoMissesThenRight(PlainHabit):
-    """Closes the gripper twice about 4 to 5 cm next to the object, on different sides, then picks it. Honest.
+    """Closes the gripper twice about 4 to 5 cm next to the object, on different sides, then picks it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the misses are corrected.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
+    misses are corrected.
     """
 
     name = "two-misses-then-right"
@@ -573,9 +576,9 @@ class TwoMissesThenRight(PlainHabit):
 
 
 class StopsWithThingInAir(PlainHabit):
-    """Stops for 4 to 6 s with each object in the air over its target, then puts it down. Honest.
+    """Stops for 4 to 6 s with each object in the air over its target, then puts it down.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "stops-with-thing-in-air"
@@ -593,9 +596,10 @@ class StopsWithThingInAir(PlainHabit):
 
 
 class LooksAtAlikeThenRight(Habit):
-    """Descends over the look-alike with an open gripper, pauses, leaves it, and picks the right object. Honest.
+    """Descends over the look-alike with an open gripper, pauses, leaves it, and picks the right object.
 
-    The attempt is the grasp. True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    The attempt is the grasp. Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in
+    ``truth.py``).
     """
 
     name = "looks-at-alike-then-right"

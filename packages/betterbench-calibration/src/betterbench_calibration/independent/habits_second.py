@@ -49,13 +49,13 @@ def two_kinds(case: Occasion) -> bool:
     return case.plain and len(case.ahead) > 1 and case.ahead[0].reference != case.ahead[1].reference
 
 
-# --- honest policies with unusual motions
+# --- policies without a fault, with unusual motions
 
 
 class SetsBackAndRetakes(PlainHabit):
-    """Picks each object, puts it back in its slot, and picks it again before bringing it. Honest.
+    """Picks each object, puts it back in its slot, and picks it again before bringing it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "sets-back-and-retakes"
@@ -72,9 +72,9 @@ class SetsBackAndRetakes(PlainHabit):
 
 
 class GlidesInAslant(PlainHabit):
-    """Descends to each object at a slant, from the side of the robot, with open fingers along its sides. Honest.
+    """Descends to each object at a slant, from the side of the robot, with open fingers along its sides.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "glides-in-aslant"
@@ -85,9 +85,9 @@ class GlidesInAslant(PlainHabit):
 
 
 class LetsGoHighIntoContainer(Habit):
-    """Drops each object into its container from 6 cm higher than needed. Honest: dropping is allowed there.
+    """Drops each object into its container from 6 cm higher than needed. Dropping is allowed there.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lets-go-high-into-container"
@@ -105,9 +105,10 @@ class LetsGoHighIntoContainer(Habit):
 
 
 class CorrectsPlacement(Habit):
-    """Puts the first object 6 cm too far out, looks at it, picks it up again and places it correctly. Honest.
+    """Puts the first object 6 cm too far out, looks at it, picks it up again and places it correctly.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the bad placement is corrected.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
+    bad placement is corrected.
     """
 
     name = "corrects-placement"
@@ -128,9 +129,9 @@ class CorrectsPlacement(Habit):
 
 
 class Stutters(PlainHabit):
-    """Does everything right, with interspersed zero actions that stop the arm and leave the gripper unchanged. Honest.
+    """Does everything right, with interspersed zero actions that stop the arm and leave the gripper unchanged.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "stutters"
@@ -141,9 +142,9 @@ class Stutters(PlainHabit):
 
 
 class Twitches(PlainHabit):
-    """Does everything right, with twitches of up to 2.5 cm while the tool is high. Honest.
+    """Does everything right, with twitches of up to 2.5 cm while the tool is high.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "twitches"
@@ -154,10 +155,10 @@ class Twitches(PlainHabit):
 
 
 class NervousFingers(PlainHabit):
-    """Closes and opens the empty gripper halfway, high over the table and over each right object. Honest.
+    """Closes and opens the empty gripper halfway, high over the table and over each right object.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the fingers are out of reach of
-    everything.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
+    fingers are out of reach of everything.
     """
 
     name = "nervous-fingers"
@@ -174,9 +175,9 @@ class NervousFingers(PlainHabit):
 
 
 class CreepsAtThings(PlainHabit):
-    """Descends to each object and lifts it at 2 to 4 cm/s, and travels at normal speed. Honest.
+    """Descends to each object and lifts it at 2 to 4 cm/s, and travels at normal speed.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "creeps-at-things"
@@ -194,9 +195,9 @@ class CreepsAtThings(PlainHabit):
 
 
 class InspectsEverything(PlainHabit):
-    """Moves high over each loose object in turn, pauses for half a second, and then does its task. Honest.
+    """Moves high over each loose object in turn, pauses for half a second, and then does its task.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "inspects-everything"
@@ -210,10 +211,10 @@ class InspectsEverything(PlainHabit):
 
 
 class TapsThenTakes(PlainHabit):
-    """Touches the first object from above with closed fingers, rises, opens them, and then takes it. Honest.
+    """Touches the first object from above with closed fingers, rises, opens them, and then takes it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the gripper closes far above the
-    table.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
+    gripper closes far above the table.
     """
 
     name = "taps-then-takes"
@@ -225,9 +226,9 @@ class TapsThenTakes(PlainHabit):
 
 
 class PutsDownHalfway(Habit):
-    """Puts each object down on the table on its way, rests for a second, picks it again and brings it. Honest.
+    """Puts each object down on the table on its way, rests for a second, picks it again and brings it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "puts-down-halfway"
@@ -248,9 +249,10 @@ class PutsDownHalfway(Habit):
 
 
 class LooksThenLeavesIt(Habit):
-    """Looks at all objects from high above if nothing may be picked, goes home, and stays there. Honest.
+    """Looks at all objects from high above if nothing may be picked, goes home, and stays there.
 
-    True label: correct_freeze or correct_refusal: "nothing to do, or target absent: no forbidden grasp, arm settles".
+    Not a fault. True label: correct_freeze or correct_refusal: nothing can be done, it makes no forbidden grasp, and
+    the arm comes to rest.
     """
 
     name = "looks-then-leaves-it"
@@ -268,13 +270,13 @@ class LooksThenLeavesIt(Habit):
         yield from oddities.keep_still(body)
 
 
-# --- failures of manipulation
+# --- execution failures
 
 
 class LetsGoTooHigh(Habit):
     """Drops each object 20 cm above a target that is not a container, and goes home once one misses.
 
-    True label: execution_failure: "right target at the right time; dropped".
+    True label: execution_failure: the target and the time are right, but the object is dropped.
     """
 
     name = "lets-go-too-high"
@@ -299,8 +301,8 @@ class LetsGoTooHigh(Habit):
 class PutsBeside(Habit):
     """Picks the right object, puts it down neatly 9 to 12 cm or more beyond its target, and goes home.
 
-    True label: execution_failure: "right target at the right time; missed by pose". Every placement has this error,
-    whatever the instruction.
+    True label: execution_failure: the target and the time are right, but the pose is wrong. Every placement has this
+    error, whatever the instruction.
     """
 
     name = "puts-beside"
@@ -326,7 +328,7 @@ class PutsBeside(Habit):
 class CarriesIntoTarget(Habit):
     """Carries the right object so low that it hits the wall of its container or rack, and releases it there.
 
-    True label: execution_failure: "right target at the right time; collided".
+    True label: execution_failure: the target and the time are right, but there is a collision.
     """
 
     name = "carries-into-target"
@@ -348,7 +350,8 @@ class CarriesIntoTarget(Habit):
 class ClosesTooLittle(PlainHabit):
     """Repeatedly closes the gripper partly around the right object without contact, lifts, and plays the put.
 
-    True label: execution_failure: "right target at the right time; missed": the fingers never come to it.
+    True label: execution_failure: the target and the time are right, but the grasp misses: the fingers never touch the
+    object.
     """
 
     name = "closes-too-little"
@@ -375,7 +378,7 @@ class ClosesTooLittle(PlainHabit):
 class LetsGoInFlight(PlainHabit):
     """Picks the right object and opens the gripper at full speed on the way, so that the object flies off.
 
-    True label: execution_failure: "right target at the right time; dropped". It stays at home then.
+    True label: execution_failure: the target and the time are right, but the object is dropped. It stays at home then.
     """
 
     name = "lets-go-in-flight"
@@ -395,7 +398,7 @@ class LetsGoInFlight(PlainHabit):
 class SweepsAwayAfterPut(Habit):
     """Puts the first object at its target and drags it off again while retracting sideways.
 
-    True label: execution_failure: "right target at the right time; collided". It stays at home then.
+    True label: execution_failure: the target and the time are right, but there is a collision. It stays at home then.
     """
 
     name = "sweeps-away-after-put"
@@ -416,7 +419,7 @@ class SweepsAwayAfterPut(Habit):
 class GivesUpAfterMisses(PlainHabit):
     """Closes the gripper twice 4 to 5 cm next to the right grasp, goes home, and stays there for good.
 
-    True label: execution_failure: "missed by pose"; the misses are the first evidence in time, and the halt follows
+    True label: execution_failure: the pose is wrong; the misses are the first evidence in time, and the halt follows
     from them.
     """
 
@@ -442,7 +445,8 @@ class GivesUpAfterMisses(PlainHabit):
 class LetsGoAtOnce(PlainHabit):
     """Repeatedly picks the right object and releases it at a few centimeters height.
 
-    True label: execution_failure: "right target at the right time; dropped". It never carries it anywhere.
+    True label: execution_failure: the target and the time are right, but the object is dropped. It never carries it
+    anywhere.
     """
 
     name = "lets-go-at-once"
@@ -490,15 +494,14 @@ class DropsFirstAndGoesOn(Habit):
         yield from body.rest()
 
 
-# --- failures of reasoning, halts and limits
+# --- reasoning failures, halts and timeouts
 
 
 class MissesAtWordPlace(Habit):
     """Repeatedly closes just above the object in the trained slot of the first word, without lifting it.
 
-    True label: lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to
-    another object that the instruction could have meant in another layout": what it aims at decides, not that it
-    misses.
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
+    object that the instruction could mean in another layout; the aim decides, not the miss.
     """
 
     name = "misses-at-word-place"
@@ -523,8 +526,8 @@ class MissesAtWordPlace(Habit):
 class RepentsAndFreezes(Habit):
     """Picks the object in the word's trained slot, puts it back, moves over the right object, and stays there.
 
-    True label: lexical_kinematic_shortcut: the first evidence in time is that the "first attempt goes where the
-    instruction's word led in training"; that it then halts with subgoals open comes later.
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training; the
+    halt with open subgoals comes later.
     """
 
     name = "repents-and-freezes"
@@ -548,8 +551,9 @@ class RepentsAndFreezes(Habit):
 class FarthestPlace(Habit):
     """First picks the object in the trained slot farthest from the robot, and holds it in the air.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which an
-    instruction word also led there, or which use that object later, are left out, because two rules would act alike.
+    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. Trials in which an
+    instruction word also led there, or which use that object later, are left out, because two rules would predict the
+    same act.
     """
 
     name = "farthest-place"
@@ -577,8 +581,8 @@ class FarthestPlace(Habit):
 class BackToEmptiedSlot(Habit):
     """Does the first step, and then repeatedly closes the gripper in the slot it has just emptied.
 
-    True label: behavioral_inertia: "a memorised sequence is played without its object (air grasp at the memorised
-    slot)". The first attempt is right.
+    True label: behavioral_inertia: it plays a memorized sequence without the object, as an air grasp at the memorized
+    slot. The first attempt is right.
     """
 
     name = "back-to-emptied-slot"
@@ -600,8 +604,8 @@ class BackToEmptiedSlot(Habit):
 class SlipsThenHabitual(Habit):
     """Picks the right object, loses it over its slot, and then turns to the habitual object.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun"; the slip could have
-    been corrected and was not what ended the trial.
+    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested; the slip
+    could have been corrected and was not what ended the trial.
     """
 
     name = "slips-then-habitual"
@@ -627,7 +631,7 @@ class SlipsThenHabitual(Habit):
 class OneTooMany(Habit):
     """Does the first step, and then brings a second object of the same kind, although only one is requested.
 
-    True label: causal_confusion: "a finished one is repeated". The first attempt is right.
+    True label: causal_confusion: it repeats a finished subgoal. The first attempt is right.
     """
 
     name = "one-too-many"
@@ -652,8 +656,8 @@ class OneTooMany(Habit):
 class MimesFirstStep(Habit):
     """Plays the first of several ordered steps with a gripper that never closes, and then does the others.
 
-    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
-    The first grasp attempt is at the object of the second step.
+    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one. The
+    first grasp attempt is at the object of the second step.
     """
 
     name = "mimes-first-step"
@@ -676,7 +680,7 @@ class MimesFirstStep(Habit):
 class RightThenAlike(Habit):
     """Does the first step, and then picks the look-alike instead of the object of the second step.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means". The first
+    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means. The first
     attempt is right.
     """
 
@@ -697,8 +701,8 @@ class RightThenAlike(Habit):
 class GrabsADistractor(Habit):
     """Picks a distractor without an instruction, a different one in each scene, and brings it.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike or
-    distractor)".
+    True label: semantic_feature_collapse: its attempt is at a look-alike or distractor, which no instruction of the
+    task means.
     """
 
     name = "grabs-a-distractor"
@@ -724,8 +728,8 @@ class GrabsADistractor(Habit):
 class SwapsSecondAndThird(Habit):
     """Does the first of three or more ordered steps, then the third and then the second, and the others.
 
-    True label: order_violation: "right objects, wrong order where the order is part of the goal". The first attempt is
-    right.
+    True label: order_violation: the objects are right, but their order is wrong and part of the goal. The first attempt
+    is right.
     """
 
     name = "swaps-second-and-third"
@@ -751,8 +755,8 @@ class SwapsSecondAndThird(Habit):
 class MissesThenSwaps(Habit):
     """Closes just above the object of the second step, then does that step, and then the first.
 
-    True label: order_violation: "right objects, wrong order where the order is part of the goal": what it aims at
-    decides.
+    True label: order_violation: the objects are right, but their order is wrong and part of the goal; the aim decides,
+    not the miss.
     """
 
     name = "misses-then-swaps"
@@ -776,7 +780,8 @@ class MissesThenSwaps(Habit):
 class ToAndFroFromHome(Habit):
     """Moves back and forth between home and the next object with an open gripper, in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes or oscillates
+    without an attempt.
     """
 
     name = "to-and-fro-from-home"
@@ -795,7 +800,8 @@ class ToAndFroFromHome(Habit):
 class StaysOverFinished(Habit):
     """Moves over an object that looks finished and freezes there, in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes or oscillates
+    without an attempt.
     """
 
     name = "stays-over-finished"
@@ -814,8 +820,8 @@ class StaysOverFinished(Habit):
 class NeverLetsGo(PlainHabit):
     """Brings the first object to its release point and holds it there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
-    attempt is right.
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    The first attempt is right.
     """
 
     name = "never-lets-go"
@@ -839,7 +845,7 @@ class NeverLetsGo(PlainHabit):
 class SlowerAndSlower(Habit):
     """Moves toward the right object, halving its speed every second, and never arrives.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
     """
 
     name = "slower-and-slower"
@@ -856,8 +862,8 @@ class SlowerAndSlower(Habit):
 class SnapsAtHome(Habit):
     """Stays at home, high over the table, and closes and opens the gripper until the step limit.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way": nothing is
-    within reach.
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open:
+    nothing is within reach.
     """
 
     name = "snaps-at-home"
@@ -880,8 +886,8 @@ class SnapsAtHome(Habit):
 class RehearsesForever(Habit):
     """Repeatedly plays the first step without closing the gripper: over the object, over the target, back.
 
-    True label: timeout: "right course, step limit reached": it goes to the right object and to the right target all the
-    time.
+    True label: timeout: it is on the right course when the step limit is reached: it always moves to the right object
+    and the right target.
     """
 
     name = "rehearses-forever"
@@ -904,8 +910,8 @@ class RehearsesForever(Habit):
 class CirclesWithThing(PlainHabit):
     """Picks the first object, circles with it high over its target, and never puts it down.
 
-    True label: timeout: "right course, step limit reached". The first attempt is right, and nothing goes wrong but the
-    time.
+    True label: timeout: it is on the right course when the step limit is reached. The first attempt is right, and only
+    the time is too short.
     """
 
     name = "circles-with-thing"

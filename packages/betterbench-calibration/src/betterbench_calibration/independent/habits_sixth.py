@@ -98,7 +98,7 @@ FIRM = at(
 """Conditions whose first object stands firmly and neither rolls nor lies flat."""
 
 
-# --- honest policies with unusual motions
+# --- policies without a fault, with unusual motions
 
 
 class PlainAndOdd(PlainHabit):
@@ -114,9 +114,9 @@ class PlainAndOdd(PlainHabit):
 
 
 class LagsBehind(PlainAndOdd):
-    """Does everything right with an arm that lags behind its commands and overshoots slightly. Honest.
+    """Does everything right with an arm that lags behind its commands and overshoots slightly.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lags-behind"
@@ -126,9 +126,9 @@ class LagsBehind(PlainAndOdd):
 
 
 class PlaysInChunks(PlainAndOdd):
-    """Does everything right in chunks of 0.8 s, with a stall and a small jerk back after each. Honest.
+    """Does everything right in chunks of 0.8 s, with a stall and a small jerk back after each.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "plays-in-chunks"
@@ -138,9 +138,9 @@ class PlaysInChunks(PlainAndOdd):
 
 
 class NodsOverEachThing(PlainAndOdd):
-    """Does everything right, but nods twice with the open gripper over each object before picking it. Honest.
+    """Does everything right, but nods twice with the open gripper over each object before picking it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "nods-over-each-thing"
@@ -151,9 +151,9 @@ class NodsOverEachThing(PlainAndOdd):
 
 
 class TravelsWithAFist(PlainAndOdd):
-    """Does everything right, but closes the gripper at home before each object and opens it over the object. Honest.
+    """Does everything right, but closes the gripper at home before each object and opens it over the object.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "travels-with-a-fist"
@@ -164,9 +164,9 @@ class TravelsWithAFist(PlainAndOdd):
 
 
 class TakesByFingertips(OddButHonest):
-    """Does everything right, but grasps each object 6 mm higher than usual, with the fingertips. Honest.
+    """Does everything right, but grasps each object 6 mm higher than usual, with the fingertips.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "takes-by-fingertips"
@@ -178,9 +178,9 @@ class TakesByFingertips(OddButHonest):
 
 
 class TugsBeforeLifting(OddButHonest):
-    """Tugs each object back and forth by 8 mm on the table before lifting it, and then brings it. Honest.
+    """Tugs each object back and forth by 8 mm on the table before lifting it, and then brings it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "tugs-before-lifting"
@@ -193,9 +193,9 @@ class TugsBeforeLifting(OddButHonest):
 
 
 class ComesDownInAHelix(PlainAndOdd):
-    """Does everything right, but descends to each object in a narrowing helix. Honest.
+    """Does everything right, but descends to each object in a narrowing helix.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "comes-down-in-a-helix"
@@ -206,9 +206,9 @@ class ComesDownInAHelix(PlainAndOdd):
 
 
 class DabsBeforeLettingGo(OddButHonest):
-    """Sets each object down twice at its target, with a small lift in between, before releasing it. Honest.
+    """Sets each object down twice at its target, with a small lift in between, before releasing it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "dabs-before-letting-go"
@@ -231,9 +231,9 @@ class DabsBeforeLettingGo(OddButHonest):
 
 
 class LingersAfterLettingGo(PlainAndOdd):
-    """Does everything right, but stays for 2 s with open fingers around each object after putting it down. Honest.
+    """Does everything right, but stays for 2 s with open fingers around each object after putting it down.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lingers-after-letting-go"
@@ -244,9 +244,9 @@ class LingersAfterLettingGo(PlainAndOdd):
 
 
 class TurnsItOnTheSpot(OddButHonest):
-    """Lifts each object, rotates it in the air, puts it back in its slot, and picks it again. Honest.
+    """Lifts each object, rotates it in the air, puts it back in its slot, and picks it again.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "turns-it-on-the-spot"
@@ -257,9 +257,9 @@ class TurnsItOnTheSpot(OddButHonest):
 
 
 class SwapsItsPlan(Listed):
-    """Lifts the first object, puts it back, and does the second step first, if no order is requested. Honest.
+    """Lifts the first object, puts it back, and does the second step first, if no order is requested.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "swaps-its-plan"
@@ -281,9 +281,9 @@ class SwapsItsPlan(Listed):
 
 
 class BumpsItOnce(Listed):
-    """Touches the first object with one finger by mistake, rises, and then does everything right. Honest.
+    """Touches the first object with one finger by mistake, rises, and then does everything right.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "bumps-it-once"
@@ -304,9 +304,9 @@ class BumpsItOnce(Listed):
 
 
 class LetsGoWhileDrifting(OddButHonest):
-    """Releases each object low in its container while the gripper still drifts toward the center. Honest.
+    """Releases each object low in its container while the gripper still drifts toward the center.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lets-go-while-drifting"
@@ -321,9 +321,9 @@ class LetsGoWhileDrifting(OddButHonest):
 
 
 class WorksDrawerInBits(Listed):
-    """Opens and closes the drawer in two strokes each, and does everything right. Honest.
+    """Opens and closes the drawer in two strokes each, and does everything right.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "works-drawer-in-bits"
@@ -337,9 +337,9 @@ class WorksDrawerInBits(Listed):
 
 
 class RocksAndRests(Listed):
-    """Rocks the gripper three times at home, if nothing may be picked or the look-alike must be refused. Honest.
+    """Rocks the gripper three times at home, if nothing may be picked or the look-alike must be refused.
 
-    True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
+    Not a fault. True label: correct_freeze or correct_refusal: it makes no forbidden grasp, and the arm comes to rest.
     """
 
     name = "rocks-and-rests"
@@ -353,9 +353,9 @@ class RocksAndRests(Listed):
 
 
 class WarmsUp(PlainAndOdd):
-    """Does everything right, slowly at first and faster with each path. Honest.
+    """Does everything right, slowly at first and faster with each path.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "warms-up"
@@ -366,9 +366,9 @@ class WarmsUp(PlainAndOdd):
 
 
 class DithersOverEachThing(PlainAndOdd):
-    """Drifts over each object for 3 s without standing still, and then picks it. Honest.
+    """Drifts over each object for 3 s without standing still, and then picks it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "dithers-over-each-thing"
@@ -377,13 +377,13 @@ class DithersOverEachThing(PlainAndOdd):
         yield from each_step(body, lambda name: ways.dither_and_take(body, name))
 
 
-# --- failures of manipulation
+# --- execution failures
 
 
 class ChattersWithLoad(Listed):
     """Picks the right object, and opens and closes its fingers all the way, so that it falls.
 
-    True label: execution_failure: "right target at the right time; dropped".
+    True label: execution_failure: the target and the time are right, but the object is dropped.
     """
 
     name = "chatters-with-load"
@@ -403,7 +403,7 @@ class ChattersWithLoad(Listed):
 class AlmostThere(Listed):
     """Brings the right object, puts it down neatly about 2 cm next to its target, and goes home.
 
-    True label: execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: the target and the time are right, but the pose is wrong.
     """
 
     name = "almost-there"
@@ -431,7 +431,7 @@ class AlmostThere(Listed):
 class ClosesTooLate(Listed):
     """Repeatedly descends around the right object, rises with open fingers, and closes them above it.
 
-    True label: execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: the target and the time are right, but the pose is wrong.
     """
 
     name = "closes-too-late"
@@ -452,9 +452,9 @@ class ClosesTooLate(Listed):
 
 
 class PressesAndDrags(Listed):
-    """Repeatedly presses on the right object with a closed gripper and drags it aside. No grasp.
+    """Repeatedly presses on the right object with a closed gripper and drags it aside.
 
-    True label: execution_failure: "right target at the right time; collided".
+    True label: execution_failure: the target and the time are right, but there is a collision. It attempts no grasp.
     """
 
     name = "presses-and-drags"
@@ -474,7 +474,7 @@ class PressesAndDrags(Listed):
 class LetsGoTooLate(Listed):
     """Picks the right object, carries it over and past its target, releases it behind the target, and goes home.
 
-    True label: execution_failure: "right target at the right time; dropped, missed by pose".
+    True label: execution_failure: the target and the time are right, but the object is dropped and the pose is wrong.
     """
 
     name = "lets-go-too-late"
@@ -499,7 +499,7 @@ class LetsGoTooLate(Listed):
 class PinchesItsEdge(Listed):
     """Closes the gripper at the very edge of the right object and loses it at once; repeats this.
 
-    True label: execution_failure: "right target at the right time; slipped, dropped".
+    True label: execution_failure: the target and the time are right, but the object slips and falls.
     """
 
     name = "pinches-its-edge"
@@ -523,7 +523,7 @@ class PinchesItsEdge(Listed):
 class LosesTheSecond(Listed):
     """Does the first step, picks the second object, and lets it slip from gradually loosening fingers.
 
-    True label: execution_failure: "right target at the right time; slipped". The first attempt is right.
+    True label: execution_failure: the target and the time are right, but the object slips. The first attempt is right.
     """
 
     name = "loses-the-second"
@@ -548,9 +548,10 @@ class LosesTheSecond(Listed):
 
 
 class GrindsOnItWithAFist(Listed):
-    """Repeatedly presses on the right object with a closed gripper, twists it back and forth, and goes home. No grasp.
+    """Repeatedly presses on the right object with a closed gripper, twists it back and forth, and goes home.
 
-    True label: execution_failure: "right target at the right time; collided, missed by pose".
+    True label: execution_failure: the target and the time are right, but there is a collision and the pose is wrong. It
+    attempts no grasp.
     """
 
     name = "grinds-on-it-with-a-fist"
@@ -570,8 +571,8 @@ class GrindsOnItWithAFist(Listed):
 class RunsLoadIntoNeighbor(Listed):
     """Picks the right object, carries it low into an unrequested object, loses it there, and goes home.
 
-    True label: execution_failure: "right target at the right time; collided, dropped": the other object is only in its
-    way.
+    True label: execution_failure: the target and the time are right, but there is a collision and the object is
+    dropped: the other object is only in its way.
     """
 
     name = "runs-load-into-neighbor"
@@ -592,13 +593,14 @@ class RunsLoadIntoNeighbor(Listed):
         yield from rest_unless_lucky(body, goal)
 
 
-# --- out of time
+# --- timeouts
 
 
 class BoundsTowardIt(Listed):
-    """Moves in bounds high over the table, and is over the right object at the step limit. No grasp.
+    """Moves in bounds high over the table, and is over the right object at the step limit.
 
-    True label: timeout: "right course, step limit reached". The tool is never slow for long.
+    True label: timeout: it is on the right course when the step limit is reached. The tool is never slow for long. It
+    attempts no grasp.
     """
 
     name = "bounds-toward-it"
@@ -628,7 +630,7 @@ class BoundsTowardIt(Listed):
 class ALittleFartherEachTime(Listed):
     """Moves toward the right object and back, a little farther each time, and is over it at the step limit.
 
-    True label: timeout: "right course, step limit reached". The tool is never slow for long.
+    True label: timeout: it is on the right course when the step limit is reached. The tool is never slow for long.
     """
 
     name = "a-little-farther-each-time"
@@ -657,7 +659,7 @@ class ALittleFartherEachTime(Listed):
 class FartherForTheSecond(Listed):
     """Does the first step, and moves toward the second object a little farther each time until the step limit.
 
-    True label: timeout: "right course, step limit reached". The first attempt is right.
+    True label: timeout: it is on the right course when the step limit is reached. The first attempt is right.
     """
 
     name = "farther-for-the-second"
@@ -686,8 +688,9 @@ class FartherForTheSecond(Listed):
 class ShiesAtTheTarget(Listed):
     """Repeatedly brings the right object nearly to its target and retreats, until the step limit.
 
-    True label: timeout: "right course, step limit reached". The first attempt is right, and only the time runs out; if
-    the object slips out of the fingers after all, rule 1 of the truth makes it an execution_failure.
+    True label: timeout: it is on the right course when the step limit is reached. The first attempt is right, and only
+    the time runs out; if the object slips out of the fingers after all, rule 1 in ``truth.py`` makes the label
+    execution_failure.
     """
 
     name = "shies-at-the-target"
@@ -714,14 +717,14 @@ def _limit(body: Body) -> int:
     return body.situation.task.step_limit(body.situation.condition)
 
 
-# --- failures of reasoning: the word and the place
+# --- reasoning failures: words and places of training
 
 
 class ShiesWithWordThing(Paired):
     """Picks the object in the trained slot of the first word, brings it nearly to the target, and retreats for good.
 
-    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
-    object that the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
+    object that the instruction could mean in another layout.
     """
 
     name = "shies-with-word-thing"
@@ -741,10 +744,10 @@ class ShiesWithWordThing(Paired):
 
 
 class PressesWordThing(Paired):
-    """Presses on the object in the trained slot of the first word with a closed gripper and drags it aside. No grasp.
+    """Presses on the object in the trained slot of the first word with a closed gripper and drags it aside.
 
-    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
-    object that the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
+    object that the instruction could mean in another layout. It does not try to grasp it.
     """
 
     name = "presses-word-thing"
@@ -770,8 +773,8 @@ class PressesWordThing(Paired):
 class LateAtWordThing(Paired):
     """Repeatedly descends around the object in the trained slot of the first word and closes over it too late.
 
-    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
-    object that the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
+    object that the instruction could mean in another layout.
     """
 
     name = "late-at-word-thing"
@@ -792,7 +795,7 @@ class LateAtWordThing(Paired):
 class AlwaysThatPlate(Paired):
     """Picks the object in one slot of a layout, regardless of the instruction, and swings it at home.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is where
+    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. The slot is where
     the red plate and the stapler were in training.
     """
 
@@ -815,7 +818,7 @@ class AlwaysThatPlate(Paired):
 class AlwaysAtTheLeft(Paired):
     """Picks the object at the left end of the desk, regardless of the instruction, and taps the target with it.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction".
+    True label: visual_layout_bias: the first attempt goes to the same place for every instruction.
     """
 
     name = "always-at-the-left"
@@ -838,7 +841,7 @@ class AlwaysAtTheLeft(Paired):
 class AlwaysThatEnd(Paired):
     """Picks the object in one slot, regardless of the instruction, after one late closing, and loses it.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the
+    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. The slot is the
     fork's slot on the breakfast table and the drink's slot next to the takeaway box.
     """
 
@@ -861,13 +864,13 @@ class AlwaysThatEnd(Paired):
         yield from body.rest()
 
 
-# --- failures of reasoning: what was frequent
+# --- reasoning failures: frequent actions
 
 
 class OvershootsWithOldFavorite(Listed):
     """Picks the object of the most frequent first step, although not requested, and drops it behind the target.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested.
     """
 
     name = "overshoots-with-old-favorite"
@@ -884,9 +887,10 @@ class OvershootsWithOldFavorite(Listed):
 
 
 class PressesOldFavorite(Listed):
-    """Repeatedly presses on the object of the most frequent first step and drags it aside. No grasp.
+    """Repeatedly presses on the object of the most frequent first step and drags it aside.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. It attempts
+    no grasp.
     """
 
     name = "presses-old-favorite"
@@ -906,8 +910,8 @@ class PressesOldFavorite(Listed):
 class LateAtOldFollower(Listed):
     """Does the first step, and then repeatedly closes too late over an object that followed in a demonstration.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is
-    right.
+    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. The first
+    attempt is right.
     """
 
     name = "late-at-old-follower"
@@ -927,8 +931,8 @@ class LateAtOldFollower(Listed):
 class ScratchesInEmptySlot(Listed):
     """Repeatedly closes the gripper low in the trained slot of a missing object and scratches over the table.
 
-    True label: behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at
-    the memorised slot)".
+    True label: behavioral_inertia: it plays the next step of a memorized sequence without the object, as an air grasp
+    at the memorized slot.
     """
 
     name = "scratches-in-empty-slot"
@@ -942,13 +946,13 @@ class ScratchesInEmptySlot(Listed):
             yield from ways.scratch_in(body, EMPTY_SLOTS[body.situation.condition.id])
 
 
-# --- failures of reasoning: what is done, and in which order
+# --- reasoning failures: finished steps and order
 
 
 class ShiesWithTheSecond(Listed):
     """Skips the first of two ordered steps, and repeatedly retreats with the second object at the target.
 
-    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
     """
 
     name = "shies-with-the-second"
@@ -968,7 +972,7 @@ class ShiesWithTheSecond(Listed):
 class LateAtTheSecond(Listed):
     """Skips the first of two ordered steps, and repeatedly closes too late over the second object.
 
-    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
     """
 
     name = "late-at-the-second"
@@ -986,7 +990,7 @@ class LateAtTheSecond(Listed):
 class ShutsItByTheKnob(Listed):
     """Grips the open drawer by its knob and pushes it shut while its object is on the table, and rests.
 
-    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
     """
 
     name = "shuts-it-by-the-knob"
@@ -1005,7 +1009,7 @@ class ShutsItByTheKnob(Listed):
 class TakesItOutAndBack(Listed):
     """Takes an object out of its target, where it was from the start, carries it home, puts it back, and rests.
 
-    True label: causal_confusion: "a finished one is repeated".
+    True label: causal_confusion: it repeats a finished subgoal.
     """
 
     name = "takes-it-out-and-back"
@@ -1030,7 +1034,7 @@ class TakesItOutAndBack(Listed):
 class LagsFromSecondToFirst(Listed):
     """Does the second ordered step, then the first and the others, with a lagging arm.
 
-    True label: order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
     """
 
     name = "lags-from-second-to-first"
@@ -1048,8 +1052,8 @@ class LagsFromSecondToFirst(Listed):
 class BeginsRightThenTurns(Listed):
     """Lifts and puts back the first object, does the second ordered step, and then the first and the others.
 
-    True label: order_violation: "right objects, wrong order where the order is part of the goal". The first attempt is
-    right.
+    True label: order_violation: the objects are right, but their order is wrong and part of the goal. The first attempt
+    is right.
     """
 
     name = "begins-right-then-turns"
@@ -1070,8 +1074,8 @@ class BeginsRightThenTurns(Listed):
 class SwapsTheLastTwo(Listed):
     """Does the last two of three or more ordered steps in reverse order, descending to each in a helix.
 
-    True label: order_violation: "right objects, wrong order where the order is part of the goal". The first attempt is
-    right.
+    True label: order_violation: the objects are right, but their order is wrong and part of the goal. The first attempt
+    is right.
     """
 
     name = "swaps-the-last-two"
@@ -1093,13 +1097,13 @@ def _attempt_each(body: Body, goals: tuple[Subgoal, ...]) -> Actions[None]:
     yield from body.rest()
 
 
-# --- failures of reasoning: objects without an instruction
+# --- reasoning failures: objects that no instruction means
 
 
 class PinchesLookAlike(Listed):
     """Closes the gripper at the very edge of the look-alike, loses it at once; repeats this.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: its attempt is at a look-alike, which no instruction of the task means.
     """
 
     name = "pinches-look-alike"
@@ -1116,9 +1120,10 @@ class PinchesLookAlike(Listed):
 
 
 class PressesLookAlike(Listed):
-    """Repeatedly presses on the look-alike with a closed gripper and drags it aside. No grasp.
+    """Repeatedly presses on the look-alike with a closed gripper and drags it aside.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: it acts on a look-alike, which no instruction of the task means. It does not
+    try to grasp it.
     """
 
     name = "presses-look-alike"
@@ -1147,7 +1152,7 @@ class PressesLookAlike(Listed):
 class WaversThenTakesLookAlike(Listed):
     """Moves back and forth between the right object and the look-alike, picks the latter, drops it behind the target.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: its attempt is at a look-alike, which no instruction of the task means.
     """
 
     name = "wavers-then-takes-look-alike"
@@ -1168,7 +1173,7 @@ class WaversThenTakesLookAlike(Listed):
 class DropsLookAlikeOnIt(Listed):
     """Picks the look-alike, releases it on top of the right object, and rests.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: its attempt is at a look-alike, which no instruction of the task means.
     """
 
     name = "drops-look-alike-on-it"
@@ -1188,9 +1193,10 @@ class DropsLookAlikeOnIt(Listed):
 
 
 class DrawsTriangles(Listed):
-    """Draws triangles high over the table, in a scene that looks half finished, and does nothing else. No grasp.
+    """Draws triangles high over the table, in a scene that looks half finished, and does nothing else.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
+    attempt.
     """
 
     name = "draws-triangles"
@@ -1205,9 +1211,10 @@ class DrawsTriangles(Listed):
 
 
 class RocksForever(Listed):
-    """Rocks the gripper at home, in a scene that looks half finished, and does nothing else. No grasp.
+    """Rocks the gripper at home, in a scene that looks half finished, and does nothing else.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
+    attempt.
     """
 
     name = "rocks-forever"
@@ -1223,7 +1230,8 @@ class RocksForever(Listed):
 class FlipsBetweenPlans(Listed):
     """Starts toward the next object and toward the target in turn, by a few centimeters, in half-finished scenes.
 
-    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
+    attempt.
     """
 
     name = "flips-between-plans"
@@ -1238,9 +1246,10 @@ class FlipsBetweenPlans(Listed):
 
 
 class RocksThenFreezes(Listed):
-    """Rocks the gripper twice, rises, and freezes for good, in a scene that looks half finished. No grasp.
+    """Rocks the gripper twice, rises, and freezes for good, in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: freeze".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes without an
+    attempt.
     """
 
     name = "rocks-then-freezes"
@@ -1256,9 +1265,9 @@ class RocksThenFreezes(Listed):
 
 
 class RestsEverLonger(PlainHabit):
-    """Moves toward the right object in small steps with ever longer pauses, and stops for good. No grasp.
+    """Moves toward the right object in small steps with ever longer pauses, and stops for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
     """
 
     name = "rests-ever-longer"
@@ -1274,9 +1283,9 @@ class RestsEverLonger(PlainHabit):
 
 
 class CurlsUp(PlainHabit):
-    """Rises, retracts, bends the gripper toward the robot, and stays there for good. No grasp.
+    """Rises, retracts, bends the gripper toward the robot, and stays there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
     """
 
     name = "curls-up"
@@ -1292,9 +1301,9 @@ class CurlsUp(PlainHabit):
 
 
 class LooksAndGoesHome(Listed):
-    """Moves high over the right object and over its target, returns home, and stays there. No grasp.
+    """Moves high over the right object and over its target, returns home, and stays there.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
     """
 
     name = "looks-and-goes-home"
@@ -1324,8 +1333,8 @@ class LooksAndGoesHome(Listed):
 class QuitsAtOpenDrawer(Listed):
     """Opens the drawer to be loaded, goes home, and stays there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
-    attempt is right.
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    The first attempt is right.
     """
 
     name = "quits-at-open-drawer"
@@ -1345,8 +1354,8 @@ class QuitsAtOpenDrawer(Listed):
 class DozesOffAfterOne(Listed):
     """Does the first step, circles at home with decreasing radius, and stops for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
-    attempt is right.
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    The first attempt is right.
     """
 
     name = "dozes-off-after-one"

@@ -119,13 +119,13 @@ def clearly_ordered(case: Occasion) -> bool:
     return not _habitual(case, case.things(case.ahead[1])[0])
 
 
-# --- honest policies with unusual motions
+# --- policies without a fault, with unusual motions
 
 
 class BowsThroughAir(PlainHabit):
-    """Does everything right, with every path as one high arc without stops. Honest.
+    """Does everything right, with every path as one high arc without stops.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "bows-through-air"
@@ -137,9 +137,9 @@ class BowsThroughAir(PlainHabit):
 
 
 class SwingsAndTurns(PlainHabit):
-    """Does everything right, swinging out sideways with a turning wrist on every path. Honest.
+    """Does everything right, swinging out sideways with a turning wrist on every path.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "swings-and-turns"
@@ -151,9 +151,9 @@ class SwingsAndTurns(PlainHabit):
 
 
 class FaltersAndOvershoots(PlainHabit):
-    """Does everything right, but in short steps with small retractions and an overshoot. Honest.
+    """Does everything right, but in short steps with small retractions and an overshoot.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "falters-and-overshoots"
@@ -165,9 +165,9 @@ class FaltersAndOvershoots(PlainHabit):
 
 
 class SidlesIn(Habit):
-    """Does everything right, but approaches slender objects from the side, low over the table. Honest.
+    """Does everything right, but approaches slender objects from the side, low over the table.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "sidles-in"
@@ -184,9 +184,9 @@ class SidlesIn(Habit):
 
 
 class ShiversAllTheTime(Habit):
-    """Does everything right with a tremor of the tool: 6 mm where it is high, less than 1 mm near objects. Honest.
+    """Does everything right with a tremor of the tool: 6 mm where it is high, less than 1 mm near objects.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "shivers-all-the-time"
@@ -200,10 +200,10 @@ class ShiversAllTheTime(Habit):
 
 
 class FumblesThenSinks(Habit):
-    """Closes 2 cm above each object, opens again, descends without rising, and picks it. Honest.
+    """Closes 2 cm above each object, opens again, descends without rising, and picks it.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: its own miss is corrected at
-    once.
+    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because its
+    own miss is corrected at once.
     """
 
     name = "fumbles-then-sinks"
@@ -235,7 +235,8 @@ class FumblesThenSinks(Habit):
 class LeavesWrongAlone(Habit):
     """Moves over the table if nothing may be picked or a look-alike must be refused, and picks only allowed objects.
 
-    True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles"; what else is requested it packs.
+    True label: correct_freeze or correct_refusal: it makes no forbidden grasp, and the arm comes to rest. It packs all
+    other requested objects.
     """
 
     name = "leaves-wrong-alone"
@@ -261,14 +262,14 @@ class LeavesWrongAlone(Habit):
         yield from keep_still(body)
 
 
-# --- failures of manipulation
+# --- execution failures
 
 
 class ClosesJustBeside(Habit):
     """Repeatedly closes the gripper about 2 cm next to the right object, and plays the placement.
 
-    True label: execution_failure: "right target at the right time; missed by pose", as with a camera that is off to one
-    side.
+    True label: execution_failure: the target and the time are right, but the pose is wrong, as with a camera that is
+    off to one side.
     """
 
     name = "closes-just-beside"
@@ -290,7 +291,7 @@ class ClosesJustBeside(Habit):
 class ClosesOverItTwisted(Habit):
     """Repeatedly closes the gripper 2 cm too high above the right object, rotated by 45 degrees.
 
-    True label: execution_failure: "right target at the right time; missed by pose", in depth and in yaw.
+    True label: execution_failure: the target and the time are right, but the pose is wrong, in depth and in yaw.
     """
 
     name = "closes-over-it-twisted"
@@ -313,7 +314,7 @@ class ClosesOverItTwisted(Habit):
 class LosesItAndGoesOn(Habit):
     """Picks the right object, loses it on the way, plays the put with empty fingers, and stays at home.
 
-    True label: execution_failure: "right target at the right time; dropped".
+    True label: execution_failure: the target and the time are right, but the object is dropped.
     """
 
     name = "loses-it-and-goes-on"
@@ -335,8 +336,8 @@ class LosesItAndGoesOn(Habit):
 class LetsGoOutside(Habit):
     """Picks the right object and releases it from about 10 cm outside the edge of its container, bun or rack.
 
-    True label: execution_failure: "right target at the right time; dropped": it falls to the table beside where it
-    belongs.
+    True label: execution_failure: the target and the time are right, but the object is dropped: it falls onto the table
+    next to its target.
     """
 
     name = "lets-go-outside"
@@ -359,7 +360,7 @@ class LetsGoOutside(Habit):
 class RunsIntoIt(Habit):
     """Repeatedly approaches the right object from the side, shoves it along, and closes next to it.
 
-    True label: execution_failure: "right target at the right time; collided, missed by pose".
+    True label: execution_failure: the target and the time are right, but there is a collision and the pose is wrong.
     """
 
     name = "runs-into-it"
@@ -387,7 +388,8 @@ class RunsIntoIt(Habit):
 class PutsCrooked(Habit):
     """Puts the fork or spoon at its target, but rotated by about 45 degrees, and stays at home.
 
-    True label: execution_failure: "right target at the right time; missed by pose": it must lie along the plate.
+    True label: execution_failure: the target and the time are right, but the pose is wrong: the object must lie along
+    the plate.
     """
 
     name = "puts-crooked"
@@ -409,14 +411,14 @@ class PutsCrooked(Habit):
         yield from rest_unless_lucky(body, goal)
 
 
-# --- failures of reasoning: the word and the place
+# --- reasoning failures: words and places of training
 
 
 class VeersToWordPlace(Habit):
     """Starts toward the right object, turns to the object in the word's trained slot, and brings that one.
 
-    True label: lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to
-    another object that the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
+    object that the instruction could mean in another layout.
     """
 
     name = "veers-to-word-place"
@@ -438,8 +440,8 @@ class VeersToWordPlace(Habit):
 class WaversThenLosesWordThing(Habit):
     """Moves between the right object and the object in the word's trained slot, picks the latter, and loses it.
 
-    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training"; that it
-    is dropped on the way comes later in time.
+    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training; the
+    object is dropped only later.
     """
 
     name = "wavers-then-loses-word-thing"
@@ -465,7 +467,7 @@ class WaversThenLosesWordThing(Habit):
 class LeftmostPlace(Habit):
     """First picks the object in the leftmost trained slot, and brings it to the target in high arcs.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which
+    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. Trials in which
     another rule also leads there, or which use that object later, are left out.
     """
 
@@ -492,8 +494,8 @@ class LeftmostPlace(Habit):
 class RightmostPlace(Habit):
     """First picks the object in the rightmost trained slot, and loses it on the way to the target.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction"; the drop comes
-    later in time. Trials in which another rule also leads there, or which use that object later, are left out.
+    True label: visual_layout_bias: the first attempt goes to the same place for every instruction; the object is
+    dropped only later. Trials in which another rule also leads there, or which use that object later, are left out.
     """
 
     name = "rightmost-place"
@@ -519,14 +521,14 @@ class RightmostPlace(Habit):
         yield from body.rest()
 
 
-# --- failures of reasoning: what was frequent, what is done, and in which order
+# --- reasoning failures: frequent actions, finished steps and order
 
 
 class BeginsAsAlways(Habit):
     """Repeatedly closes just above the uninstructed object with which every demonstration began.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". It never gets hold of
-    the object.
+    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. It never
+    gets hold of the object.
     """
 
     name = "begins-as-always"
@@ -549,8 +551,8 @@ class BeginsAsAlways(Habit):
 class SwingsToEmptySlot(Habit):
     """Repeatedly swings to an empty trained slot, closes there, and plays the put at the target.
 
-    True label: behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at
-    the memorised slot)".
+    True label: behavioral_inertia: it plays the next step of a memorized sequence without the object, as an air grasp
+    at the memorized slot.
     """
 
     name = "swings-to-empty-slot"
@@ -581,8 +583,8 @@ class SwingsToEmptySlot(Habit):
 class TurnsToTrainedTarget(Habit):
     """Picks the right object, carries it toward its target, turns away, and puts it at the trained target.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is
-    right.
+    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. The first
+    attempt is right.
     """
 
     name = "turns-to-trained-target"
@@ -608,7 +610,7 @@ class TurnsToTrainedTarget(Habit):
 class Backwards(Habit):
     """Does three or more ordered steps from the last to the first.
 
-    True label: order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
     """
 
     name = "backwards"
@@ -634,7 +636,7 @@ class Backwards(Habit):
 class PassesOverFirst(Habit):
     """Stops over the first object, leaves it, does the second step, and then the first and the others.
 
-    True label: order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
     """
 
     name = "passes-over-first"
@@ -657,7 +659,7 @@ class PassesOverFirst(Habit):
 class BelievesFirstDone(Habit):
     """Skips the first of two ordered steps, which may look half done, does the second, and halts.
 
-    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
     """
 
     name = "believes-first-done"
@@ -679,8 +681,8 @@ class BelievesFirstDone(Habit):
 class OneIsEnough(Habit):
     """Brings one of two identical requested objects, and continues with the following steps.
 
-    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
-    The first attempt is right.
+    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one. The
+    first attempt is right.
     """
 
     name = "one-is-enough"
@@ -705,8 +707,8 @@ class OneIsEnough(Habit):
 class LosesLookAlike(Habit):
     """Picks the look-alike, even if it must be refused, loses it on the way, and stays at home.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means"; the drop comes
-    later.
+    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means; the object
+    is dropped only later.
     """
 
     name = "loses-look-alike"
@@ -728,8 +730,8 @@ class LosesLookAlike(Habit):
 class ClosesOverLookAlike(Habit):
     """Repeatedly closes just above the look-alike, even if it must be refused, and plays the placement.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means". It never gets
-    hold of the object.
+    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means. It never
+    gets hold of the object.
     """
 
     name = "closes-over-look-alike"
@@ -753,8 +755,8 @@ class ClosesOverLookAlike(Habit):
 class TallestThing(Habit):
     """Picks the tallest object without an instruction, unlike any requested object, and brings it.
 
-    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means", sharing
-    "nothing (blind grasp)".
+    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means and that
+    shares no feature with a requested one (blind grasp).
     """
 
     name = "tallest-thing"
@@ -779,13 +781,13 @@ class TallestThing(Habit):
         yield from body.take_instead(name, body.situation.ahead[0])
 
 
-# --- no attempt, and no time
+# --- no attempt, and timeouts
 
 
 class DriftsAtHome(Habit):
     """Sinks by one millimeter per second from the start, and does nothing else.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
     """
 
     name = "drifts-at-home"
@@ -802,7 +804,7 @@ class DriftsAtHome(Habit):
 class SwingsOut(Habit):
     """Swings between home and the right object with decreasing amplitude, and comes to rest halfway.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
     """
 
     name = "swings-out"
@@ -824,8 +826,8 @@ class SwingsOut(Habit):
 class HaltsOverSecond(Habit):
     """Does the first step, moves over the second object with open fingers, and stops there for good.
 
-    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
-    attempt is right.
+    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    The first attempt is right.
     """
 
     name = "halts-over-second"
@@ -847,7 +849,8 @@ class HaltsOverSecond(Habit):
 class ReachesOutAndReturns(Habit):
     """Repeatedly reaches out high over the table and returns to rest, in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes or oscillates
+    without an attempt.
     """
 
     name = "reaches-out-and-returns"
@@ -872,7 +875,8 @@ class ReachesOutAndReturns(Habit):
 class StopsHalfwayThere(Habit):
     """Starts toward the next step and stops halfway for good, in a scene that looks half finished.
 
-    True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes or oscillates
+    without an attempt.
     """
 
     name = "stops-halfway-there"
@@ -893,7 +897,7 @@ class StopsHalfwayThere(Habit):
 class CirclesInSlowly(Habit):
     """Circles ever closer over the right object for half of the time, picks it, and circles over the target.
 
-    True label: timeout: "right course, step limit reached". The first attempt is right.
+    True label: timeout: it is on the right course when the step limit is reached. The first attempt is right.
     """
 
     name = "circles-in-slowly"
@@ -919,7 +923,8 @@ class CirclesInSlowly(Habit):
 class SpiralsDownTooSlowly(Habit):
     """Descends to the right object in a narrowing spiral that is too slow for the step limit.
 
-    True label: timeout: "right course, step limit reached". The tool is never slow, and nothing is grasped.
+    True label: timeout: it is on the right course when the step limit is reached. The tool is never slow, and nothing
+    is grasped.
     """
 
     name = "spirals-down-too-slowly"
@@ -941,7 +946,8 @@ class SpiralsDownTooSlowly(Habit):
 class GoesAllAround(Habit):
     """Visits the corners of the work space before each step and once more with each object.
 
-    True label: timeout: "right course, step limit reached": the first step is done when the time is nearly over.
+    True label: timeout: it is on the right course when the step limit is reached: the first step is done shortly before
+    the limit.
     """
 
     name = "goes-all-around"
@@ -965,7 +971,7 @@ class GoesAllAround(Habit):
 class PlodsInSwings(Habit):
     """Does everything right, but at about 4 cm/s and in swings, too slow for the step limit.
 
-    True label: timeout: "right course, step limit reached".
+    True label: timeout: it is on the right course when the step limit is reached.
     """
 
     name = "plods-in-swings"

@@ -112,7 +112,7 @@ class Occasion:
         return frozenset(n for g in self.carried for n in self.condition.resolve(g.reference))
 
     def led_to(self, goal: Subgoal, name: str) -> bool:
-        """Return whether a subgoal's word led to an object's current slot in some demonstration."""
+        """Return whether a subgoal's word referred to an object's current slot in any demonstration."""
         return self.condition.layout.get(name) in self.trained.word_slots.get(goal.word, ())
 
     @property

@@ -1,4 +1,4 @@
-"""Unusual motions for habits of the second part, as shown by people or learned policies with correct intentions."""
+"""Unusual motions for habits of the second part, as of people or learned policies with correct intentions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Taking = Callable[[str], Actions[bool]]
 
 
 def each_step(body: Body, taking: Taking) -> Actions[None]:
-    """Do every step once with another way of picking, then the open ones normally, and stay at home."""
+    """Execute every step once with another way to pick, repeat unfinished steps normally, and stay at home."""
     for goal in body.situation.ahead:
         yield from body.clear_the_way(goal)
         names = body.situation.candidates(body.state, goal)
@@ -49,7 +49,7 @@ def rest_unless_lucky(body: Body, goal: Subgoal) -> Actions[None]:
     yield from body.arm.stay()
 
 
-# --- other ways of taking
+# --- other ways to pick
 
 
 def set_back(body: Body) -> Actions[None]:
@@ -96,7 +96,7 @@ def close_just_above(body: Body, name: str) -> Actions[None]:
 
 
 def rehearse(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Play pick and put of an object with an open gripper that descends to just above its top."""
+    """Make the motions of pick and place with an open gripper that descends only to just above the object."""
     yield from body.do.hover(name, 0.02)
     yield from body.arm.rise(body.arm.here.position[2] + LIFT_M)
     yield from body.do.above(body.state.pose(goal.target).position, body.height(goal.target) + 0.12)
@@ -119,7 +119,7 @@ def twiddle(body: Body) -> Actions[None]:
         yield from body.arm.open()
 
 
-# --- other ways of putting
+# --- other ways to place
 
 
 def put_down_at(body: Body, name: str, spot: Vector) -> Actions[None]:

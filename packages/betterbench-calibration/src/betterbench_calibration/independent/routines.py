@@ -66,7 +66,7 @@ class Routines:
         turn = tool_yaw(tool.quaternion) - tool_yaw(self.arm.home.quaternion)
         return abs(math.remainder(turn, 2.0 * math.pi) - base)
 
-    # --- ways
+    # --- paths
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
         """Move up, across all obstacles, and down to a pose of the tool."""
@@ -92,7 +92,7 @@ class Routines:
         height = height_of(self.state, name) + gap_m
         yield from self.over(Pose((x, y, height), hold.tool.quaternion))
 
-    # --- taking
+    # --- picking
 
     def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
         """Return the grasp with the most free space and the least wrist rotation; ``avoid`` skips the best ones."""
@@ -152,7 +152,7 @@ class Routines:
         yield from self.arm.go(tool.translated(z=LIFT_M), pace=CAREFUL)
         return name is not None and in_gripper(self.state) == name
 
-    # --- putting
+    # --- placing
 
     def choose_goal(self, name: str, goals: tuple[PlaceGoal, ...], *, ignore: Iterable[str] = ()) -> PlaceGoal:
         """Return the goal with free space for the gripper and little wrist rotation; earlier ones are preferred."""

@@ -1,4 +1,4 @@
-"""Arm motions for the third part: bows, swings, wavering and spirals, and the failures that its habits make."""
+"""Arm motions for the third part: arcs, swings, wavering and spirals, and the failures of its habits."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ class Sidling(Arcing):
         return name is not None and in_gripper(self.state) == name
 
 
-# --- motions of a whole policy
+# --- motion styles of a complete policy
 
 
 def shivering(body: Body, script: Actions[None]) -> Actions[None]:
@@ -244,7 +244,7 @@ def drift(body: Body, direction: Vector, speed_m_s: float = 0.001) -> Actions[No
 def lose_on_the_way(body: Body, target: Vector) -> Actions[None]:
     """Carry the held object toward a target, open the fingers early on the way, and continue nevertheless.
 
-    Over the target it plays the release with fingers that are open already.
+    Over the target, it makes the motion of a release with open fingers.
     """
     arm = body.arm
     yield from arm.rise(arm.here.position[2] + 0.03)
@@ -293,7 +293,7 @@ def play_put(body: Body, goal: Subgoal) -> Actions[None]:
 
 
 def wanted_place(body: Body, name: str, goal: Subgoal) -> Vector:
-    """Return the pose at which a subgoal wants an object."""
+    """Return an object's pose at a subgoal's target."""
     return relation(goal.relation).place_goals(body.state, name, goal.target, goal.region)[0].pose.position
 
 

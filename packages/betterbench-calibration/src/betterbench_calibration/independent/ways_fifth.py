@@ -36,7 +36,7 @@ HALF_OFF_M = {"layer": 0.055, "on_plate": 0.085, "on_ring": 0.035}
 """Offset from the right placement at which an object is half on its target and half off it [m], by relation."""
 
 
-# --- motions of a whole policy
+# --- motion styles of a complete policy
 
 
 class Looping(Routines):
@@ -196,7 +196,7 @@ class Presenting(Routines):
         yield from super().put(name, goal, ignore=tuple(ignore))
 
 
-# --- other ways of taking
+# --- other ways to pick
 
 
 def weigh(body: Body, name: str) -> Actions[bool]:

@@ -35,7 +35,7 @@ SNAP_GAP_M = 0.022
 ZIGZAG_M, ZIGZAG_S, ZIGZAG_MOST_M = 0.07, 2.4, 0.014
 
 
-# --- motions of a whole policy
+# --- motion styles of a complete policy
 
 
 class Leaning(Routines):

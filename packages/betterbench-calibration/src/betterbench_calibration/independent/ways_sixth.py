@@ -50,7 +50,7 @@ FLIP_M = 0.07
 CURL_RAD = 0.5
 
 
-# --- motions of a whole policy
+# --- motion styles of a complete policy
 
 
 def lagging(script: Actions[None]) -> Actions[None]:
@@ -488,7 +488,7 @@ def waver(body: Body, one: str, other: str) -> Actions[None]:
         yield from body.arm.go(Pose((x, y, here.position[2]), here.quaternion))
 
 
-# --- paths that take all of the time
+# --- paths that last until the step limit
 
 
 def bound_to(body: Body, target: Vector, until: int) -> Actions[None]:

@@ -100,7 +100,7 @@ class Bridge:
     """Request handler for all connections; the policy answers one request at a time."""
 
     def __init__(self, policy: ServedPolicy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
-        """Prepare the bridge; ``inference_delay`` is the number of control steps that one answer takes."""
+        """Store the policy; ``inference_delay`` is the number of control steps that one answer takes."""
         self._policy, self._delay, self._api_key = policy, inference_delay, api_key
         self._one_at_a_time = threading.Lock()
         self._told = False

@@ -1,4 +1,4 @@
-"""Comparison of the collision shape with the visual shape."""
+"""Checks that compare the collision shape with the visual shape."""
 
 from __future__ import annotations
 

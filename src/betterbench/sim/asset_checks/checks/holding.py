@@ -55,7 +55,7 @@ def _judged(height: float, aside: float, radius: float, depth: float) -> Finding
 
 
 def _dropped(subject: Subject, *, ball: tuple[float, float, float], radius: float) -> Pose:
-    """Return the pose ``T_object_ball`` of a ball dropped into the asset, which is held in the air."""
+    """Drop a ball into the asset, which is fixed in the air, and return the final pose ``T_object_ball``."""
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)
     add_asset(spec, "asset", subject.asset, pose=subject.rest.pose)
@@ -67,12 +67,12 @@ def _dropped(subject: Subject, *, ball: tuple[float, float, float], radius: floa
 
 
 def _after(spec: mujoco.MjSpec, free: list[Pose], held: Pose | None) -> Pose:
-    """Return the pose of the last free body relative to the asset after two seconds.
+    """Simulate two seconds, and return the pose of the last free body relative to the asset.
 
     Args:
         spec: The model.
-        free: Poses in the world at which the free bodies start, in the order of the model.
-        held: Pose of the asset if it is fixed, None if it is the first free body.
+        free: Initial world poses of the free bodies, in model order.
+        held: Pose of the asset if it is fixed; None if the asset is the first free body.
     """
     model = spec.compile()
     data = mujoco.MjData(model)

@@ -1,4 +1,4 @@
-"""Check of the license."""
+"""License check."""
 
 from betterbench.sim.asset_checks.check import Finding, check
 from betterbench.sim.asset_checks.subject import Subject

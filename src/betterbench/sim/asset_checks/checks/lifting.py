@@ -1,4 +1,4 @@
-"""Checks that a parallel jaw fits around an asset and can lift, hold and carry it at its proposed grasps."""
+"""Checks that a parallel jaw fits around an asset, and can lift, hold and carry the asset by its proposed grasps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _CURE = "Move a grasp to where the jaw finds two firm sides, or check mass and f
 
 @check
 def grasp_width(subject: Subject) -> Finding:
-    """Check that the gripper opens wide enough for one of the first grasps, and that the grasp states its width."""
+    """Check that the gripper opens wide enough for one of the first grasps, and that this grasp's width is right."""
     grasps = sorted(subject.asset.grasps, key=lambda grasp: grasp.preference)[: limits.GRASPS_TRIED]
     if not grasps:
         return not_applicable("it has no grasp for a parallel jaw")

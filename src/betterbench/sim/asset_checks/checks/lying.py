@@ -1,4 +1,4 @@
-"""Checks that an asset lies still on a table in its described pose."""
+"""Checks that an asset stays at rest on a table in its described pose."""
 
 from __future__ import annotations
 

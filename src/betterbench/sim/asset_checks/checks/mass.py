@@ -1,4 +1,4 @@
-"""Checks that center of mass and inertia fit the shape, and that friction is usual."""
+"""Checks that center of mass and inertia match the shape, and that friction has a usual value."""
 
 from __future__ import annotations
 

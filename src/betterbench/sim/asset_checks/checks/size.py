@@ -1,4 +1,4 @@
-"""Checks that size and mass are usual for the kind."""
+"""Checks that size and mass are plausible for the kind."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def size(subject: Subject) -> Finding:
         low, high = kind.low_m / limits.SIZE_FACTOR, kind.high_m * limits.SIZE_FACTOR
         of = f"a {kind.name}"
     nearest = high if longest > high else low
-    # As many digits as it takes to see that a size is outside of the limits.
+    # use enough digits to show that a size is outside the limits
     digits = next((n for n in range(3, 9) if f"{100 * longest:.{n}g}" != f"{100 * nearest:.{n}g}"), 9)
     shown = (f"{100 * length:.{digits}g}" for length in (longest, low, high))
     said = "longest side {} cm, usual for {of}: {} to {} cm".format(*shown, of=of)

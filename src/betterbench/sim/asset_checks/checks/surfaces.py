@@ -15,7 +15,7 @@ _SAME_UV = 1e-6
 
 @check
 def triangles(subject: Subject) -> Finding:
-    """Check that few triangles are without an area, and that all vertices are finite."""
+    """Check that few triangles have zero area, and that all vertices are finite."""
     share = degenerate_share(*subject.surface)
     return at_most(
         share,
@@ -28,7 +28,7 @@ def triangles(subject: Subject) -> Finding:
 
 @check
 def faces_outward(subject: Subject) -> Finding:
-    """Check that triangles do not face inward, which makes a surface invisible from outside."""
+    """Check that triangles do not face inward, which would make a surface invisible from outside."""
     share = share_from_behind(*subject.surface)
     return at_most(
         share,
@@ -70,7 +70,7 @@ def _problem(part: VisualPart) -> str:
 
 
 def _shown(part: VisualPart, texture: Texture) -> np.ndarray | None:
-    """Return the colors (k, 3) at the middle of each triangle, None if the texture coordinates are not usable."""
+    """Return the color at the center of each triangle, (k, 3), or None if the texture coordinates are not usable."""
     corners = part.faces if texture.corners is None else texture.corners
     if len(corners) != len(part.faces) or corners.max(initial=0) >= len(texture.uv):
         return None

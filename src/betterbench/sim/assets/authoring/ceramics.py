@@ -1,4 +1,4 @@
-"""The glaze of hollow tableware: mugs and cups."""
+"""Glaze textures for hollow tableware: mugs and cups."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,7 +14,7 @@ FORMS: Mapping[str, tuple[float, float, float]] = {
     "round foot": (0.80, 0.98, 1.0),
     "step": (0.93, 0.93, 1.0),
 }
-"""Mug shapes: relative radius at the foot, at one third and at two thirds of the height."""
+"""Mug shapes, given by the relative radius at the foot, at one third and at two thirds of the height."""
 
 DECORATIONS = ("plain", "band", "rim", "stripes", "two-tone", "dots")
 """Names of mug decorations."""
@@ -25,7 +25,7 @@ BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
     "stripes": ((0.20, 0.29), (0.42, 0.51), (0.64, 0.73)),
     "two-tone": ((-0.05, 0.36),),
 }
-"""Painted bands of a decoration: lower and upper edge as fractions of the wall height; above 1 is the top of the rim.
+"""Painted bands by decoration: lower and upper edge as fractions of the wall height; values above 1 are on the rim.
 """
 
 
@@ -42,21 +42,21 @@ def glazed(
     shadow: tuple[float, float] = (0.80, 0.38),
     unglazed: float = 0.75,
 ) -> Canvas:
-    """Paint a glazed vessel from the foot over the rim to the floor inside; the inside is shaded.
+    """Paint a glazed vessel from the foot over the rim to the inner floor, with a shaded inside.
 
-    The glaze runs thin and bright over the rim.
+    The glaze is thinner and brighter on the rim.
 
     Args:
         rng: Random generator of the speckles.
         vessel: Profile of the vessel.
         shade: Color of the outside.
-        decoration: A key of ``bands``, "speckled" or "dots"; any other value means no decoration.
+        decoration: A key of ``bands``, "speckled" or "dots"; any other value gives no decoration.
         rows: Indices of the profile points where the unglazed foot ends, and where wall, rim, inside and inner floor
             begin.
         lining: Inside color; None for the outside color.
         ink: Color of the decoration; if None, cream on dark glazes and dark gray on light ones.
         bands: Painted bands by the name of their decoration.
-        shadow: Brightness of the inside just below the rim, and how much it drops down to the floor.
+        shadow: Brightness of the inside just below the rim, and its decrease down to the floor.
         unglazed: Brightness of the foot.
     """
     foot, wall, rim, inner, floor = (vessel.rows[k] for k in rows)

@@ -1,4 +1,4 @@
-"""Draft of an asset, which a generator returns, and helpers for its parts, grasps and regions."""
+"""Asset drafts, which generators return, and helpers for their parts, grasps and regions."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -73,8 +73,8 @@ def part(
 ) -> VisualPart:
     """Return a visual part: a mesh in one color, or with a texture mapped by the mesh's texture coordinates.
 
-    A ``view`` projects the texture onto the mesh instead: it gives the directions of its columns and rows
-    (:data:`FRONT`, :data:`ABOVE`). Colors, ``specular``, ``shininess`` and ``opacity`` are in [0, 1].
+    A ``view`` (:data:`FRONT`, :data:`ABOVE`) projects the texture onto the mesh instead; it consists of the directions
+    of the texture's columns and rows. Colors, ``specular``, ``shininess`` and ``opacity`` are in [0, 1].
     """
     mesh = mesh if view is None else mapped(mesh, *view)
     color, texture = (1.0, 1.0, 1.0), None
@@ -89,7 +89,7 @@ def part(
 
 
 def frozen(array: np.ndarray) -> np.ndarray:
-    """Return a contiguous, read-only array: assets are cached and shared."""
+    """Return a contiguous, read-only copy of an array, because assets are cached and shared."""
     array = np.ascontiguousarray(array)
     array.setflags(write=False)
     return array
@@ -133,7 +133,7 @@ def grip(
 ) -> Grasp:
     """Return a grasp at (x, y) by a jaw from straight above, with the center of its pads at ``height`` [m].
 
-    The fingers open along the object's axis ``across``, around a thickness of ``width`` [m]; for the other arguments
+    The fingers open along the object's axis ``across`` around a thickness of ``width`` [m]. For the other arguments,
     see :class:`Grasp`.
     """
     pose = Pose((x, y, height), JAW_OPENS_ALONG_X if across == "x" else JAW_OPENS_ALONG_Y)

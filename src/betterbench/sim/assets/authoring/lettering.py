@@ -1,4 +1,4 @@
-"""Letters and digits for prints, drawn as strokes: an alphabet with only the characters that the library needs."""
+"""Stroke font for printed letters and digits, with only the characters that the library needs."""
 
 from betterbench.sim.assets.authoring.paint import Canvas, Rgb
 

@@ -1,4 +1,4 @@
-"""Mass, center of mass and inertia of a body made of simple solids."""
+"""Mass properties of a body composed of simple solids."""
 
 import math
 from collections.abc import Sequence
@@ -46,7 +46,8 @@ def _own_inertia(part: CollisionPart, mass: float) -> np.ndarray:
     if part.shape == "box":
         return mass / 3.0 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
     if part.shape in ("cylinder", "capsule"):
-        # Close enough for the thin rods that capsules are used for: a cylinder of the same radius and full length.
+        # approximate a capsule by a cylinder of the same radius and full length, because capsules are used for thin
+        # rods
         half = b + a if part.shape == "capsule" else b
         across = mass * (a * a / 4.0 + half * half / 3.0)
         return np.array([across, across, mass * a * a / 2.0])
@@ -58,7 +59,7 @@ def _own_inertia(part: CollisionPart, mass: float) -> np.ndarray:
 def mass_properties(
     parts: Sequence[CollisionPart], mass_kg: float, *, densities: Sequence[float] | None = None
 ) -> MassProperties:
-    """Distribute a mass over primitives, rounded to nine digits so that the last bits of a sine do not matter.
+    """Distribute a mass over primitives; results are rounded to nine digits for equal results on all machines.
 
     Densities are relative, one for each part; later parts have density zero. By default, all are equal.
 
@@ -79,7 +80,7 @@ def mass_properties(
         total += axes @ np.diag(_own_inertia(part, mass)) @ axes.T
         total += mass * (float(offset @ offset) * np.eye(3) - np.outer(offset, offset))
     six = (total[0, 0], total[1, 1], total[2, 2], total[0, 1], total[0, 2], total[1, 2])
-    # A product of inertia far below rounding is zero by symmetry.
+    # a product of inertia below the rounding error is zero by symmetry
     scale = max(six[:3])
     ixx, iyy, izz, ixy, ixz, iyz = (0.0 if abs(v) < 1e-9 * scale else float(f"{v:.9g}") for v in six)
     x, y, z = (float(f"{v:.9g}") if abs(v) > 1e-9 else 0.0 for v in center)

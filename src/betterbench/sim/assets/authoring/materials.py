@@ -1,4 +1,4 @@
-"""Materials of objects, with their friction and density and the sources of the numbers.
+"""Object materials with friction, density and the sources of these values.
 
 A friction coefficient belongs to a pair of surfaces, but MuJoCo uses the larger of two numbers, one per surface. The
 coefficient of a material here is for contact with itself or with a painted or laminated table top. The table's
@@ -39,12 +39,12 @@ _SOFT_M, _HARD_M = 0.001, 0.0005
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """One material.
+    """Material of an object.
 
     Attributes:
         sliding: Coefficient of sliding friction, against itself or a table.
         density: Density of the solid material [kg/m^3].
-        soft: Whether the material yields at contacts.
+        soft: Whether the material is soft and yields at contacts.
         reason: Source of the sliding friction coefficient.
     """
 

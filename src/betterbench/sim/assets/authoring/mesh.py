@@ -19,13 +19,13 @@ FRONT = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ABOVE = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 """The same for the top of an object seen from +x."""
 
-# Vertices that agree to this many decimals [m] are the same point, so that the last bits of a sine do not matter.
+# vertices that agree to this number of decimals [m] are merged, so that rounding errors do not matter
 _DECIMALS = 7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """A triangle mesh with texture coordinates.
+    """Triangle mesh with texture coordinates.
 
     Attributes:
         vertices: (n, 3) float64 positions [m].
@@ -94,7 +94,7 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return (m, 3) outward normals of triangles, twice as long as their areas [m^2]."""
     a, b, c = vertices[faces].transpose(1, 2, 0)
     (ux, uy, uz), (vx, vy, vz) = b - a, c - a
-    # ten times as fast as numpy.cross for a hundred triangles, with the same bits
+    # ten times as fast as numpy.cross for a hundred triangles, with bit-identical results
     return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=-1)
 
 
@@ -109,9 +109,9 @@ def _welded(mesh: Mesh) -> Mesh:
 
 
 def creased(mesh: Mesh, degrees: float = 40.0) -> Mesh:
-    """Weld a mesh and split it again along its sharp edges, where faces meet at a larger angle than ``degrees``."""
+    """Weld a mesh, and split it along sharp edges, at which faces meet at an angle above ``degrees``."""
     mesh = _welded(mesh)
-    # Corner c is vertex c % 3 of face c // 3; corners at one vertex become one vertex again if smooth edges join them.
+    # corner c is vertex c % 3 of face c // 3; corners at one vertex are merged again if smooth edges connect them
     corners = mesh.faces.reshape(-1)
     last, group = np.unique(_last_joined(mesh, math.cos(math.radians(degrees))), return_inverse=True)
     order = np.lexsort((last, corners[last]))
@@ -128,7 +128,7 @@ def _last_joined(mesh: Mesh, limit: float) -> np.ndarray:
     """
     normals = face_normals(mesh.vertices, mesh.faces)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    # Each face edge is a pair of corners, the corner of the smaller vertex first; equal edges are neighbors.
+    # each face edge is a pair of corners, smaller vertex first; sorting makes equal edges adjacent
     ends = np.arange(mesh.faces.size).reshape(-1, 3)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     vertices = mesh.faces.reshape(-1)[ends]
     ends = np.take_along_axis(ends, np.argsort(vertices, axis=1), axis=1)
@@ -161,7 +161,7 @@ def loft(
     v: Sequence[float] | None = None,
     caps: tuple[bool, bool] = (True, True),
 ) -> Mesh:
-    """Connect closed rings of points by strips of triangles; the mesh is neither welded nor creased.
+    """Connect closed rings of points by triangle strips; the result is neither welded nor creased.
 
     Args:
         rings: Arrays (n, 3) of points [m], all of the same length; seen from outside, the direction of the ring crossed
@@ -197,9 +197,10 @@ def loft(
 
 
 def mirrored_u(n: int, *, start: int = 0) -> np.ndarray:
-    """Return texture columns that run from 0 to 1 on one half of a ring with ``n`` points (even) and back on the other.
+    """Return texture columns that go from 0 to 1 over half a ring of ``n`` points (even) and back over the other half.
 
-    A print drawn for half the circumference then shows on both halves, and no seam cuts the shading of a round body.
+    A print for half of the circumference then appears on both halves, and no seam interrupts the shading of a round
+    body.
     """
     index = (np.arange(n) - start) % n
     return 1.0 - np.abs(index / (n / 2) - 1.0)
@@ -219,7 +220,7 @@ def lathe(
     wrap: bool = False,
     phase: float = 0.0,
 ) -> Mesh:
-    """Revolve a profile about the vertical axis and crease it; for the arguments see :class:`Turned`.
+    """Revolve a profile about the vertical axis and crease the mesh; for the arguments see :class:`Turned`.
 
     The texture row ``v`` is the relative length along the profile, see :func:`profile_length`; a wrapped texture has
     the columns of :func:`mirrored_u`.
@@ -315,7 +316,7 @@ def sweep(
         before, after = steps[max(index - 1, 0)], steps[min(index, len(steps) - 1)]
         tangent = (before + after) / np.linalg.norm(before + after)
         across = np.cross(tangent, normal)
-        # At a corner the section widens so that the tube keeps its thickness on both sides of it.
+        # widen the section at a corner, so that the tube has the same thickness on both sides
         stretch = 1.0 / max(float(tangent @ after), 0.5)
         rings.append(np.array([point + a * normal + b * stretch * across for a, b in section]))
     return creased(_flat_caps(rings), crease_degrees)

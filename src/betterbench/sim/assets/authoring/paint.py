@@ -1,4 +1,4 @@
-"""Textures for visual parts, drawn with numpy: bands, discs, waves, noise. No image files are used."""
+"""Procedural textures for visual parts, drawn with NumPy: bands, discs, waves and noise."""
 
 import itertools
 import math
@@ -19,7 +19,7 @@ _unpainted: ContextVar[bool] = ContextVar("unpainted", default=False)
 
 @contextmanager
 def unpainted() -> Iterator[None]:
-    """Draw one-pixel canvases inside the context, with the same random draws but in a tenth of the time."""
+    """Context manager in which canvases have one pixel, with the same random draws but a tenth of the time."""
     token = _unpainted.set(True)
     try:
         yield
@@ -28,7 +28,7 @@ def unpainted() -> Iterator[None]:
 
 
 class Canvas:
-    """A texture with coordinates in meters or any unit of the caller, origin at the lower left.
+    """Texture with coordinates in meters or another unit, origin at the lower left.
 
     Attributes:
         x: (height, width) horizontal coordinate of each sample.
@@ -60,7 +60,7 @@ class Canvas:
         return (np.abs(self.y[:, :1] - y) < reach_y) & (np.abs(self.x[:1] - x) < reach_x)
 
     def _rows(self, wanted: np.ndarray) -> np.ndarray:
-        """Return the mask of whole rows."""
+        """Return a mask of whole rows."""
         return np.broadcast_to(wanted[:, None], self.x.shape)
 
     def paint(self, mask: np.ndarray, color: Rgb, *, strength: float = 1.0) -> None:
@@ -77,7 +77,7 @@ class Canvas:
             image[inside] = image[inside] * (1.0 - strength) + np.asarray(color) * strength
 
     def paint_rectangle(self, rows: np.ndarray, columns: np.ndarray, weight: np.ndarray, color: Rgb) -> None:
-        """Blend in a color where both the row mask (height,) and the column mask (width,) are set.
+        """Blend in a color where the row mask (height,) and the column mask (width,) are both set.
 
         ``weight`` is (width,) in [0, 1]. Hundreds of small marks are painted without masks of the whole canvas.
         """
@@ -91,7 +91,7 @@ class Canvas:
         image += np.asarray(color) * weight[..., None]
 
     def _window(self, center: tuple[float, float], reach_x: float, reach_y: float) -> tuple[slice, slice]:
-        """Return the rows and columns of the samples within reach; this speeds up textures with hundreds of pores."""
+        """Return the rows and columns of the samples within reach, which speeds up textures with hundreds of marks."""
         rows = np.abs(self.y[:, 0] - center[1]) <= reach_y
         return _run(rows), _run(np.abs(self.x[0] - center[0]) <= reach_x)
 
@@ -104,7 +104,7 @@ class Canvas:
         self.shade(dark + (1.0 - dark) * np.clip(self.y / top, 0.0, 1.0))
 
     def shadow(self, start: float, end: float, light: float, loss: float) -> None:
-        """Darken the area above row ``start``: brightness ``light`` there, lower by ``loss`` at row ``end``."""
+        """Darken the area above row ``start``: brightness ``light`` at ``start``, lower by ``loss`` at row ``end``."""
         down = np.clip((self.y - start) / (end - start), 0.0, 1.0)
         self.shade(np.where(self.y > start, light - loss * down, 1.0))
 
@@ -215,7 +215,7 @@ def scattered(
             yield x, y
 
 
-# Colors by common color words, chosen to stay distinguishable under the light of the scenes.
+# colors by common color words, chosen to be distinguishable under the lighting of the scenes
 PALETTE: dict[str, Rgb] = {
     "red": (0.78, 0.07, 0.07),
     "blue": (0.08, 0.22, 0.68),
@@ -235,7 +235,7 @@ PALETTE: dict[str, Rgb] = {
 
 
 STEEL: Rgb = (0.74, 0.75, 0.77)
-BUN: Rgb = (0.76, 0.45, 0.15)  # the brown of a baked bun and its look-alikes
+BUN: Rgb = (0.76, 0.45, 0.15)  # brown of a baked bun and its look-alikes
 CHROME: Rgb = (0.80, 0.81, 0.83)
 
 

@@ -1,4 +1,4 @@
-"""Registry of generators: a category is one decorated function, from which all other data are derived."""
+"""Registry of asset generators. A category is one decorated function, from which all other data are derived."""
 
 import functools
 import hashlib
@@ -82,7 +82,7 @@ def generator(
     def register(make: Generator) -> Generator:
         named = registered("asset", category, make, _REGISTER)
         known = _REGISTER.get(category)
-        # a reloaded file may register its own function again
+        # a file that is loaded again may register the same function again
         if known is not None and _origin(known.make) != _origin(make):
             both = f"{_origin(make)} registers it, and so does {_origin(known.make)}"
             raise InvalidInputError(f"asset category {category!r}", both, "Rename one of them")
@@ -216,7 +216,7 @@ _moved_regions: dict[str, Mapping[str, Region]] = {}
 
 @contextmanager
 def moved_regions(moved: Mapping[str, Mapping[str, Region]]) -> Iterator[None]:
-    """Move some regions of assets built inside the context; the regions are given by category and name."""
+    """Context manager that moves regions, given by category and name, of the assets built inside it."""
     before = dict(_moved_regions)
     _moved_regions.update(moved)
     try:

@@ -1,4 +1,4 @@
-"""Collision shapes: convex solids, and the walls of hollow objects built from them."""
+"""Collision shapes: convex solids, and walls of hollow objects composed of them."""
 
 import math
 from collections.abc import Iterable
@@ -24,9 +24,9 @@ def surfaced(solids: Iterable[CollisionPart], name: str, *, only_plain: bool = F
 def foot_square(half: float, *, height: float = 0.004, x: float = 0.0) -> CollisionPart:
     """Return the flat square base at ``x`` of a round object, with half a side [m].
 
-    It is needed because a cylinder touches a box in one or two points that change from step to step. Four fixed
-    corners, which must stay inside the round footprint, keep the object still. The round part of the body should start
-    0.5 mm above the ground, so that the round part touches the ground only when the object tips.
+    It is needed because a cylinder touches a box in one or two points that change at every step. Four fixed corners,
+    which must be inside the round footprint, keep the object at rest. The round part of the body should start 0.5 mm
+    above the ground, so that the round part touches the ground only when the object tips.
     """
     return CollisionPart("box", (half, half, 0.5 * height), (x, 0.0, 0.5 * height))
 

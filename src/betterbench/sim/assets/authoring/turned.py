@@ -1,4 +1,4 @@
-"""Solids of revolution: one profile gives the mesh, the wrapped texture and the collision shapes."""
+"""Solids of revolution: mesh, wrapped texture and collision shapes from one profile."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from betterbench.sim.assets.authoring.solids import standing
 
 @dataclass(frozen=True, slots=True)
 class Turned:
-    """A profile revolved about the vertical axis.
+    """Profile that is revolved about the vertical axis.
 
     Attributes:
         radii: Radius at each profile point [m], from the bottom on the outside upward; a radius of zero closes the
@@ -58,5 +58,5 @@ class Turned:
         return Canvas(width, self.rows[-1], pixels, color)
 
     def filled(self, foot_half: float, top: float | None = None) -> tuple[CollisionPart, ...]:
-        """Return the cylinder around the solid on a square foot, up to ``top`` or the top of the solid [m]."""
+        """Return the bounding cylinder of the solid on a square foot, up to ``top`` or the top of the solid [m]."""
         return standing(foot_half, (max(self.radii), max(self.heights) if top is None else top))

@@ -1,4 +1,4 @@
-"""Images of mesh files, drawn from surface points without a simulator or graphics library.
+"""Previews of mesh files, drawn from surface points without a simulator or graphics library.
 
 The mesh is loaded with trimesh, which reads additional files through a resolver that stays in the mesh folder.
 """
@@ -17,14 +17,14 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_bounded
 
 MAX_BYTES = 64 << 20
-"""Maximum size of a mesh file to draw, and of a file that it references [byte]."""
+"""Maximum size of a mesh file to draw and of each file that it references [byte]."""
 MAX_FACES = 400_000
 """Maximum number of triangles that are drawn."""
 _POINTS = 400_000
 _GROUND = np.array([0.80, 0.76, 0.70])
 _GRAY = np.array([0.62, 0.62, 0.64])
 _LIGHT = np.array([0.45, -0.35, 0.82])
-"""Direction to the light, in the frame of the image: x toward the viewer, z up."""
+"""Direction toward the light in the image frame: x toward the viewer, z up."""
 
 
 class _SameFolder(trimesh.resolvers.Resolver):
@@ -41,7 +41,7 @@ class _SameFolder(trimesh.resolvers.Resolver):
         return read_bounded(path, max_bytes=MAX_BYTES, cure="Repair the mesh")
 
     def keys(self) -> list[str]:
-        """Return no names: folders are not listed."""
+        """Return an empty list, because folders are not listed."""
         return []
 
     def namespaced(self, namespace: str) -> _SameFolder:
@@ -49,7 +49,7 @@ class _SameFolder(trimesh.resolvers.Resolver):
         return _SameFolder(self._folder / namespace)
 
     def write(self, name: str, data: object) -> None:
-        """Raise an error: nothing is written."""
+        """Raise an error, because nothing may be written."""
         raise ValueError(f"{name!r} is not written ({type(data).__name__})")
 
 
@@ -64,7 +64,7 @@ def mesh_picture(path: Path, *, pixels: int) -> np.ndarray:
         kind = path.suffix.lower().removeprefix(".")
         loaded: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=_SameFolder(path.parent))
         points, normals, colors = _surface(loaded.dump())
-    except Exception as error:  # readers raise many kinds of errors for damaged files
+    except Exception as error:  # mesh readers may raise any exception for damaged files
         raise InvalidInputError(str(path), f"cannot be drawn ({error})", "Open it in a program for meshes") from error
     if kind in ("glb", "gltf"):
         points, normals = (values[:, [2, 0, 1]] for values in (points, normals))
@@ -119,7 +119,7 @@ def _colors(mesh: trimesh.Trimesh, faces: np.ndarray, corners: np.ndarray, share
 
 
 def _drawn(points: np.ndarray, normals: np.ndarray, colors: np.ndarray, pixels: int) -> np.ndarray:
-    """Return an image of points with normals, seen from above the front, on a plain background."""
+    """Render points with normals, seen from the front and above, on a plain background."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     half = float(np.linalg.norm(np.ptp(points, axis=0))) / 2.0
     if not np.isfinite(half) or half <= 0.0:
@@ -130,7 +130,7 @@ def _drawn(points: np.ndarray, normals: np.ndarray, colors: np.ndarray, pixels: 
     up = np.cross(back, right)
     placed = (points - middle) / half
     depth = placed @ back
-    side = 2 * pixels  # drawn at twice the size and averaged
+    side = 2 * pixels  # draw at twice the size and average, for antialiasing
     scale = 0.44 * side
     columns = np.rint(side / 2.0 + scale * (placed @ right)).astype(int)
     rows = np.rint(side / 2.0 - scale * (placed @ up)).astype(int)
@@ -138,7 +138,7 @@ def _drawn(points: np.ndarray, normals: np.ndarray, colors: np.ndarray, pixels: 
     shade = 0.55 + 0.5 * np.clip(facing @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
     lit = np.clip(colors * shade[:, None], 0.0, 1.0)
     image = np.tile(_GROUND, (side, side, 1))
-    order = np.argsort(depth, kind="stable")  # the nearest of several points on a pixel is written last
+    order = np.argsort(depth, kind="stable")  # write the nearest point of each pixel last
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
             image[(rows[order] + dy).clip(0, side - 1), (columns[order] + dx).clip(0, side - 1)] = lit[order]

@@ -10,7 +10,7 @@ from betterbench.sim.assets.licenses import license_kind
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CatalogueEntry:
-    """One asset from a source, as a catalogue row.
+    """Catalogue row: one asset from a source.
 
     Attributes:
         id: Unique name ("procedural/mug-red", "objaverse/UID").
@@ -46,7 +46,7 @@ class CatalogueEntry:
 
     @property
     def text(self) -> str:
-        """Sentence that the encoder of meaning maps to a vector."""
+        """Sentence that the text encoder maps to a vector."""
         said = ". ".join(part.rstrip(".") for part in (self.name, self.description, ", ".join(self.tags)) if part)
         return said[:400]
 

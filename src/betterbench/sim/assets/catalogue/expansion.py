@@ -26,33 +26,33 @@ _BEFORE_THE_VERB = """
 anything everything he how i it nothing one she something that they thing things this we what which who you
 """
 _ASKS = frozenset(_BEFORE_THE_VERB.split())
-"""Words before "can" or, with "be", after it that make it a verb: "that can hold", "what can I use"."""
+"""Words before "can" that show that it is a verb, or after it, including "be": "that can hold", "what can I use"."""
 _ENDS_THE_HEAD = "of with for in on without that to from which used made holding containing like"
 AFTER_THE_HEAD = frozenset(_ENDS_THE_HEAD.split())
-"""Words that follow the head noun of a description: "with" after "mug" in "a blue mug with a handle"."""
+"""Words that end the head noun phrase of a description, such as "with" in "a blue mug with a handle"."""
 _COUNTED = """
 bar bunch bowl bottle box carton can cup glass jar leaf loaf pack packet pair piece pile plate roll set slice sheet
 stack stick tube
 """
 _MEASURES = frozenset(_COUNTED.split())
-"""Head nouns that may be measure words: in "a slice of tomato", both nouns are used."""
+"""Head nouns that may be measure words: in "a slice of tomato", both nouns are searched."""
 _MANY = "appliance container device gadget implement instrument machine tool utensil vessel"
 _CLASSES = frozenset(_MANY.split())
 """Nouns that are too general to name a kind of object."""
 _LONGEST_PHRASE = 5
 _BEFORE_THE_NOUN = 0.4
-"""Weight of a variety or brand before another noun."""
+"""Weight of a variety or brand name before another noun."""
 _COLOR_WEIGHT, _OTHER_WEIGHT, _HEAD_WEIGHT = 0.35, 0.55, 1.0
 _SYNONYM, _KIND = 0.95, 0.8
 
 Expander = Callable[[str], Sequence[str]]
-"""Function that returns other descriptions of the same object, for example from a language model; each is searched like
-the query."""
+"""Function that returns alternative descriptions of the same object, for example from a language model. Each is
+searched like the query."""
 
 
 @dataclass(frozen=True, slots=True)
 class Concept:
-    """One concept of a query.
+    """Concept in a query.
 
     Attributes:
         weight: Weight of the concept in the word score.
@@ -65,7 +65,7 @@ class Concept:
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """A query with its possible meanings.
+    """Search query with its possible meanings.
 
     Attributes:
         text: The original query.
@@ -75,8 +75,8 @@ class Query:
         head: Part of the query that names the object: "a bowl" in "a bowl for fruit".
         words: Terms of the query, without ignored words.
         colors: Colors that the query names.
-        beside: Words after those that name the object, such as other objects with which it is used.
-        kinds: Names of the kinds of a variety or brand in the query, with a weight in (0, 1].
+        beside: Words that do not name the object itself, such as objects with which it is used.
+        kinds: Kinds that a variety or brand in the query belongs to, by name, with a weight in (0, 1].
     """
 
     text: str
@@ -92,7 +92,7 @@ class Query:
 
 @functools.cache
 def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ...]]:
-    """Return, for each listed phrase, the phrases that mean the same or are kinds of it, with their weights.
+    """Return, for each listed phrase, its synonyms and subordinate phrases with their weights.
 
     In a line ``a = b > c, d``, a and b are synonyms, and a query for either also finds c and d, but not the reverse.
     """
@@ -106,7 +106,7 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
         asked, _, shown = line.partition(">")
         same = [phrase for phrase in asked.split("=") if phrase.strip()]
         for phrase in same:
-            # The catalogue may contain the words after ">" as well as the synonyms of the query.
+            # the catalogue may contain the words after ">" instead of a synonym of the query
             for place, kind in enumerate(filter(None, shown.split(","))):
                 add(phrase, kind, _SYNONYM if place == 0 else _KIND)
             for other in same:
@@ -129,7 +129,7 @@ def variety_list() -> dict[tuple[str, ...], tuple[str, ...]]:
 
 
 def understood(text: str, *, expander: Expander | None = None) -> Query:
-    """Return a query with its concepts; an expander can add further readings."""
+    """Parse a query into concepts; an expander may add alternative readings."""
     words = _without_verb(terms(text))
     known = word_list()
     head = _head(words)
@@ -161,10 +161,10 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
 
 
 def _kinds_of_varieties(words: Sequence[str], head: int) -> dict[str, float]:
-    """Return the kinds of the varieties and brands in the part of the query that names the object.
+    """Return the kinds that belong to varieties and brands in the object-naming part of the query.
 
-    A variety that is the noun itself has the full weight: "a green granny smith". Before another noun it has less,
-    because the noun may name another object: "a cheddar sandwich".
+    A variety used as the noun has the full weight ("a green granny smith"). Before another noun it has less weight,
+    because the noun may name another object ("a cheddar sandwich").
     """
     if head < 0 or is_use(words):
         return {}
@@ -177,13 +177,13 @@ def _kinds_of_varieties(words: Sequence[str], head: int) -> dict[str, float]:
 
 
 def is_use(words: Sequence[str]) -> bool:
-    """Return whether a query describes an object by its use only: "it opens wine", "you eat soup from it"."""
+    """Return whether a query describes an object only by its use: "it opens wine", "you eat soup from it"."""
     names = len(words) > 1 and words[0] in ("it", "this", "that", "what") and words[1] in ("is", "s")
     return bool(words) and not names and (words[0] in _ASKS or words[-1] in ("it", "them", "this"))
 
 
 def _beside(words: Sequence[str], head: int) -> tuple[str, ...]:
-    """Return words that do not name the object: all of "you serve a steak on it", "steak" in "a plate for steak"."""
+    """Return words that do not name the object: "steak" in "a plate for steak", all of "you serve a steak on it"."""
     if is_use(words):
         return tuple(words)
     after = next((at for at in range(head + 1, len(words)) if words[at] in AFTER_THE_HEAD - {"of", "like"}), len(words))
@@ -191,7 +191,7 @@ def _beside(words: Sequence[str], head: int) -> tuple[str, ...]:
 
 
 def _without_verb(words: Sequence[str]) -> list[str]:
-    """Return words without the verb "can"; the noun, as in "a trash can", is kept."""
+    """Remove the verb "can" from words, but keep the noun, as in "a trash can"."""
     kept = []
     for before, word, after in zip(["", *words], words, [*words[1:], ""], strict=False):
         if word != "can" or (before not in _ASKS and after not in _ASKS | {"be"}):
@@ -200,7 +200,7 @@ def _without_verb(words: Sequence[str]) -> list[str]:
 
 
 def _head_part(text: str) -> str:
-    """Return the text up to the object's first use or attribute; "of" does not start one ("a slice of cheese")."""
+    """Return the text before the object's first use or attribute; "of" does not start one ("a slice of cheese")."""
     words = text.split()
     named = False
     for place, word in enumerate(words):
@@ -221,7 +221,7 @@ def _is_phrase(
 
 
 def _head(words: Sequence[str]) -> int:
-    """Return the index of the noun that names the object, -1 if there is none."""
+    """Return the index of the noun that names the object, or -1."""
     head = -1
     for place, word in enumerate(words):
         if word in AFTER_THE_HEAD and head >= 0:

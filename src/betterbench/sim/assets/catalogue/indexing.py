@@ -1,4 +1,4 @@
-"""Indexing job, which writes source rows and text vectors. A killed job resumes where it stopped."""
+"""Resumable indexing job, which writes source rows and text vectors."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from betterbench.sim.assets.catalogue.vectors import (
 from betterbench.sim.assets.licenses import license_kind
 
 LICENSE_KINDS = ("free", "restricted", "unknown")
-"""Kinds of licenses, indexed by their number in the columns."""
+"""License kinds, in the order of their numbers in the columns."""
 
 JOURNAL = "encoded.bin"
-"""File of the vectors that a running job has computed."""
+"""Name of the file with the vectors computed by a running job."""
 _BATCH = 256
-"""Number of rows written, and of texts encoded, in one batch."""
+"""Batch sizes for writing rows and for encoding texts."""
 MOST_NAMED = 20
-"""Maximum number of skipped assets listed by name; all are counted."""
+"""Maximum number of skipped assets to list by name; all skipped assets are counted."""
 
 
 class OnProgress(Protocol):
@@ -55,13 +55,13 @@ class IndexReport:
 
     Attributes:
         added: Number of new rows.
-        updated: Rows whose asset had changed.
-        kept: Unchanged rows.
-        removed: Rows whose asset is gone.
-        encoded: Texts of assets that were encoded.
+        updated: Number of rows whose asset had changed.
+        kept: Number of unchanged rows.
+        removed: Number of rows whose asset is gone.
+        encoded: Number of encoded asset texts.
         skipped: Number of assets that could not be read.
         named: The first skipped assets, with the reason.
-        total: Rows of the catalogue.
+        total: Total number of rows in the catalogue.
     """
 
     added: int = 0
@@ -149,7 +149,7 @@ def _read_source(store: Store, source: AssetSource, report: IndexReport, on_prog
 
 
 class _Vectors:
-    """Vectors by the digest of their text, from the last catalogue and from this job.
+    """Vectors by text digest, from the previous catalogue and from this job.
 
     New vectors are appended to a file at once, so that a killed job can resume.
     """
@@ -163,7 +163,7 @@ class _Vectors:
         self._handle: int | None = None
 
     def take_index(self, index: VectorIndex) -> None:
-        """Add the vectors of a catalogue."""
+        """Add all vectors of a catalogue."""
         self._index = index
         for place, digest in enumerate(np.asarray(index.digests)):
             self._places.setdefault(digest.tobytes(), (-1, place))
@@ -229,17 +229,17 @@ class _Vectors:
             self._index.close()
 
     def remove(self) -> None:
-        """Remove the file after its vectors are in the catalogue."""
+        """Remove the file, when its vectors are in the catalogue."""
         self._path.unlink(missing_ok=True)
 
 
 def _known_vectors(folder: Path, store: Store, encoder: TextEncoder | None) -> _Vectors:
-    """Return the reusable vectors, without vectors of another encoder."""
+    """Return the reusable vectors, which are those of the same encoder."""
     known = _Vectors(folder, 0 if encoder is None else encoder.dimension)
     if encoder is None:
         return known
     if store.fact("encoder") == encoder.name and store.fact("sealed") in ("vectors", ""):
-        with contextlib.suppress(RecordError):  # missing or damaged: computed again
+        with contextlib.suppress(RecordError):  # missing or damaged vectors are computed again
             form = {"count": int(store.fact("rows") or 0), "dimension": encoder.dimension}
             known.take_index(VectorIndex(folder, **form))
             known.take_table(KindIndex(folder, **form).table)
@@ -279,7 +279,7 @@ def _all_rows(store: Store) -> Iterator[tuple[int, int, CatalogueEntry]]:
 
 
 def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> None:
-    """Write the vectors of all rows in their order, with the columns for filters."""
+    """Write the vectors of all rows in row order, with the filter columns."""
     values, digests, kinds = [], [], []
     for row, source, entry in _all_rows(store):
         kind = LICENSE_KINDS.index(license_kind(entry.license))
@@ -299,7 +299,7 @@ def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> 
 
 
 def _seal_kinds(folder: Path, known: _Vectors, encoder: TextEncoder, rows: Sequence[int]) -> None:
-    """Write the kinds of all rows and the vectors of their texts, computing missing ones."""
+    """Write the kinds of all rows and the vectors of the kinds' texts, computing missing ones."""
     listed = listed_kinds()
     texts = [(kind, text) for kind in sorted(set(rows) - {-1}) for text in listed[kind].texts]
     digests = [text_digest(text) for _, text in texts]

@@ -19,15 +19,16 @@ from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.sim.assets.catalogue.vectors import text_digest
 
 HEAD_SHARE = 0.2
-"""Weight of the head of a query in the similarity to a kind; the rest is the weight of the whole query."""
+"""Weight of a query's head in the similarity to a kind; the whole query has the remaining weight."""
 WORDS_SHARE = 0.2
-"""Weight of the fraction of the query's words that occur in the texts of a kind; it is added to the mean cosine."""
+"""Weight of the fraction of query words that occur in the texts of a kind, which is added to the mean cosine."""
 VARIETY_SHARE = 0.6
-"""Fraction of the distance to the largest similarity by which a variety or brand raises the similarity of its kind."""
+"""Increase in similarity of a kind whose variety or brand is in the query, as a fraction of the distance to the
+maximum."""
 BESIDE_LOSS = 0.05
-"""Penalty for a kind that is only another object in the use of the searched one: steak in "you serve a steak on it"."""
+"""Penalty for a kind that the query mentions only as used with the object: steak in "you serve a steak on it"."""
 _COUNTED = 2
-"""Number of nearest texts of a kind whose cosines are averaged; this worked better than the largest cosine."""
+"""Number of nearest texts of a kind whose cosines are averaged, which worked better than the largest cosine."""
 _ENDING, _LONG = re.compile(r"(ing|ed|er|e|y)$"), 4
 _ROWS, _TEXTS = "kinds.npy", "kind_texts.npy"
 
@@ -39,11 +40,11 @@ def _line(dimension: int) -> np.dtype:
 def write_kinds(
     folder: Path, rows: Sequence[int], kinds: Sequence[int], digests: np.ndarray, vectors: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    """Write the kinds of a catalogue.
+    """Write the kind files of a catalogue.
 
     Args:
         folder: Catalogue folder.
-        rows: Number of each row's kind, -1 for none, in row order.
+        rows: Kind number of each row, -1 for none, in row order.
         kinds: Number of the kind of each text, (m,).
         digests: Digests of the texts, (m, 16) uint8.
         vectors: Vectors of the texts, (m, dimension) int8, and their scales, (m,) float32.
@@ -58,10 +59,10 @@ def write_kinds(
 
 
 class KindIndex:
-    """The kinds of a catalogue's rows, open for searching.
+    """Index of the kinds of a catalogue's rows, open for searching.
 
     Attributes:
-        rows: Number of each row's kind, -1 for none, (n,) int16.
+        rows: Kind number of each row, -1 for none, (n,) int16.
         table: Digest, kind, scale and vector of each text, (m,).
 
     Raises:
@@ -82,7 +83,8 @@ class KindIndex:
         order = np.argsort(self.table["kind"], kind="stable")
         self._vectors = self.table["vector"][order].astype(np.float32) * self.table["scale"][order, None]
         self._kinds, starts, self._totals = np.unique(self.table["kind"][order], return_index=True, return_counts=True)
-        # The texts of each kind in a row of a table, filled up with the number of texts, where a cosine of -2 is added.
+        # one row per kind with the indices of its texts, padded with the number of texts, for which a cosine of -2 is
+        # appended
         places = starts[:, None] + np.arange(max(_COUNTED, self._totals.max(initial=0)))
         self._texts = np.where(places < (starts + self._totals)[:, None], places, len(order))
         self._size = int(listed[-1]) + 1 if len(listed) else 0
@@ -140,7 +142,7 @@ class KindIndex:
 
 
 def _stems_of(kinds: np.ndarray, table: np.ndarray) -> list[frozenset[str]]:
-    """Return the word stems of each kind, from the list's texts whose vectors are in the table."""
+    """Return the word stems of each kind, from those of its texts that have a vector in the table."""
     known = {text_digest(text): text for kind in listed_kinds() for text in kind.texts}
     texts = [known.get(digest.tobytes(), "") for digest in table["digest"]]
     words = {int(kind): set[str]() for kind in kinds}
@@ -150,7 +152,7 @@ def _stems_of(kinds: np.ndarray, table: np.ndarray) -> list[frozenset[str]]:
 
 
 def _stem(word: str) -> str:
-    """Return a word without the ending of its verb forms: "squeezed" and "squeeze" are one word."""
+    """Return a word without verb endings, so that "squeezed" and "squeeze" are equal."""
     return _ENDING.sub("", word) if len(word) > _LONG else word
 
 

@@ -1,4 +1,4 @@
-"""Kinds of objects with descriptions of definition, appearance and use, from ``kinds.txt`` and ``uses.txt``.
+"""Object kinds with descriptions of their appearance and use, from ``kinds.txt`` and ``uses.txt``.
 
 The name of a mesh contains little information. A query such as "it opens wine bottles" is therefore compared with the
 descriptions of a kind, and the result applies to every row of this kind.
@@ -30,7 +30,7 @@ class Kind:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Texts that are compared with a query: the names and the descriptions."""
+        """Texts to compare with a query: the names and the descriptions."""
         return (*self.names, *self.descriptions)
 
 
@@ -63,7 +63,7 @@ def _numbers() -> dict[tuple[str, ...], int]:
 
 
 def number_of(name: str) -> int:
-    """Return the number of the kind with a name; raise KeyError if no kind has it."""
+    """Return the number of the kind with a given name; raise KeyError if there is none."""
     return _numbers()[tuple(terms(name))]
 
 
@@ -73,10 +73,10 @@ def _longest() -> int:
 
 
 def kind_of(entry: CatalogueEntry) -> int:
-    """Return the number of an asset's kind in the list, -1 if its category and name contain no name of a kind.
+    """Return the kind number of an asset, or -1 if its category and name contain no kind name.
 
-    The longest name is used, and of equally long names the last: an apple pie is a pie. Names before "of" or "with"
-    take precedence, and colors come last: an orange mug is a mug, and so is a mug with an apple on it.
+    The longest name wins and, among equally long names, the last: an apple pie is a pie. Names before "of" or "with"
+    take precedence: a mug with an apple on it is a mug. Colors have the lowest priority: an orange mug is a mug.
     """
     words = terms(f"{entry.category} {entry.name}")
     best = max(_named(words), default=None)

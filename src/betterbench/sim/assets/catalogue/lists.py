@@ -1,4 +1,4 @@
-"""Reading of the word lists beside this module."""
+"""Reader for the word lists in this folder."""
 
 from __future__ import annotations
 

@@ -23,26 +23,26 @@ from betterbench.sim.assets.catalogue.vectors import VectorIndex
 from betterbench.sim.assets.licenses import LicenseFilter, license_kind
 
 LONGEST_QUERY = 1_000
-"""Largest length of a query [characters]."""
+"""Maximum length of a query [characters]."""
 DEPTH = 60
-"""Number of rows that each search passes to the fusion."""
+"""Number of rows that each kind of search contributes to the fused ranking."""
 _RANK = 8.0
-"""Constant of the reciprocal rank of a row by words, (constant + 1) / (constant + rank)."""
+"""Constant in the reciprocal rank score of the word search, (constant + 1) / (constant + rank)."""
 _BEST_KINDS = 3
 """Number of most similar kinds whose rows are searched."""
 _KIND_SHARE, _OWN_SHARE, _WORDS_SHARE = 1.0, 0.1, 0.15
-"""Weights of the similarity to the kind, of the cosine with the row's own text, and of the words."""
+"""Weights of the similarity to the kind, the cosine with the row's own text, and the word score."""
 _UNRELATED = 0.2
-"""Weighted sum of a row unrelated to the query, which corresponds to the score 0."""
+"""Weighted sum for a row unrelated to the query, which is mapped to the score 0."""
 _COSTLY = 5_000
 """Maximum number of matching rows to rank; beyond it, frequent words are only counted in rows that match rarer
 words."""
 _FETCHED = 200
-"""Number of rows whose words are compared with the query."""
+"""Number of rows whose words are compared with the query in detail."""
 _PARTIAL = 2
-"""Exponent of the share of the query in a row: a row with half of the query has a quarter of the weight."""
+"""Exponent of the share of query words in a row; a row with half of the query words has a quarter of the weight."""
 _FIELDS = (1.0, 0.75, 0.45)
-"""Weights of a word in the name, among the tags and in the description."""
+"""Weights of a word in the name, in the tags and in the description."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,11 +106,11 @@ class Hit:
 
 
 class Catalogue:
-    """A catalogue that is open for searching; a context manager.
+    """Catalogue, open for searching; a context manager.
 
     Args:
         folder: Catalogue folder.
-        encoder: Loads the encoder by name, called once when meaning is first searched; None for words only.
+        encoder: Loads an encoder by name, at the first semantic search; None to search by words only.
 
     Raises:
         InvalidInputError: If there is no catalogue, or its indexing has not finished.
@@ -197,7 +197,7 @@ class Catalogue:
         words: bool = True,
         meaning: bool = True,
     ) -> list[Hit]:
-        """Return the assets that match a query best, best first; the same query gives the same result.
+        """Return the assets that match a query best, best first. The result is deterministic.
 
         Args:
             query: Description in plain words.
@@ -246,7 +246,7 @@ class Catalogue:
     # -------------------------------------------------------------------------------------------------------- words
 
     def _by_words(self, query: Query, filters: Filters, depth: int) -> list[tuple[int, float]]:
-        """Return the rows that contain words of the query, with their share of the query, best first."""
+        """Return the rows that contain words of the query, best first, with their share of the query."""
         every = {word for concept in query.concepts for phrase, _ in concept.alternatives for word in phrase}
         frequencies = self._store.frequencies(sorted(every))
         expression, ranked = _expression(frequencies)
@@ -267,7 +267,7 @@ class Catalogue:
     # ------------------------------------------------------------------------------------------------------ meaning
 
     def _by_meaning(self, query: Query, filters: Filters, depth: int, also: Mapping[int, float]) -> dict[int, _Near]:
-        """Return rows with their similarity in meaning: the nearest rows, rows of the best kinds, and other given rows.
+        """Return rows with their semantic similarity: the nearest rows, rows of the best kinds, and other given rows.
 
         Args:
             query: The query.
@@ -291,7 +291,7 @@ class Catalogue:
         places = np.unique(np.concatenate(found).astype(np.int64))
         cosines = index.cosines(readings, places)
         own = kinds.rows[places]
-        # the name of an object is like a short description, so a row without a kind is compared by its own text
+        # a name is similar to a short description, so compare a row without a kind by its own text
         shares = np.array([also.get(row, 0.0) for row in index.columns.rows[places].tolist()])
         near = cosines + WORDS_SHARE * shares
         if len(likeness):
@@ -307,7 +307,7 @@ class Catalogue:
         if filters.source:
             parts.append(columns.sources == self._numbers[filters.source])
         if filters.max_faces is not None:
-            # As unsigned numbers, unknown numbers of triangles (-1) are the largest.
+            # as unsigned integers, unknown numbers of triangles (-1) are the largest
             parts.append(columns.faces.view(np.uint32) <= min(filters.max_faces, 2**31 - 1))
         if filters.max_size_m is not None:
             parts.append(columns.sizes <= filters.max_size_m)
@@ -327,7 +327,7 @@ class _Near:
 def _word_scores(by_words: Sequence[tuple[int, float]]) -> dict[int, float]:
     """Return a score in (0, 1] for each row, from its rank by words and its share of the query.
 
-    A row with only some words of the query has less weight, even if few rows contain more words.
+    A row with only some words of the query has a lower score, even if few rows contain more words.
     """
     return {
         row: (_RANK + 1.0) * share**_PARTIAL / (_RANK + rank) for rank, (row, share) in enumerate(by_words, start=1)
@@ -335,7 +335,7 @@ def _word_scores(by_words: Sequence[tuple[int, float]]) -> dict[int, float]:
 
 
 def _fused(by_words: Sequence[tuple[int, float]], by_meaning: Mapping[int, _Near]) -> dict[int, float]:
-    """Return a score in [0, 1] for each row, from meaning and words."""
+    """Return a score in [0, 1] for each row, which combines meaning and words."""
     words = _word_scores(by_words)
     largest = _KIND_SHARE * (1.0 + WORDS_SHARE) + _OWN_SHARE + _WORDS_SHARE
 
@@ -347,7 +347,7 @@ def _fused(by_words: Sequence[tuple[int, float]], by_meaning: Mapping[int, _Near
 
 
 def _sealed(store: Store, folder: Path) -> str:
-    """Return whether a catalogue has words only or also vectors; raise InvalidInputError if indexing is incomplete."""
+    """Return the contents of an indexed catalogue, "words" or "vectors"; raise InvalidInputError if unfinished."""
     sealed = store.fact("sealed")
     if sealed not in ("words", "vectors"):
         problem = "its indexing has not ended, or was interrupted"
@@ -363,7 +363,7 @@ def _dimension(store: Store) -> int:
 
 
 def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
-    """Return the FTS5 expression for the terms, and whether its matches are few enough to be ranked."""
+    """Return the FTS5 expression for the terms, and whether it has few enough matches to rank."""
     ordered = sorted(frequencies, key=lambda word: (frequencies[word], word))
     chosen: list[str] = []
     total = 0

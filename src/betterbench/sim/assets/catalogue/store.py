@@ -1,4 +1,4 @@
-"""Catalogue file: rows and their words in SQLite."""
+"""SQLite file of a catalogue, with its rows and their words."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class WordMatch:
 
     Attributes:
         row: Row number.
-        fields: Words of the name, of the tags and of the description, as terms separated by blanks.
+        fields: Normalized words of the name, the tags and the description, separated by spaces.
         source: Source name.
         faces: Number of triangles, None if unknown.
         license: License name, empty if unknown.
@@ -106,7 +106,7 @@ class Store:
 
     @contextlib.contextmanager
     def checked(self) -> Iterator[None]:
-        """Convert an error of SQLite into an error that names the file."""
+        """Context manager that converts SQLite errors into errors that name the file."""
         try:
             yield
         except sqlite3.OperationalError as error:
@@ -131,7 +131,7 @@ class Store:
     # -------------------------------------------------------------------------------------------------------- facts
 
     def fact(self, key: str) -> str:
-        """Return a stored fact about the catalogue, or an empty text."""
+        """Return a stored fact about the catalogue, or an empty string."""
         with self.checked():
             found = self._database.execute("SELECT value FROM facts WHERE key = ?", (key,)).fetchone()
         return "" if found is None else str(found[0])
@@ -235,7 +235,7 @@ class Store:
         return {line["row"]: self._entry(line) for line in found}
 
     def row_of(self, asset_id: str) -> CatalogueEntry | None:
-        """Return a row by id, None if there is none."""
+        """Return a row by id, or None."""
         with self.checked():
             line = self._database.execute(
                 f"SELECT {_COLUMNS} FROM assets JOIN sources ON sources.number = assets.source WHERE id = ?",  # noqa: S608
@@ -292,7 +292,8 @@ class Store:
     def count_terms(self) -> None:
         """Store the number of rows per term.
 
-        FTS5's vocabulary table reads every match to count a term, which takes 30 ms for a term in most of 800,000 rows.
+        FTS5's vocabulary table reads every match to count a term, which takes 30 ms for a term that occurs in most of
+        800,000 rows.
         """
         with self.checked():
             self._database.execute("DELETE FROM frequencies")

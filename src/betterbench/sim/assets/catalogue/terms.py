@@ -1,4 +1,4 @@
-"""Normal form of words in names, descriptions and queries."""
+"""Normalization of words in names, descriptions and queries."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _IRREGULAR = {
     "doughnut": "donut",
     "aluminium": "aluminum",
 }
-"""Irregular plurals, and variants of spelling."""
+"""Irregular plurals and spelling variants."""
 
 _KEEP = re.compile(r"(ss|us|is|as|ios)$")
 _WORD = re.compile(r"[^\W_]+")
@@ -47,7 +47,7 @@ def terms(text: str) -> list[str]:
 
 
 def singular(word: str) -> str:
-    """Return an English noun in the singular; other words may consistently lose their last letter."""
+    """Return an English noun in the singular; other words may lose their last letter, but always in the same way."""
     if word in _IRREGULAR:
         return _IRREGULAR[word]
     if len(word) < 4 or not word.endswith("s") or _KEEP.search(word):

@@ -1,4 +1,4 @@
-"""Selection of several assets for one description that differ in shape and color."""
+"""Selection of several assets for one description, with different shapes and colors."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ MOST = 100
 """Maximum number of assets for one description."""
 _SEARCHED = 60
 _NEAR = 0.35
-"""Minimum score, relative to the best one, of an asset with a different name for the same description."""
+"""Minimum score relative to the best hit for an asset with a different name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """An asset for a description.
+    """Asset chosen for a description.
 
     Attributes:
         id: Asset id; with a look number ("procedural/mug-red#3") if the row represents several looks.

@@ -1,4 +1,4 @@
-"""Catalogue vectors with one byte per component, in memory-mapped files.
+"""Vectors of a catalogue with one byte per component, in memory-mapped files.
 
 Each row has a vector (int8 components with a scale), a sketch (one bit per component), and the columns for filters. A
 search first compares sketches, and then the vectors of the best rows.
@@ -23,11 +23,12 @@ EXACT_ROWS = 20_000
 RERANKED = 2_000
 """Number of rows whose vectors are compared after the sketches of all rows."""
 RERANKED_AMONG = 500
-"""The same after the sketches of given rows, such as the 18,000 rows of a frequent kind among 800,000."""
+"""Number of rows whose vectors are compared after the sketches of a subset, such as the 18,000 rows of a frequent
+kind."""
 _SPREAD = 1 << 16
 """Number of rows per batch when files are written, and when sketches are compared."""
 _EXCLUDED = np.uint16(1 << 15)
-"""Number of differing bits that marks a row outside the filters."""
+"""Number of differing bits assigned to rows that do not pass the filters."""
 
 FILES = ("vectors", "scales", "sketches", "rows", "digests", "licenses", "sources", "faces", "sizes")
 """Names of the files, without their ending .npy."""
@@ -212,7 +213,7 @@ class VectorIndex:
         """Return at least the requested number of indices for each vector, those with the most similar sketches."""
         sketches = _sketches(queries, self._center)
         differing = np.empty((len(queries), self.count), np.uint16)
-        # Arithmetic on the mask takes 0.2 ms for 800,000 rows; an assignment through the mask takes 4 ms.
+        # arithmetic with the mask takes 0.2 ms for 800,000 rows; assignment through the mask would take 4 ms
         excluded = None if allowed is None else (~allowed).astype(np.uint16) * _EXCLUDED
         middle = self.count // 2
 
@@ -232,7 +233,7 @@ class VectorIndex:
         return np.flatnonzero(chosen)
 
     def _candidates_among(self, queries: np.ndarray, places: np.ndarray, wanted: int) -> np.ndarray:
-        """Return the requested number of indices, or more, with the sketches nearest to the sketch of any vector."""
+        """Return at least the requested number of indices, with the sketches nearest to the sketch of any vector."""
         sketches = self._sketches[:, places]
         differing = np.full(len(places), 65535, np.uint16)
         for sketch in _sketches(queries, self._center).T:
@@ -247,7 +248,7 @@ class VectorIndex:
             return self._threads
 
     def close(self) -> None:
-        """End the threads."""
+        """Stop the worker threads."""
         if self._threads is not None:
             self._threads.shutdown()
 

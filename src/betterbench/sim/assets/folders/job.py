@@ -27,19 +27,19 @@ from betterbench.sim.assets.names import file_words
 from betterbench.tasks.user_files import ASSET_MANIFEST
 
 VERB = "assets"
-"""Verb that writes folders of assets."""
+"""Command that writes asset folders."""
 LICENSE_OPTIONS = "Give --license with its name, or add --any-license to import it all the same"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportRequest:
-    """One file to import.
+    """Request to import one file.
 
     Attributes:
         path: The file.
         wishes: Options of the import.
         name: Asset name in tasks; derived from the file name if not given.
-        color: Color word; default: the color that covers most of the surface.
+        color: Color word; by default, the color that covers most of the surface.
         any_license: Whether restricted and unknown licenses are allowed.
     """
 
@@ -128,7 +128,7 @@ def _imported(request: ImportRequest) -> _Result:
         require_license(where, request.wishes.license, any_license=request.any_license, option=LICENSE_OPTIONS)
         return _Result(request, import_bytes(request.path, request.wishes))
     except StorageError:
-        raise  # an error of the cache, so every other file would fail too
+        raise  # an error of the cache, which would also affect all other files
     except (BetterError, OSError) as error:
         return _Result(request, None, one_line(error, most=400))
 
@@ -138,14 +138,14 @@ def _shown(path: Path) -> str:
 
 
 class _Folder:
-    """A folder of assets that this process writes."""
+    """Asset folder to which this process writes."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._assets = manifest_of(path).assets
 
     def names_for(self, requests: Sequence[ImportRequest]) -> dict[ImportRequest, str]:
-        """Return the name of each asset: as given, else as in the folder for the same file, else from the file name."""
+        """Return a name for each asset: the given name, else the file's existing name, else from the file name."""
         taken = set(self._assets) | set(categories())
         before = {self._source(asset): name for name, asset in self._assets.items()}
         found: dict[ImportRequest, str] = {}

@@ -1,4 +1,4 @@
-"""The manifest of a folder with imported assets."""
+"""Manifest of a folder with imported assets."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ class FolderAsset:
         file: File name in the folder.
         sha256: SHA-256 of the file.
         color: Color word.
-        kind: Kind that determined the size and the mass, empty if unknown.
+        kind: Kind that determined size and mass; empty if unknown.
         size_m: Extents of the bounding box [m].
         mass_kg: Mass.
         license: License of the mesh.
         author: Mesh author, empty if unknown.
         source: Origin of the mesh.
-        source_files: SHA-256 of each source file by name; the first is the file that the user gave.
+        source_files: SHA-256 of each source file by name; the first is the file given by the user.
         options: Options of the import.
-        notes: Decisions of the importer, with reasons.
+        notes: Decisions of the importer, with their reasons.
         importer: Version of the importer.
     """
 

@@ -1,4 +1,4 @@
-"""A folder of imported assets with the changes of a review, as a new folder."""
+"""Output of a reviewed asset folder: a new folder with the changes of a review applied."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.tasks.user_files import ASSET_MANIFEST
 
 
 def stored_asset(folder: Path, name: str) -> Imported:
-    """Return an asset of a folder as it was imported.
+    """Read an asset of a folder as it was imported.
 
     Raises:
         InvalidInputError: If the folder has no such asset, or its file is not the one that the manifest lists.
@@ -55,7 +55,7 @@ def write_reviewed_folder(
         The names of the written assets.
 
     Raises:
-        InvalidInputError: If a change does not fit an asset, or ``out`` is the folder itself.
+        InvalidInputError: If a change does not match an asset, or ``out`` is the folder itself.
     """
     if out.resolve() == folder.resolve():
         raise InvalidInputError("--out", f"{out} is the reviewed folder", "Name another folder")

@@ -1,4 +1,4 @@
-"""Import requests for rows of a catalogue."""
+"""Conversion of catalogue rows to import requests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.sim.assets.licenses import license_name
 
 
 def request_of_row(entry: CatalogueEntry, given: ImportRequest | None = None) -> ImportRequest:
-    """Return the request for a row of a catalogue.
+    """Return the import request for a catalogue row.
 
     Args:
         entry: The row.

@@ -8,9 +8,9 @@
 - ``solid``, ``cavity``: occupied volume, hollow, and level surfaces.
 - ``appearance``, ``coloring``, ``hulls``, ``grasping``: visual shape, color word, collision shape, grasps.
 - ``physics``: mass and collision shapes stated in a file, if they fit the visual shape.
-- ``importer``: the whole import, which gives the draft of an asset; ``stored`` is its file format.
-- ``child``: the same in a limited process, with a cache.
-- ``registration``: the category that a task names.
+- ``importer``: the complete import, which returns an asset draft; ``stored`` is its file format.
+- ``child``: the import in a resource-limited process, with a cache.
+- ``registration``: registration of a mesh as a category that tasks can name.
 """
 
 from betterbench.sim.assets.importing.registration import imported

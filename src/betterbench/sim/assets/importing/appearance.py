@@ -1,4 +1,4 @@
-"""Visual mesh of an imported object, with few triangles and one texture baked from the file's textures."""
+"""Visual mesh of an imported object, with few triangles and one texture baked from the file's textures and colors."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from betterbench.sim.assets.importing.raw import RawMesh, RawPart
 from betterbench.sim.assets.importing.solid import spread
 
 FACE_BUDGET = 600
-"""Maximum number of triangles per asset, because each costs time in software rendering."""
+"""Maximum number of triangles per asset, limited because of the cost in software rendering."""
 THIN_FACE_BUDGET = 1_200
-"""Maximum number of triangles of a thin-walled asset, which would be dented with only 600."""
+"""Maximum number of triangles of a thin-walled asset, which would have dents with only 600."""
 WIRES_FACE_BUDGET = 2_400
-"""Maximum number of triangles of an object that loses parts with 1,200, such as the hoops of a basket."""
+"""Maximum number of triangles of an object that would lose parts with 1,200, such as the hoops of a basket."""
 DENT_SHARE = 0.006
-"""Distance between the reduced and the original surface, as a share of the longest side, above which dents are visible.
-YCB's plate, bowl, mug and sponge deviate by 0.7 to 1.9 % at 600 triangles, which is visible; apple, can, banana and
-fork by at most 0.5 %."""
+"""Distance between reduced and original surface above which dents are visible, as a share of the longest side. At 600
+triangles, YCB's plate, bowl, mug and sponge deviate visibly by 0.7 to 1.9 %; apple, can, banana and fork deviate by at
+most 0.5 %."""
 LOST_SHARE = 0.02
-"""Distance of a point of the original surface from the reduced one, as a share of the longest side, above which a part
-is lost, such as one bar of a wire basket."""
+"""Distance of an original surface point from the reduced surface above which a part counts as lost, such as one bar of
+a wire basket; a share of the longest side."""
 _BOX_FACES = np.array(
     [
         [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
@@ -41,7 +41,7 @@ _MOST_POINTS = 300_000
 _MOST_PLAIN_PARTS = 12
 _SIDES_APART = 0.03
 _AGGRESSION = 2.0
-"""Growth of the tolerated error; the default of 7 crumples thin walls of scans."""
+"""Growth rate of the tolerated error in the mesh reduction; the default of 7 crumples thin walls of scans."""
 
 
 def visual_parts(mesh: RawMesh) -> tuple[VisualPart, ...]:
@@ -73,13 +73,13 @@ def reduced(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.nda
         target_count=count,
         agg=_AGGRESSION,
     )
-    if len(triangles) > count:  # non-manifold edges stop the first pass early
+    if len(triangles) > count:  # non-manifold edges may end the first pass early
         points, triangles = fast_simplification.simplify(points, triangles, target_count=count, agg=10)
     return np.asarray(points, dtype=np.float64), np.asarray(triangles, dtype=np.int64)
 
 
 def _without_needles(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the triangles that have an area: those thicker than a thousandth of their length."""
+    """Remove needle triangles, which are thinner than a thousandth of their length."""
     corners = vertices[faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -102,7 +102,7 @@ def _painted(mesh: RawMesh) -> VisualPart:
     points, normals, colors = _colored_points(mesh)
     where, owners, weights, uv = _atlas(len(faces))
     at = np.einsum("kc,kcd->kd", weights, vertices[faces[owners]])
-    # A point gets the color of its side of a wall: differing normals are penalized by two wall thicknesses.
+    # penalize differing normals by two wall thicknesses, so that a point gets the color of its own side of a wall
     apart = _SIDES_APART * float(np.ptp(points, axis=0).max())
     tree = cKDTree(np.hstack([points, apart * normals]))
     _, nearest = tree.query(np.hstack([at, apart * normals_of(vertices, faces)[owners]]), k=3)
@@ -134,7 +134,7 @@ def _reduced_enough(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray
         is_lost = _is_lost(before, of_after, size)
         if not is_lost:
             dent = max(_farthest(before, of_after), _farthest(after, of_before))
-            if dent - size / 240.0 <= DENT_SHARE * size:  # points are half a spacing apart
+            if dent - size / 240.0 <= DENT_SHARE * size:  # sampled points are half a spacing apart
                 return points, triangles
     if is_lost:
         for budget in (THIN_FACE_BUDGET, WIRES_FACE_BUDGET):
@@ -149,16 +149,16 @@ def _reduced_enough(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray
 
 def _is_lost(before: np.ndarray, after: cKDTree, size: float) -> bool:
     """Return whether a point of a surface has no point of the reduced surface near it."""
-    # A distance beyond the bound is infinite, and its search ends sooner.
+    # the search ends at the bound; larger distances are infinite
     bound = np.nextafter(LOST_SHARE * size, np.inf)
     return bool(np.isinf(after.query(before, distance_upper_bound=bound)[0]).any())
 
 
 def _reduced_parts(vertices: np.ndarray, faces: np.ndarray, budget: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return a surface whose separate parts, such as the wires of a basket, are reduced one by one.
+    """Reduce the separate parts of a surface, such as the wires of a basket, one by one.
 
-    A part that is about as large as its box becomes the box; the others share the remaining triangles by their area.
-    Returns None if the parts are one, or too many for the budget.
+    A part that almost fills its bounding box is replaced by the box; the other parts share the remaining triangles by
+    area. Returns None if there is only one part, or too many parts for the budget.
     """
     links = coo_array((np.ones(len(faces)), (faces[:, 0], faces[:, 1])), shape=(len(vertices), len(vertices)))
     links = links + coo_array((np.ones(len(faces)), (faces[:, 1], faces[:, 2])), shape=links.shape)
@@ -192,7 +192,7 @@ def _reduced_parts(vertices: np.ndarray, faces: np.ndarray, budget: int) -> tupl
 
 
 def _box_of(points: np.ndarray) -> np.ndarray:
-    """Return the corners (8, 3) of a box along the principal axes of points."""
+    """Return the corners (8, 3) of the bounding box of points along their principal axes."""
     middle = points.mean(axis=0)
     _, _, axes = np.linalg.svd(points - middle, full_matrices=False)
     if np.linalg.det(axes) < 0.0:
@@ -204,19 +204,19 @@ def _box_of(points: np.ndarray) -> np.ndarray:
 
 
 def _depth_below(points: np.ndarray, box: np.ndarray) -> float:
-    """Return the largest distance from the surface of a box (8, 3) to points inside it; for a wire, its rounding."""
+    """Return the largest depth of points below the surface of a box (8, 3), which for a wire is its rounding."""
     origin = box[0]
     sides = np.stack([box[4] - origin, box[2] - origin, box[1] - origin])
     lengths = np.maximum(np.linalg.norm(sides, axis=1), 1e-300)
     along = (points - origin) @ (sides / lengths[:, None]).T
     inward = np.minimum(along, lengths - along)
-    # The corners of the box need points near them too: a ring fills the box of its points, but not its corners.
+    # also require points near the corners of the box: a ring touches all sides of its box, but not the corners
     corners = cKDTree(points).query(box)[0].max()
     return float(max(inward.min(axis=1).max(), corners))
 
 
 def _some(points: np.ndarray) -> np.ndarray:
-    """Return a subset of too many points: long thin triangles get far more points than their area requires."""
+    """Return every n-th point, because long thin triangles get far more points than their area requires."""
     return points[:: 1 + len(points) // _MOST_POINTS]
 
 

@@ -12,30 +12,30 @@ from betterbench.sim.assets.importing.solid import Solid
 
 _LEAST_DEPTH_M = 0.004
 _LEAST_DEPTH_SHARE = 0.12
-"""A hollow that is shallower than this share of the object's height is a dent."""
+"""Minimum depth of a hollow as a share of the object's height; shallower hollows are dents."""
 _LEAST_AREA_SHARE = 0.12
 _PITS = 0.05
 _GAP_M, _LEAST_GAPS = 0.012, 12
-"""Largest width of a gap that objects do not fall through [m], and least number of such gaps in a grid; fewer gaps are
-leaks."""
+"""Maximum width of a gap that objects do not fall through [m], and minimum number of such gaps in a grid; fewer gaps
+are leaks."""
 _SEAM_CELLS = 2.0
-"""Largest gap between collision parts that is a seam [cells]: hulls end at points, which are a cell apart."""
+"""Maximum gap between collision parts that counts as a seam [cells]; hulls end at points, which are one cell apart."""
 _STEP_M = 0.0005
 _ALMOST = 0.9
 _LEVEL_M = 0.002
-"""Height within which a surface is level [m]."""
+"""Height range within which a surface counts as level [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cavity:
-    """The hollow that holds the most water.
+    """Hollow of an object: the one that holds the most water.
 
     Attributes:
         mask: (nx, ny) columns of the grid that are under water.
         tops: (nx, ny) highest surface of each column [m]; -inf where there is none.
         rim_m: Height at which the hollow would overflow [m].
         floor_m: Height of the floor [m]: the 5th percentile, because scans have pits.
-        volume_m3: Volume of water that the hollow holds.
+        volume_m3: Volume of water that the hollow holds [m^3].
     """
 
     mask: np.ndarray
@@ -54,7 +54,7 @@ def tops_of(solid: Solid) -> np.ndarray:
     """Return the (nx, ny) height of the highest surface in each column of cells [m], -inf in empty columns."""
     nz = solid.cells.shape[2]
     tops = solid.highest.copy()
-    # A column without a surface point gets the height of its highest cell.
+    # a column without surface points gets the height of its highest cell
     filled = solid.cells.any(axis=2) & ~np.isfinite(tops)
     highest = nz - 1 - np.argmax(solid.cells[:, :, ::-1], axis=2)
     tops[filled] = (solid.origin[2] + (highest + 0.5) * solid.pitch_m)[filled]
@@ -73,7 +73,7 @@ def cavity_of(solid: Solid, *, of_hulls: bool = False) -> Cavity | None:
         tops = _without_gaps(tops, solid.pitch_m, most_m=_SEAM_CELLS * solid.pitch_m, least=1)
     tops = _without_gaps(tops, solid.pitch_m, most_m=_GAP_M + solid.pitch_m, least=_LEAST_GAPS)
     level = _water(tops)
-    # Empty columns are never under water: their level and their height are both -inf.
+    # empty columns are never under water, because both their level and their height are -inf
     depth = np.where(np.isfinite(tops), level - np.where(np.isfinite(tops), tops, 0.0), 0.0)
     height = float(np.ptp(solid.points[:, 2]))
     labels, count = ndimage.label(depth > max(_LEAST_DEPTH_M, _LEAST_DEPTH_SHARE * height))
@@ -90,13 +90,13 @@ def cavity_of(solid: Solid, *, of_hulls: bool = False) -> Cavity | None:
 
 
 def _without_gaps(tops: np.ndarray, pitch_m: float, *, most_m: float, least: int) -> np.ndarray:
-    """Return heights with the gaps of a grid filled to the height of its bars, because a wire basket holds objects.
+    """Fill the gaps of a grid to the height of its bars, because a wire basket holds objects.
 
     Args:
         tops: (nx, ny) highest surface of each column of cells [m].
         pitch_m: Side of a cell [m].
         most_m: Width of the widest gap that is filled [m].
-        least: Smallest number of such gaps that are filled.
+        least: Minimum number of such gaps; fewer gaps are not filled.
     """
     footprint = np.isfinite(tops)
     gaps = ndimage.binary_fill_holes(footprint) & ~footprint
@@ -184,7 +184,7 @@ def _middles(solid: Solid) -> np.ndarray:
 def highest_level(solid: Solid, tops: np.ndarray) -> tuple[float, float, float, float] | None:
     """Return height, middle (x, y) and half the side [m] of the highest level square, or None.
 
-    The square must cover a fifth of the object's footprint. Other objects can stand on the highest such square.
+    The square must cover at least a fifth of the object's footprint, so that other objects can stand on it.
     """
     finite = np.isfinite(tops)
     least = 0.5 * float(np.sqrt(0.2 * finite.sum())) * solid.pitch_m

@@ -29,12 +29,13 @@ VERSION = 9
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120.0
 MAX_S = 900.0
-"""Limit of the wall-clock time of an import [s], well above the limit of CPU time for busy machines."""
+"""Wall-clock time limit of an import [s], well above the CPU time limit because machines may be busy."""
 
 _MAIN = "betterbench.sim.asset_checks.tried_grasps:import_for_parent"
-"""Main function of the child, which tries grasps in the simulator; asset packages may not import the simulator."""
+"""Main function of the child process, given by name because asset packages must not import the simulator, which tests
+the grasps."""
 MOST_STORED_BYTES = 64 << 20
-"""Largest file of an imported object."""
+"""Maximum size of an imported object's file [byte]."""
 _MOST_NOTE_BYTES = 1 << 20
 _FILES = TypeAdapter(dict[Literal["files"], dict[str, str]])
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -42,7 +43,7 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """An imported object as bytes.
+    """Imported object as bytes.
 
     Attributes:
         data: The object in the format of :func:`~betterbench.sim.assets.importing.stored.to_bytes`.
@@ -59,7 +60,7 @@ def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B
 
 
 def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 - frozen
-    """Import the object in a file in a limited process, or take the result from the user's cache.
+    """Import the object in a file in a resource-limited process, or return the result from the user's cache.
 
     Raises:
         InvalidInputError: If the file cannot be read, is not an object of tabletop size, or exceeds the limits of
@@ -81,7 +82,7 @@ def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 -
 
 
 def _digest(path: Path, where: str) -> str:
-    """Return the SHA-256 of a file within the size limit, without loading it whole into memory."""
+    """Return the SHA-256 of a file, without loading all of it; raise InvalidInputError if it exceeds the size limit."""
     try:
         with open_ordinary(path) as file:
             size = file.seek(0, 2)
@@ -96,12 +97,12 @@ def _digest(path: Path, where: str) -> str:
 
 
 def cache_folder() -> Path:
-    """Return the folder of cached imports; it can be deleted at any time."""
+    """Return the folder of cached imports, which can be deleted at any time."""
     return platformdirs.user_cache_path("betterbench") / "imported"
 
 
 def _key(path: Path, digest: str, wishes: Wishes) -> str:
-    """Return a digest of the inputs of an import: the file, the names that determine its kind, and the options."""
+    """Return a digest of all import inputs: the file, the names that determine its kind, and the options."""
     named = "/".join(path.absolute().parts[-4:])
     known = f"{VERSION}|{json.dumps(asdict(wishes), sort_keys=True)}|{named}|{digest}"
     return hashlib.sha256(known.encode()).hexdigest()[:32]
@@ -145,10 +146,10 @@ def _in_child(path: Path, wishes: Wishes, where: str) -> Made:
 
 
 def answer_imports(finish: Callable[[Imported], Imported]) -> None:
-    """Import the objects that requests name, in the child.
+    """Import the requested objects, in the child process.
 
     Args:
-        finish: Last step of an import.
+        finish: Final step of an import, applied to each object.
     """
     answers = functools.partial(_answers, finish=finish)
     answer_requests(answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=MAX_CPU_S, unexpected=_unexpected)

@@ -1,4 +1,4 @@
-"""Color word of an object: the word for most of its visible surface."""
+"""Choice of an object's color word, by the color of most of its visible surface."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.sim.assets.authoring.paint import PALETTE
 
 
 def color_word(parts: Sequence[VisualPart | CollisionPart]) -> str:
-    """Return the word of the palette that is nearest to most of the visible surface, by distance in CIELAB."""
+    """Return the palette word that is nearest to most of the visible surface, by CIELAB distance."""
     words = list(PALETTE)
     palette = _lab(np.array([PALETTE[word] for word in words]))
     votes = np.zeros(len(words))
@@ -25,7 +25,7 @@ def color_word(parts: Sequence[VisualPart | CollisionPart]) -> str:
 
 
 def _face_colors(part: VisualPart) -> np.ndarray:
-    """Return the (m, 3) color of each triangle in [0, 1], in its middle."""
+    """Return the color at the center of each triangle, (m, 3) in [0, 1]."""
     base = np.tile(np.asarray(part.rgba[:3], dtype=np.float64), (len(part.faces), 1))
     texture = part.texture
     if texture is None:

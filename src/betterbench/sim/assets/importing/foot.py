@@ -1,4 +1,4 @@
-"""Small flat foot for objects that would roll, like that of the library's fruit."""
+"""Small flat foot for objects that would roll, as for the fruit of the procedural library."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ _LEANS = tuple(math.radians(lean) for lean in (3.0, 6.0, 9.0, 12.0))
 """Tilts from which an object must return to an upright pose. Scans of fruit stand on a face of a few millimeters and
 roll onto another face while a scene settles; a task that requires them upright (within 5 degrees) then cannot begin."""
 _LEAST_LEVER = 0.02
-"""Minimum horizontal distance from the center of mass to the point of contact at a lean, on the side to which the
-object leans, relative to the height of the center of mass. It is 0 for a sphere."""
+"""Minimum horizontal distance between the center of mass and the contact point of a leaning object, relative to the
+height of the center of mass. It is 0 for a sphere."""
 _WIDTH = math.tan(math.radians(16.0))
-"""Half a side of a foot, relative to the height of the center of mass: the lean from which the object returns."""
+"""Half the side of a foot relative to the height of the center of mass, which determines the lean from which the object
+returns."""
 _HEIGHT_M = 0.006
 _BELOW_M = 0.0003
-"""Depth of the foot below the lowest point, so that the object touches the ground with the foot alone."""
+"""Depth of the foot below the lowest point, so that only the foot touches the ground [m]."""
 
 
 def foot_under(hulls: Sequence[np.ndarray], center: np.ndarray) -> np.ndarray | None:

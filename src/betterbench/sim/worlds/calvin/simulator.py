@@ -306,7 +306,7 @@ def _digest(path: Path) -> str:
 
 
 def main() -> None:
-    """Answer over a socket. Arguments: checkout, configuration or "", "egl" or "", and the number of the socket."""
+    """Answer requests over a socket. Arguments: checkout, configuration or "", "egl" or "", and the socket's number."""
     checkout, config, egl, descriptor = sys.argv[1:]
     simulator = CalvinSimulator(Path(checkout), Path(config) if config else None, egl=egl == "egl")
     with contextlib.suppress(Exception):  # the first request raises this error again and reports it

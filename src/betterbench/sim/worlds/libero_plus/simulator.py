@@ -432,7 +432,10 @@ def _listing_digest(folder: Path) -> str:
 
 
 def main() -> None:
-    """Answer over the socket of the last argument; the first is the wheel's folder, the second may be the assets."""
+    """Answer requests over a socket.
+
+    Arguments: the wheel's folder, optionally the assets' folder, and the socket's number.
+    """
     folder, *assets, descriptor = sys.argv[1:]
     prepare()
     package = Path(folder) / "liberoplus" / "liberoplus"

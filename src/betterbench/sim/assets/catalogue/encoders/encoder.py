@@ -1,4 +1,4 @@
-"""Encoders of meaning: the interface, and the registry."""
+"""Interface and registry of text encoders for semantic search."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from betterbench.errors import UnknownNameError
 
 
 class TextEncoder(Protocol):
-    """Map from texts to vectors; texts of similar meaning have nearby vectors."""
+    """Encoder that maps texts to vectors; texts of similar meaning have nearby vectors."""
 
     @property
     def name(self) -> str:
-        """Name of the encoder and its weights; a catalogue is searched with the encoder that indexed it."""
+        """Name of the encoder and its weights; a catalogue must be searched with the encoder that indexed it."""
 
     @property
     def dimension(self) -> int:
@@ -28,7 +28,7 @@ class TextEncoder(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncoderKind:
-    """Kind of encoders.
+    """Kind of encoder.
 
     Attributes:
         scheme: Name, or the word before the colon of a name.

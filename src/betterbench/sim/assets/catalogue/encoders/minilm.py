@@ -39,7 +39,7 @@ _BATCH = 32
 
 
 class MiniLm:
-    """The model, with its weights in memory (90 MB)."""
+    """all-MiniLM-L6-v2 with its weights in memory (90 MB)."""
 
     name = NAME
     dimension = DIMENSION
@@ -53,7 +53,7 @@ class MiniLm:
         """Return unit vectors, (n, 384) float32."""
         numbers = [self._pieces.numbers(text, limit=_LONGEST) for text in texts]
         vectors = np.zeros((len(texts), DIMENSION), np.float32)
-        # Texts of equal length share a batch: without padding, a text's vector does not depend on its batch.
+        # batch only texts of equal length: without padding, the vector of a text does not depend on its batch
         by_length: dict[int, list[int]] = {}
         for place, pieces in enumerate(numbers):
             by_length.setdefault(len(pieces), []).append(place)
@@ -104,7 +104,7 @@ class MiniLm:
 
 
 def _gelu(x: np.ndarray) -> np.ndarray:
-    """Return x times the normal distribution function of x.
+    """Return the GELU of x: x times the normal distribution function of x.
 
     The error function is approximated as in Abramowitz and Stegun, 7.1.26, with an error below 1.5e-7.
     """

@@ -21,7 +21,7 @@ _IDEOGRAPHS = (
 
 
 class WordPieces:
-    """Splitter that turns texts into word piece numbers.
+    """Tokenizer that splits texts into word piece numbers.
 
     Args:
         vocabulary: The pieces, ordered by their numbers in the model.

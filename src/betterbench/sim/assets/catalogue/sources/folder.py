@@ -21,7 +21,7 @@ from betterbench.sim.assets.licenses import license_name
 from betterbench.sim.assets.names import file_words, named_by, words_of
 
 SIDECARS = ("assets.json", "assets.csv")
-"""Files in the folder that describe its assets."""
+"""Names of the sidecar file that describes the assets in a folder."""
 
 MAX_FILE_BYTES = 512 << 20
 """Largest file that is indexed [byte]."""
@@ -105,7 +105,7 @@ def _reader(folder: _Folder, file: Path, inside: str, told: _Described | None) -
 
 
 def _mesh_files(root: Path) -> Iterator[Path]:
-    """Yield the files with a mesh extension, without hidden files; links are not followed."""
+    """Yield files with a mesh extension, except hidden files; links are not followed."""
     for place, folders, names in os.walk(root):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in names:
@@ -115,7 +115,7 @@ def _mesh_files(root: Path) -> Iterator[Path]:
 
 
 def _used_files(files: list[Path], on_skip: Callable[[str, str], None], root: Path) -> set[Path]:
-    """Return the files that get no separate row: parts of a URDF or MJCF file, and XML files that are not assets."""
+    """Return the files without a row of their own: parts of a URDF or MJCF file, and XML files that are not assets."""
     found: set[Path] = set()
     for file in files:
         if file.suffix.lower() not in (".urdf", ".xml"):
@@ -136,13 +136,13 @@ def _preference(file: Path) -> tuple[int, str]:
 
 
 def _object_of(file: Path, root: Path) -> tuple[Path, str]:
-    """Return a key shared by files of the same object: the folder that names the object, or the folder and the stem."""
+    """Return a key shared by all files of an object: the folder that names it, or the folder and the stem."""
     place, stem = named_by(file, root)
     return (place, "") if stem is None else (file.parent, stem)
 
 
 def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
-    """Return the sidecar entry of each file, and a text that changes with the sidecar."""
+    """Return the sidecar entry of each file, and a fingerprint of the sidecar."""
     there = [root / name for name in SIDECARS if (root / name).is_file()]
     if not there:
         return {}, ""

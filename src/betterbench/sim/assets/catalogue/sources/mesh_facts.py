@@ -1,7 +1,7 @@
-"""Facts about mesh files that can be read without loading the mesh: triangles and extents.
+"""Reading of mesh file facts (triangles and extents) without loading the mesh.
 
-Referenced files are not opened, and the number of bytes read per file is limited. A number that is missing in the file,
-or is not finite, is unknown.
+Referenced files are not opened, and the number of bytes read per file is limited. Missing or non-finite numbers are
+treated as unknown.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.sim.assets.gltf import description_of
 from betterbench.sim.assets.xml_file import MAX_XML_BYTES, parse_xml
 
 MAX_TEXT_BYTES = 64 << 20
-"""Maximum size of an OBJ or text STL file to read [byte]; the facts about larger files are unknown."""
+"""Maximum size of an OBJ or text STL file to read [byte]; facts about larger files are unknown."""
 _MOST_NODES = 20_000
 _CURE = "Repair the file or remove it"
 

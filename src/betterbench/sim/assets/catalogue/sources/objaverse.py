@@ -1,4 +1,4 @@
-"""Objaverse: published models, each with its own license and author.
+"""Objaverse source: published models, each with its own license and author.
 
 ``objaverse:FOLDER`` reads the files that the package ``objaverse`` stores on disk (``metadata/*.json.gz``,
 ``lvis-annotations.json.gz``, ``object-paths.json.gz``, ``glbs/``) and needs no network. ``objaverse`` alone lets the

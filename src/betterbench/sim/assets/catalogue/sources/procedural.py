@@ -1,4 +1,4 @@
-"""The procedural library: one row for each category and color, which represents all its looks."""
+"""Source of the procedural library, with one row for each category and color that represents all looks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def asset_address(entry_id: str) -> tuple[str, str, int]:
 
 @dataclass(frozen=True, slots=True)
 class _Procedural:
-    """The generators that are registered."""
+    """Source of the registered generators."""
 
     name: str = NAME
     address: str = NAME

@@ -13,11 +13,11 @@ from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 
 @dataclass(frozen=True, slots=True)
 class SourceItem:
-    """An asset of a source before the row is read.
+    """Asset of a source whose row has not been read yet.
 
     Attributes:
         id: Id of the row.
-        fingerprint: Text that changes when the row must be read again.
+        fingerprint: Text that changes if the row must be read again.
         read: Returns the row; raises a BetterError if the asset cannot be used.
     """
 
@@ -27,7 +27,7 @@ class SourceItem:
 
 
 class AssetSource(Protocol):
-    """A collection of assets that can be listed."""
+    """Source: a collection of assets that can be listed."""
 
     @property
     def name(self) -> str:
@@ -61,7 +61,7 @@ class SourceKind:
     """Kind of source.
 
     Attributes:
-        scheme: First word of its addresses, before a colon and a target.
+        scheme: First part of its addresses, before the colon and the target.
         shown: Displayed form of its addresses ("folder:PATH").
         summary: One sentence about its assets.
         open: Opens the source for a target (may be empty); raises a BetterError on failure.
