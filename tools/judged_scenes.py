@@ -47,7 +47,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
@@ -352,7 +352,9 @@ def steps_of(condition: Condition) -> list[tuple[Subgoal, str, str]]:
 def step_words(condition: Condition, goal: Subgoal, thing: str, below: str) -> str:
     """Return the question about a step."""
     spec, target = condition.object(thing), condition.object(goal.target)
-    name = f"the {goal.word} {spec.kind}" if goal.reference.slot is not None else f"the {spec.kind}"
+    name = f"the {spec.kind}"
+    if goal.reference.slot is not None:  # the end does not show where it stood at the start
+        name = f"the {spec.kind}, which was the {goal.word} one at the start,"
     if goal.count > 1 or (below and below != goal.target and condition.object(below).kind == spec.kind):
         name = f"the second {spec.kind}"
     verb = "are" if name.endswith("fries") else "is"
@@ -404,6 +406,56 @@ def fault_of(setting: str, arrangement: str) -> str:
     return ""
 
 
+def unfair_of(question: Question, arrangement: str) -> str:
+    """Return the reason why judges could not answer a question from the pictures, or "".
+
+    The center of the object in question must be in the front view. A harmed object must be in the front view and in the
+    view from above, at the start and at the end. All steps that the text presents as done must be done.
+    """
+    scene: Scene = arranging.scene_of(question.setting)
+    harm = question.kind == "harm"
+    name = question.clauses[0].thing if harm else question.thing
+    if harm:
+        scene.reset(check_premise=False)
+        if outside_of_views(scene, name, above=True):
+            return f"{name} is outside of a view at the start"
+    start, state = arranging.arranged(question.setting, arrangement)
+    if outside_of_views(scene, name, above=harm):
+        return f"{name} is outside of a view"
+    condition = arranging.condition_of(question.setting)
+    if harm:
+        tracker = GoalTracker(condition, state.info, template=get_task(condition.task).template, control_rate_hz=20.0)
+        for seen in (start, *[state] * 6):
+            truth = tracker.update(seen)
+        undone = [subgoal for subgoal, done in zip(tracker.subgoal_names, truth.subgoals, strict=True) if not done]
+    else:
+        posed = {clause.thing for clause in question.clauses}
+        before = itertools.takewhile(lambda step: step[1] != question.thing, steps_of(condition))
+        undone = [
+            f"{goal.relation}({thing}, {goal.target})"
+            for goal, thing, _ in before
+            if thing in posed and not relation(goal.relation).holds(state, thing, goal.target, goal.region)
+        ]
+    return f"not done: {undone[0]}" if undone else ""
+
+
+def outside_of_views(scene: Scene, name: str, *, above: bool) -> bool:
+    """Return whether the center of an object is not in the front view or, if asked for, not in the view from above."""
+    state = scene.state()
+    center = state.pose(name).apply((0.0, 0.0, 0.5 * state.info.object(name).size_m[2]))
+    if not in_image(scene, "front", center):
+        return True
+    with camera_above(scene) as camera:
+        return above and not in_image(scene, camera, center)
+
+
+def in_image(scene: Scene, camera: str, point: Sequence[float]) -> bool:
+    """Return whether a point of the world [m] is in the image of a camera."""
+    matrices = camera_matrices(scene.model, scene.data, camera, width=SIDE_PX, height=SIDE_PX)
+    ((u, v),), _ = matrices.project(np.array([point]))
+    return bool(0.0 <= u < SIDE_PX and 0.0 <= v < SIDE_PX)
+
+
 def border_of(question: Question) -> float | None:
     """Return the point of the line at which the verdict changes, or None if an end has the wrong verdict."""
     if not question.accepted(0.0) or question.accepted(1.0):
@@ -437,7 +489,7 @@ def drawn(
             t = abs(end - ENDS * t)
         if border is not None and near:
             t = min(1.0, max(0.0, border + poser.uniform(-NEAR, NEAR)))
-        if not fault_of(question.setting, question.at(t)):
+        if not fault_of(question.setting, question.at(t)) and not unfair_of(question, question.at(t)):
             return question, t, border
     raise RuntimeError(f"{make}: no possible scene in {TRIES} tries")
 
@@ -682,9 +734,7 @@ def view_of(scene: Scene, renderer: Renderer, camera: str) -> Image.Image:
 
 def view_from_above(scene: Scene, renderer: Renderer) -> Image.Image:
     """Return the view from above without the robot, with bars of 5 cm at table height."""
-    # the camera looks down; x of the world points away from the robot, to the lower edge of the image
-    looks = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    with moved_camera(scene, (0.53, 0.0, ABOVE_M), looks, ABOVE_FOV_DEG, robot=False) as camera:
+    with camera_above(scene) as camera:
         image = view_of(scene, renderer, camera)
         matrices = camera_matrices(scene.model, scene.data, camera, width=SIDE_PX, height=SIDE_PX)
     points, _ = matrices.project(np.array([[0.745, -0.33, 0.0], [0.795, -0.33, 0.0], [0.795, -0.28, 0.0]]))
@@ -703,6 +753,13 @@ def close_view(scene: Scene, renderer: Renderer, focus: Sequence[float]) -> Imag
     looks = np.stack([right, np.cross(back, right), back], axis=1)
     with moved_camera(scene, eye, looks, CLOSE_FOV_DEG, robot=True) as camera:
         return view_of(scene, renderer, camera)
+
+
+def camera_above(scene: Scene) -> AbstractContextManager[str]:
+    """Move a camera above the table for a while, and hide the robot."""
+    # the camera looks down; x of the world points away from the robot, to the lower edge of the image
+    looks = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    return moved_camera(scene, (0.53, 0.0, ABOVE_M), looks, ABOVE_FOV_DEG, robot=False)
 
 
 @contextmanager

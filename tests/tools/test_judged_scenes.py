@@ -7,7 +7,7 @@ import importlib
 from pathlib import Path
 
 import pytest
-from tests.tasks.arranging import arranged, clauses_of
+from tests.tasks.arranging import arranged, clauses_of, condition_of
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
 HEAD = "number\tkind\tsetting\tthing\ttarget\tregion\tposture\tinstruction\tquestion\tarrangement\tprogram\tt\tborder\n"
@@ -93,6 +93,56 @@ def test_a_scene_in_which_something_is_pushed_away_is_not_possible(scenes):
     start, _ = arranged(setting, "fork plate.left z=2 settle")
     assert scenes.fault_of(setting, "fork slot:front z=0 settle") != "", "the cup stands there"
     assert start.info.object("cup").slot == "front"
+
+
+def question_about(scenes, setting, arrangement, *, pair=None):
+    """Returns a question about an arrangement: of a goal, or of harm to the first object if there is no pair."""
+    kind, thing, target = ("harm", "-", "-") if pair is None else ("beside", *pair)
+    clauses = tuple(scenes.Pose(part.split()[0], "from") for part in arrangement.split(";"))
+    return scenes.Question(kind, setting, thing, target, "left", clauses, "Put it.", "?")
+
+
+@pytest.mark.parametrize(
+    ("setting", "arrangement", "pair", "expected"),
+    [
+        ("desk_meeting/O1", "mug laptop.left z=2 settle", ("mug", "laptop"), ""),
+        # the scene of the fifth set in which the mug is not in the image
+        ("desk_meeting/O1", "mug laptop.left x=94.7 y=-191.3 z=2 settle", ("mug", "laptop"), "mug is outside of a view"),
+        (
+            "breakfast_table/train1",
+            "fork plate.left y=-90 z=2 settle; cup plate.upper_right z=2 settle",
+            ("cup", "plate"),
+            "not done: beside(fork, plate)",
+        ),
+        (
+            "breakfast_table/train1",
+            "jam from x=60 z=1 settle; fork plate.left z=2 settle; cup plate.upper_right z=2 settle",
+            None,
+            "",
+        ),
+        (
+            "breakfast_table/train1",
+            "jam from x=60 z=1 settle; fork plate.left z=2 turn=180 settle; cup plate.upper_right z=2 settle",
+            None,
+            "not done: fork_left",
+        ),
+        ("desk_meeting/L2", "speaker from x=900 z=1 settle", None, "speaker is outside of a view"),
+    ],
+)
+def test_judges_see_what_is_in_question_and_what_the_text_calls_done_is_done(
+    scenes, setting, arrangement, pair, expected
+):
+    assert scenes.unfair_of(question_about(scenes, setting, arrangement, pair=pair), arrangement) == expected
+
+
+@pytest.mark.parametrize("name", ["train3", "L2"])
+def test_a_mug_named_by_its_place_is_named_by_its_color_too(scenes, name):
+    """The picture shows the end, where the top mug is no longer at the top."""
+    condition = condition_of(f"morning_coffee/{name}")
+    ((goal, thing, below),) = scenes.steps_of(condition)
+    kind, word = condition.object(thing).kind, goal.word
+    question = scenes.step_words(condition, goal, thing, below)
+    assert f": the {kind}, which was the {word} one at the start, is inside the ring" in question
 
 
 def planned(scenes, count, **shares):
