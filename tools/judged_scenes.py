@@ -425,8 +425,9 @@ def unfair_of(question: Question, arrangement: str) -> str:
     condition = arranging.condition_of(question.setting)
     if harm:
         tracker = GoalTracker(condition, state.info, template=get_task(condition.task).template, control_rate_hz=20.0)
-        for seen in (start, *[state] * 6):
-            truth = tracker.update(seen)
+        truth = tracker.update(start)
+        for _ in range(6):
+            truth = tracker.update(state)
         undone = [subgoal for subgoal, done in zip(tracker.subgoal_names, truth.subgoals, strict=True) if not done]
     else:
         posed = {clause.thing for clause in question.clauses}

@@ -339,7 +339,7 @@ def _part(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
         text = f"Some of the objects are packed, and then {empty}"
         first = next(c for c in after if not c.holds)
         rule = "air_grasp_at_memorized_slot"
-        return RealLabel(Label.BEHAVIORAL_INERTIA, rule, text, first.start_s, first.over_s, "joints and judgesf")
+        return RealLabel(Label.BEHAVIORAL_INERTIA, rule, text, first.start_s, first.over_s, "joints and judges")
     if after:
         text = f"Some objects are packed, and then {_at(after[-1])}: another object is missed or lost."
         return RealLabel(
