@@ -8,10 +8,11 @@ from betterbench.tasks.suite.cheeseburger import cheeseburger
 def cheeseburger_so101() -> a.Task:
     """Stack the named layers on the bottom bun with the SO-101, in the order in which they are named.
 
-    The slots of `cheeseburger` from a base at (0.28, -0.13) m, and 15 % closer together, so that the arm reaches every
-    slot with a tool that hardly tilts. Between the two nearest slots, the open gripper starts above the empty table.
+    The slots are those of `cheeseburger`, seen from a base at (0.28, -0.13) m and 15 % closer together, so that the arm
+    reaches every slot with a nearly vertical tool. The open gripper starts above the empty table between the two
+    nearest slots.
 
-    Randomizations: each layer within 15 mm and 9 degrees of its slot; all looks.
+    Randomizations: each layer is within 15 mm and 9 degrees of its slot. The looks of all objects vary.
     """
     return a.laid_out(
         cheeseburger(),
