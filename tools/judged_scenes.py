@@ -409,9 +409,8 @@ def unfair_of(question: Question, arrangement: str) -> str:
     condition = arranging.condition_of(question.setting)
     if harm:
         tracker = GoalTracker(condition, state.info, template=get_task(condition.task).template, control_rate_hz=20.0)
-        for seen in (start, *[state] * 6):
-            truth = tracker.update(seen)
-        undone = [subgoal for subgoal, done in zip(tracker.subgoal_names, truth.subgoals, strict=True) if not done]
+        subgoals = [tracker.update(seen).subgoals for seen in (start, *[state] * 6)][-1]
+        undone = [subgoal for subgoal, done in zip(tracker.subgoal_names, subgoals, strict=True) if not done]
     else:
         posed = {clause.thing for clause in question.clauses}
         before = itertools.takewhile(lambda step: step[1] != question.thing, steps_of(condition))

@@ -107,7 +107,12 @@ def question_about(scenes, setting, arrangement, *, pair=None):
     [
         ("desk_meeting/O1", "mug laptop.left z=2 settle", ("mug", "laptop"), ""),
         # the scene of the fifth set in which the mug is not in the image
-        ("desk_meeting/O1", "mug laptop.left x=94.7 y=-191.3 z=2 settle", ("mug", "laptop"), "mug is outside of a view"),
+        (
+            "desk_meeting/O1",
+            "mug laptop.left x=94.7 y=-191.3 z=2 settle",
+            ("mug", "laptop"),
+            "mug is outside of a view",
+        ),
         (
             "breakfast_table/train1",
             "fork plate.left y=-90 z=2 settle; cup plate.upper_right z=2 settle",
