@@ -45,7 +45,7 @@ def view(task_id: str, anchor: str, size: int) -> Image.Image:
         found, _ = camera.project(np.array([frame.apply((x, y, 0.0)) for x, y in points]))
         return [(float(u), float(v)) for u, v in found]
 
-    axis = np.arange(-0.36, 0.36, STEP_M).tolist()
+    axis = np.arange(-0.46, 0.46, STEP_M).tolist()
     half = 0.55 * STEP_M
     for x in axis:
         for y in axis:

@@ -39,6 +39,7 @@ from betterbench.tasks.interventions.balanced import balanced_conditions
 from betterbench.tasks.relations import RELATIONS, relation, released
 from betterbench.tasks.relations.beside import side_of
 from betterbench.tasks.relations.loose import lowest
+from betterbench.tasks.relations.relation import SHARED
 
 LIMITS = THRESHOLDS.to_json()
 ANGLES = (0.0, 0.9, math.pi / 2, 2.4, math.pi, -1.1)
@@ -190,8 +191,8 @@ def test_beside_ends_far_from_the_edge_and_beyond_the_corners(at_reset, posed, c
         (25.0, {"right", "upper_right"}),
         (44.0, {"right", "upper_right"}),
         (46.0, {"upper_right"}),
-        (71.0, {"upper_right"}),
-        (73.0, set()),
+        (76.0, {"upper_right"}),
+        (78.0, set()),
     ],
 )
 def test_upper_right_of_a_plate_is_between_right_and_behind_and_shares_its_lower_half_with_right(
@@ -207,6 +208,40 @@ def test_upper_right_of_a_plate_is_between_right_and_behind_and_shares_its_lower
     tracker = GoalTracker(condition, state.info, template=get_task("breakfast_table").template, control_rate_hz=20.0)
     truth = dict(zip(tracker.relation_names, tracker.update(there).relations, strict=True))
     assert {side for side in sides if truth[kind.label("cup", "plate", side)]} == expected
+
+
+@pytest.mark.parametrize("degrees", [50.0, 60.0, 75.0])
+def test_the_upper_right_of_a_plate_reaches_equally_far_in_its_directions(at_reset, posed, degrees):
+    state = at_reset("breakfast_table", "train1")
+    radius, reach = 0.5 * state.info.object("plate").size_m[0], LIMITS["side_close_diagonal"]
+    for away, expected in ((reach - HALF_MM, "upper_right"), (reach + HALF_MM, None)):
+        r = radius + away
+        x, y = -r * math.sin(math.radians(degrees)), r * math.cos(math.radians(degrees))
+        assert where("beside", at_side(state, posed, "plate", "cup", (x, y)), "cup", "plate") == expected
+
+
+def test_the_upper_right_of_a_plate_ends_where_its_right_side_ends(at_reset, posed):
+    """Otherwise a cup that starts to the right of the plate might be at the upper right."""
+    state = at_reset("breakfast_table", "train1")
+    edge = 0.5 * state.info.object("plate").size_m[0] + LIMITS["side_close"]
+    for y, expected in ((edge - HALF_MM, f"right{SHARED}upper_right"), (edge + HALF_MM, None)):
+        assert where("beside", at_side(state, posed, "plate", "cup", (-0.09, y)), "cup", "plate") == expected
+
+
+def test_the_edge_of_a_plate_is_round(at_reset, posed):
+    """A piece low beside a plate is on its right, although it is not to the right of the plate's rightmost point."""
+    state = at_reset("breakfast_table", "train1")
+    r = 0.5 * state.info.object("plate").size_m[0] + LIMITS["side_close_least"]
+    for degrees, more, expected in (
+        (30.0, HALF_MM, "right"),
+        (30.0, -HALF_MM, None),
+        (44.0, HALF_MM, "right"),
+        (46.0, HALF_MM, None),
+    ):
+        x, y = (r + more) * math.sin(math.radians(degrees)), (r + more) * math.cos(math.radians(degrees))
+        for sign, side in ((1.0, "right"), (-1.0, "left")):
+            there = at_side(state, posed, "plate", "spoon", (x, sign * y))
+            assert where("beside", there, "spoon", "plate") == (side if expected else None)
 
 
 @pytest.mark.parametrize("turn", [0.5, math.pi / 2, 3.0])

@@ -55,7 +55,7 @@ def breakfast_table() -> a.Task:
     look_alike = (a.remove(EGG), a.move(CUP, FRONT_RIGHT), a.add(TUMBLER, FRONT))
     exchanged = "fork and spoon exchanged"
     return a.Task(
-        version=9,
+        version=10,
         title="Laying the Breakfast Table",
         template=a.PATTERNED_ARRANGEMENT,
         slots=(*OUTSIDE, BACK_LEFT, BACK, FRONT_LEFT, FRONT_RIGHT, TABLE_RIGHT, TABLE_LEFT),

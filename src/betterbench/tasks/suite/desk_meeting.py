@@ -45,7 +45,7 @@ def desk_meeting() -> a.Task:
     look_alike = (a.remove(SPEAKER), a.move(MOUSE, FRONT_3), a.add(SOAP, FRONT_1))
     mug_right, speaker_left = put((MUG, "right"), (MOUSE, "left")), put((SPEAKER, "left"), (MUG, "right"))
     return a.Task(
-        version=6,
+        version=7,
         title="Preparing a Desk Meeting",
         template=a.PATTERNED_ARRANGEMENT,
         slots=(FRONT_1, FRONT_2, FRONT_3, FRONT_4, FRONT_5, FRONT_6, DESK_RIGHT, DESK_LEFT),
