@@ -71,6 +71,12 @@ def test_a_worker_process_imports_no_plan_no_statistics_and_no_server():
     assert inner == {"trials", "workers"}
 
 
+def test_a_process_that_renders_stored_scenes_imports_no_tasks_and_no_parquet():
+    modules = imported("import betterbench.sim.scenes.limited")
+    assert "mujoco" in modules
+    assert not {"pyarrow", "scipy", "trimesh", "PIL", "betterbench.tasks", "betterbench.records.run"} & modules
+
+
 POLICY = """
 import numpy as np
 from betterbench import PolicyInfo
