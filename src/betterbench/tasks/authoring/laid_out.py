@@ -7,10 +7,10 @@ from betterbench.tasks.authoring.task_form import task_from_json, task_to_json
 def laid_out(
     task: Task, name: str, *, robot: str, robot_title: str, base_m: tuple[float, float], scale: float = 1.0
 ) -> Task:
-    """Return a task laid out for another robot, with version 1 and without listed regimes.
+    """Return a task whose slots are moved for another robot, with version 1 and without listed regimes.
 
-    The conditions and variations are the same; the slots of the operations move, too. Slots keep their headings and
-    their jitter.
+    Conditions and variations are the same, and the slots in their operations are moved too. Slots keep their headings
+    and their jitter.
 
     Args:
         task: The task to lay out.
