@@ -90,7 +90,9 @@ def test_nothing_is_written_beside_what_vanished_with_a_locked_folder(tmp_path, 
             out.rename(tmp_path / "elsewhere")
             if how == "moved and made anew":
                 out.mkdir()
-        with pytest.raises(StorageError, match=r"out: the folder or its .* was removed or moved.* run the same command again"):
+        with pytest.raises(
+            StorageError, match=r"out: the folder or its .* was removed or moved.* run the same command again"
+        ):
             write_durably(out / "checkpoints" / "last", b"weights")
     assert not (out / "checkpoints").exists()
     with RunLock(out / LOCK_NAME):
@@ -142,7 +144,10 @@ def test_workers_make_nothing_anew_within_a_folder_that_vanished(tmp_path):
     """A worker wrote the record that it was at, and the same calibration then found a folder that it had not made."""
     out = tmp_path / "calibration"
     plan = make_plan("expert", tasks=["fast_food"], variations=["T1"], trials=1, observation="state_only")
-    with RunLock(out / LOCK_NAME), pytest.raises(StorageError, match=r"calibration: the folder or its .* was removed or moved"):
+    with (
+        RunLock(out / LOCK_NAME),
+        pytest.raises(StorageError, match=r"calibration: the folder or its .* was removed or moved"),
+    ):
         evaluate(plan, out / "expert", workers=2, on_progress=lambda _: shutil.rmtree(out, ignore_errors=True))
     assert not out.exists()
 

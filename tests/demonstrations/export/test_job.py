@@ -294,7 +294,9 @@ def test_the_ids_of_twins_are_exported_and_the_audit_reads_what_is(demonstration
         assert [f.instruction for f in facts] == [r.metadata.instruction for r in demonstrations.records.values()]
         assert all(f.steps for f in facts)
     (run.path / PAIRS_FILE).write_bytes(pairs_bytes([pair])[:-20])
-    with pytest.raises(RecordError, match=r"pairs\.jsonl: its last line is not a valid seal.*Repeat the command of the demonstrations"):
+    with pytest.raises(
+        RecordError, match=r"pairs\.jsonl: its last line is not a valid seal.*Repeat the command of the demonstrations"
+    ):
         read_pairs(run)
 
 
@@ -343,7 +345,10 @@ def test_records_of_two_versions_of_a_task_are_no_data_set(demonstrations, tmp_p
         record = demonstrations.run.read_record(entry.task, entry.condition, entry.seed)
         newer = replace(record.metadata, task_version=record.metadata.task_version + number)
         add_record(run, replace(record, metadata=newer))
-    with pytest.raises(InvalidInputError, match=r"recorded with version \d+ of the task .* with version .*Export each version separately"):
+    with pytest.raises(
+        InvalidInputError,
+        match=r"recorded with version \d+ of the task .* with version .*Export each version separately",
+    ):
         select_demonstrations([run])
 
 

@@ -87,9 +87,7 @@ class Training:
         require_between("--gpus", self.gpus, 1, 4096)
         require_between("--sample-tokens", self.sample_tokens, 1, 100_000)
         if self.weights is not None and not _is_place(self.weights):
-            raise InvalidInputError(
-                "--weights", f"{self.weights!r} is not a path", "Give a file or a folder"
-            )
+            raise InvalidInputError("--weights", f"{self.weights!r} is not a path", "Give a file or a folder")
 
     @property
     def only_data(self) -> TrainingData:
