@@ -306,7 +306,7 @@ FIELDS = {
         ),
         (
             lambda out: shutil.copy(out / "data/chunk-000/episode_000001.parquet", out / "data/chunk-000/z.parquet"),
-            r"z\.parquet: .*does not belong to any episode",
+            r"z\.parquet: .*not belong to any episode",
         ),
     ),
     "droid": (
