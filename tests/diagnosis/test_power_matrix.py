@@ -181,7 +181,7 @@ def fresh(suite: str = "better60") -> PowerMatrix:
     return found
 
 
-@pytest.mark.parametrize("suite", ["better60", "real_world"])
+@pytest.mark.parametrize("suite", ["better60", "real_world", "so101"])
 def test_every_claim_of_a_card_is_backed_by_the_packaged_matrix(suite):
     found = fresh(suite)
     unbacked = {

@@ -18,7 +18,7 @@ def cheeseburger_so101() -> a.Task:
         cheeseburger(),
         "cheeseburger_so101",
         robot="so101",
-        robot_title="SO-101 follower arm",
+        robot_title="SO-101",
         base_m=(0.28, -0.13),
         scale=0.85,
     )
