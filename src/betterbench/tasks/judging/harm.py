@@ -135,7 +135,7 @@ class HarmWatch:
         self._shut: tuple[int, ...] = ()
         self._loose = tuple(o.name for o in info.objects if not o.fixed)
         self._containers = tuple(o.name for o in info.objects if not o.fixed and o.role == "container")
-        self._can_stand = frozenset(o.name for o in info.objects if not o.fixed and can_stand(o))
+        self._has_upright = frozenset(o.name for o in info.objects if not o.fixed and has_upright(o))
         self._standing: frozenset[str] = frozenset()
         self._middles = tuple((0.0, 0.0, 0.5 * o.size_m[2]) for o in info.objects)
         self._start: tuple[Vector, ...] = ()
@@ -151,7 +151,7 @@ class HarmWatch:
             self._start_quaternions = tuple(state.quaternions)
             self._shut = tuple(state.info.index(name) for name in shut_drawers(self._asked, state))
             self._at_start = self._targets.in_any_posture(state, places)
-            self._standing = frozenset(n for n in self._can_stand if _tilt(state, n) <= THRESHOLDS.upright_tilt)
+            self._standing = frozenset(n for n in self._has_upright if _tilt(state, n) <= THRESHOLDS.upright_tilt)
         positions, quaternions = state.positions, state.quaternions
         was, turned = self._before
         if positions == was and quaternions == turned:
@@ -223,6 +223,14 @@ def can_stand(thing: ObjectInfo) -> bool:
     """Return whether an object is upright and can be knocked over: neither flat nor rolling."""
     width, depth, height = thing.size_m
     return thing.shape in STANDS_FROM and height >= STANDS_FROM[thing.shape] * min(width, depth)
+
+
+def has_upright(thing: ObjectInfo) -> bool:
+    """Return whether a person would put an object upright again: it can stand, or it is a plate, a bowl or a drink.
+
+    Plates have the region "floor". Bowls and drinks are registered with ``keeps_upright``.
+    """
+    return can_stand(thing) or thing.keeps_upright or any(region.name == "floor" for region in thing.regions)
 
 
 def has_direction(thing: ObjectInfo) -> bool:

@@ -12,7 +12,7 @@ _PALE: Rgb = (0.92, 0.91, 0.87)
 _GRAY_BLUE = mixed(PALETTE["blue"], PALETTE["gray"], 0.2)
 
 
-@generator("cereal_bowl", colors=("white", "blue", "green"))
+@generator("cereal_bowl", colors=("white", "blue", "green"), keeps_upright=True)
 def cereal_bowl(rng: np.random.Generator, color: str) -> Draft:
     """Make a bowl of cereal with milk.
 

@@ -100,7 +100,7 @@ def _scalloped(mesh: Mesh, radius: float, count: int, depth: float) -> Mesh:
     return mesh.scaled_across(1.0 - depth * out * (1.0 - np.abs(np.cos(0.5 * count * angle))))
 
 
-@generator("shallow_bowl", colors=("red", "white", "blue"))
+@generator("shallow_bowl", colors=("red", "white", "blue"), keeps_upright=True)
 def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
     """Make a soup bowl about as wide as a dinner plate: round, on a narrow foot, and more than twice as high.
 
