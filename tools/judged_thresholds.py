@@ -43,6 +43,7 @@ SETS = {
     "fourth": judged.FOURTH,
     "fifth": judged.FIFTH,
     "sixth": judged.SIXTH,
+    "seventh": judged.SEVENTH,
 }
 UPRIGHT, FLAT = math.radians(5.0), math.radians(10.0)
 

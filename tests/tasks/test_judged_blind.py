@@ -51,6 +51,7 @@ THIRD = _scenes("judged_third.txt")
 FOURTH = _scenes("judged_fourth.txt")
 FIFTH = _scenes("judged_fifth.txt")
 SIXTH = _scenes("judged_sixth.txt")
+SEVENTH = _scenes("judged_seventh.txt")
 SAID = [scene for scene in SCENES if "without" not in scene.kind]
 """Scenes with an instruction as the suite gives it."""
 
@@ -178,6 +179,19 @@ def test_a_fifth_set_agrees_with_the_rules_that_it_changed():
     disagreed = [scene for scene in FIFTH if accepts(scene) is not scene.accepted]
     assert (len(FIFTH), sum(scene.kind.endswith(", sure") for scene in FIFTH)) == (66, 57)
     assert disagreed == []
+
+
+@in_turn(0, 3)
+def test_a_seventh_set_written_by_hand_differs_only_where_the_judges_are_unsure():
+    """Four of 72 differ, and the program accepts only the keyboard that the judges do not. docs/sides.md lists them."""
+    disagreed = [scene for scene in SEVENTH if accepts(scene) is not scene.accepted]
+    assert (len(SEVENTH), sum(scene.kind.endswith(", sure") for scene in SEVENTH)) == (72, 56)
+    assert {(s.setting, s.kind, s.accepted) for s in disagreed} == {
+        ("fast_food/R1", "inside, unsure", True),
+        ("tidy_desk/train4", "harm, unsure", False),
+        ("morning_coffee/L4", "on_ring, unsure", True),
+        ("desk_meeting/train9", "beside, unsure", True),
+    }
 
 
 @in_turn(2, 3)
