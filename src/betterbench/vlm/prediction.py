@@ -74,14 +74,14 @@ class Prediction:
         number = f"rank correlation {told.value:+.2f} ({told.low:+.2f} to {told.high:+.2f})"
         if told.n < LEAST_POLICIES:
             return (
-                f"{self.predictor}: cannot be concluded from {told.n} policies: {number}; at least {LEAST_POLICIES} "
-                "are needed, because even a perfect ranking of four has p = 0.083."
+                f"{self.predictor}: {told.n} policies are too few for a conclusion ({number}). At least "
+                f"{LEAST_POLICIES} are needed, because even a perfect ranking of four has p = 0.083."
             )
         tested = f"{number}, p = {self.adjusted:.2g} after Holm"
         if not self.is_supported:
-            return f"{self.predictor}: cannot be concluded from {told.n} policies: {tested}."
+            return f"{self.predictor}: the {told.n} policies do not allow a conclusion ({tested})."
         direction = "smaller" if told.value < 0.0 else "larger"
-        return f"{self.predictor}: predicts the illusion gap: a higher value goes with a {direction} gap: {tested}."
+        return f"{self.predictor}: it predicts the illusion gap. A higher value goes with a {direction} gap ({tested})."
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict."""
