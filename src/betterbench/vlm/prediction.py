@@ -71,7 +71,7 @@ class Prediction:
         told = self.correlation
         if told.value is None:
             return f"{self.predictor}: all {told.n} policies have the same value, so there is no correlation."
-        number = f"rank correlation {told.value:+.2f} ({told.low:+.2f} to {told.high:+.2f})"
+        number = f"rank correlation {told.value:+.2f}, interval {told.low:+.2f} to {told.high:+.2f}"
         if told.n < LEAST_POLICIES:
             return (
                 f"{self.predictor}: {told.n} policies are too few for a conclusion ({number}). At least "
