@@ -79,7 +79,8 @@ USES: dict[str, str] = {
 }
 """The parts that were used once, with the share of failed trials that get their true label after later repairs."""
 
-REMARKS: dict[str, str] = { "sixth": """**The sixth part meets all four bounds** that were set in advance: 95 % by
+REMARKS: dict[str, str] = {
+    "sixth": """**The sixth part meets all four bounds** that were set in advance: 95 % by
 label, 97 % by kind, 90 % by label in trials without a grasp attempt, and no reasoning failure found in a trial without
 a fault. By label, the accuracy is 97.5 % (509/522), with a 95 % interval of 95.8 to 98.5 % if trials are treated as
 independent. However, trials of the same behavior mostly have the same result. Over behaviors, the interval is 93 to 100
@@ -111,7 +112,8 @@ that was labeled as a reasoning failure:
   and the false accusation (a mug that jams on the open fingers) led to changes in the diagnosis. For the last two,
   either label can be defended.
 
-""", "fifth": """**The fifth part misses one of the four bounds** that were set in advance. The bound was 95 % by label,
+""",
+    "fifth": """**The fifth part misses one of the four bounds** that were set in advance. The bound was 95 % by label,
 and the accuracy is 94.0 % (343/365), with a 95 % interval of 91.0 to 96.0 % if trials are treated as independent.
 However, trials of the same behavior mostly have the same result. Over behaviors, the interval is 86 to 100 %. The part
 meets the other bounds: 97 % by kind, 90 % without a grasp attempt, and no false accusation. Two of its 54 behaviors
@@ -127,7 +129,8 @@ this is now a failure of execution. An object that an empty gripper approaches a
 target. With these rules, 364 of the 365 failed trials get their label, but the rules were written for these trials. In
 the last trial, a look-alike is moved once and then missed. The numbers below estimate the accuracy on other policies.
 
-""", "fourth": """**The fourth part misses three of the four bounds** that were set in advance: 95 % by label, 97 % by
+""",
+    "fourth": """**The fourth part misses three of the four bounds** that were set in advance: 95 % by label, 97 % by
 kind and 90 % without a grasp attempt. It meets the fourth bound: no false accusation. Two of its 42 behaviors account
 for 24 of the 30 mistakes, each in all of its 12 trials. `zigzags-toward-it` approaches the correct object in wide
 zigzags until the step limit. It is only slow, but the diagnosis finds motion back and forth. `shuts-it-empty` closes
