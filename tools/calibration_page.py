@@ -80,12 +80,13 @@ USES: dict[str, str] = {
 """The parts that were used once, with the share of failed trials that get their true label after later repairs."""
 
 REMARKS: dict[str, str] = {
-    "sixth": """**The sixth part meets all four bounds** that were set in advance: 95 % by
-label, 97 % by kind, 90 % by label in trials without a grasp attempt, and no reasoning failure found in a trial without
-a fault. By label, the accuracy is 97.5 % (509/522), with a 95 % interval of 95.8 to 98.5 % if trials are treated as
-independent. However, trials of the same behavior mostly have the same result. Over behaviors, the interval is 93 to 100
-%. The 43 faulty behaviors are known from learned policies. Examples are lagging, averaging two objects, acting on old
-chunks, rapid opening and closing of the gripper, closing too late, slipping off an edge, turning away and freezing.
+    "sixth": """**The sixth part meets all four bounds** that were set in advance. The accuracy
+had to be at least 95 % by label, 97 % by kind, and 90 % by label in trials without a grasp attempt. In addition, no
+trial without a fault was allowed to be labeled as a reasoning failure. By label, the accuracy is 97.5 % (509/522), with
+a 95 % interval of 95.8 to 98.5 % if trials are treated as independent. However, trials of the same behavior mostly have
+the same result. Over behaviors, the interval is 93 to 100 %. The 43 faulty behaviors are known from learned policies.
+Examples are lagging, averaging two objects, acting on old chunks, rapid opening and closing of the gripper, closing too
+late, slipping off an edge, turning away and freezing.
 
 All 13 mistakes belong to two behaviors. `a-little-farther-each-time` moves toward the correct object, turns back and
 starts again, a little farther each time, until the step limit. Its true label is `timeout`, but the diagnosis gives

@@ -203,8 +203,8 @@ def _template_section(template: Template) -> list[str]:
         f"- success: every subgoal is met, with its objects at rest and released, for {template.dwell_s:g} s.{only}",
         (
             f"- step limit: {template.base_steps} control steps plus {template.steps_per_subgoal} for each subgoal "
-            f"(one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps if the policy should "
-            "stay still"
+            f"({total} steps or {total / 20:g} s for one subgoal). If the policy should stay still, the limit is "
+            f"{template.still_steps} steps."
         ),
     ]
 
