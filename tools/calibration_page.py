@@ -22,28 +22,30 @@ from betterbench.report.pages.power_page import power_markdown
 HEAD = """# Calibration
 
 Calibration measures how often the diagnosis gives the true label. Policies with a known fault are run, and the
-diagnosis must find the fault from the records alone. There are two families of such policies, with separate
-numbers.
+diagnosis must find the fault from the records alone. There are two families of such policies, and their results are
+reported separately.
 
-- The **independent family** (in the distribution `betterbench-calibration`, which `make setup` installs) has its own
-  controller, and faulty behaviors in three motion styles, with different speeds, heights, hesitations, feints,
-  pauses, retries, pushes, hovering, and misses in depth and yaw. The true label of each trial is fixed in the code
-  before its first action, and the author had not read the diagnosis. The first part was used to develop the
-  diagnosis. Each of the other six parts was written by an author who had not read the diagnosis, after the faults
-  revealed by the earlier parts had been fixed, and was **used once**: the numbers below come from that single use.
-  The numbers of the sixth and last part estimate the accuracy of the diagnosis on policies by other authors.
+- The **independent family** is in the distribution `betterbench-calibration`, which `make setup` installs. It has its
+  own controller, and faulty behaviors in three motion styles. They differ in speed and height, and include hesitations,
+  feints, pauses, retries, pushes, hovering, and misses in depth and yaw. The code fixes the true label of each trial
+  before its first action.
 
-  The table counts failed trials, except for the column about trials without a fault. The last column was measured
-  with the versions of November 28, 2026, from seed 0 on. With these versions, one of 1,622 trials without a fault is
+  The development part was used to develop the diagnosis. The table below shows the six held-out parts. Their authors
+  had not read the code of the diagnosis. Each part was written after the faults revealed by the earlier parts had been
+  fixed, and was **used once**. The numbers below come from that single use. The numbers of the last part, the sixth,
+  estimate the accuracy of the diagnosis on policies by other authors.
+
+  The table counts failed trials, except for the column about trials without a fault. The last column was measured with
+  the versions of November 28, 2026, with seeds from 0. With these versions, one of 1,622 trials without a fault is
   labeled as a reasoning failure. For this column, the parts are no longer held out. The suite was changed after the
-  single uses: in four conditions, a faulty behavior of the fourth, fifth or sixth part no longer has an effect, so
+  single uses. In four conditions, a faulty behavior of the fourth, fifth or sixth part no longer has an effect, so
   these conditions no longer have a true label. The other columns still include them, with the task versions of that
   time.
 
 @USES@
 - The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and follow one wrong rule, at
-  several strengths and with action noise. They were written together with the diagnosis, so the authors of the
-  diagnosis expected their faults; their numbers verify that the diagnosis follows the suite's rules.
+  several strengths and with action noise. They were written together with the diagnosis, whose authors therefore
+  expected their faults. Their numbers only show that the diagnosis follows the suite's rules.
 
 ```sh
 better calibrate --family sixth --seed 70    # the last part, used once
@@ -53,17 +55,17 @@ better calibrate --family development        # the part used for development
 better calibrate                             # the faulty policies
 ```
 
-These commands recompute the numbers and write a page that lists every wrong label with its evidence and a film
-strip. They can be interrupted and resumed. The sixth part was recorded from seed 70 on with the usual 4 trials of
-each policy, so `--seed 70` gives its numbers. The fourth part was recorded from seed 40 on and the fifth from seed 50
-on, with a different number of trials for some policies: `--seed 40` and `--seed 50` reproduce their numbers except for
-this difference. [All wrong labels](mistakes.md) of the packaged numbers are listed, with film strips.
+These commands recompute the numbers and write a page that lists every wrong label with its evidence and a film strip.
+They can be interrupted and resumed. The sixth part was recorded from seed 70 on with the usual 4 trials of each policy,
+so `--seed 70` reproduces its numbers. The fourth part was recorded from seed 40 on and the fifth from seed 50 on, with
+a different number of trials for some policies. Apart from this, `--seed 40` and `--seed 50` reproduce their numbers.
+Another page shows [all wrong labels](mistakes.md) of the packaged calibrations, with film strips.
 
-A trial can fit two labels equally well; its true label then depends on what its author intended. A policy that always
-goes for the top bun first may mistake the order, or it may prefer the slot of the top bun. The diagnosis then gives
-the label with the simplest evidence across all trials of the policy. A wrong order or a skipped step, which can be
-shown by a single trial, takes precedence over a preferred slot, for which several trials are needed. One rule that
-explains all tasks takes precedence over two rules. At least three trials must show such a rule.
+A trial can fit two labels equally well. Its true label then depends on what its author intended. A policy that always
+goes for the top bun first may mistake the order, or it may prefer the slot of the top bun. The diagnosis then gives the
+label with the simplest evidence across all trials of the policy. A wrong order or a skipped step, which can be shown by
+a single trial, takes precedence over a preferred slot, for which several trials are needed. One rule that explains all
+tasks takes precedence over two rules. At least three trials must show such a rule.
 
 """
 
@@ -78,25 +80,26 @@ USES: dict[str, str] = {
 """The parts that were used once, with the share of failed trials that get their true label after later repairs."""
 
 REMARKS: dict[str, str] = {
-    "sixth": """**The sixth part meets all four bounds** that were set in advance: 95 % by
-label, 97 % by kind, 90 % by label in trials without a grasp attempt, and no reasoning failure found in a trial without
-a fault. By label, the accuracy is 97.5 % (509/522),
-with a 95 % interval of 95.8 to 98.5 % if trials are treated as independent. The trials of one behavior are mostly
-labeled correctly or wrongly together; over behaviors, the interval is 93 to 100 %. The 43 faulty behaviors are known
-from learned policies. Examples are lagging, averaging two objects, acting on old chunks, rapid opening and closing of
-the gripper, closing too late, slipping off an edge, turning away and freezing.
+    "sixth": """**The sixth part meets all four bounds** that were set in advance. The accuracy
+had to be at least 95 % by label, 97 % by kind, and 90 % by label in trials without a grasp attempt. In addition, no
+trial without a fault was allowed to be labeled as a reasoning failure. By label, the accuracy is 97.5 % (509/522), with
+a 95 % interval of 95.8 to 98.5 % if trials are treated as independent. However, trials of the same behavior mostly have
+the same result. Over behaviors, the interval is 93 to 100 %. The 43 faulty behaviors are known from learned policies.
+Examples are lagging, averaging two objects, acting on old chunks, rapid opening and closing of the gripper, closing too
+late, slipping off an edge, turning away and freezing.
 
 All 13 mistakes belong to two behaviors. `a-little-farther-each-time` moves toward the correct object, turns back and
-starts again, a little farther each time, until the step limit. Its true label is `timeout`; the diagnosis gives
-`phase_conflict` (back and forth) in ten trials and `early_halt` in two. `farther-for-the-second` does the same after
-a correct first step; one of its twelve trials is labeled `phase_conflict`. The diagnosis has not been changed since.
+starts again, a little farther each time, until the step limit. Its true label is `timeout`, but the diagnosis gives
+`phase_conflict` (back and forth) in ten trials and `early_halt` in two. `farther-for-the-second` does the same after a
+correct first step. One of its twelve trials is labeled `phase_conflict`. The diagnosis has not been changed since.
 
-An earlier sixth part, by another author, was judged once and then lost together with its computer before publication.
-Its accuracy was 95.5 % by label (421/441), 95.7 % by kind and 94.5 % without a grasp attempt, and none of its 312
-trials without a fault was labeled as a reasoning failure. The two faults of the diagnosis that caused most of its
-mistakes were fixed from the remaining notes before the present sixth part was written.
+There was an earlier sixth part by another author. It was judged once, and then lost before publication together with
+the computer on which it was stored. The accuracy was 95.5 % by label (421/441), 95.7 % by kind and 94.5 % without a
+grasp attempt. None of its 312 trials without a fault was labeled as a reasoning failure. Notes about its results
+remained. With these notes, the two faults of the diagnosis that caused most of the mistakes were fixed before the
+present sixth part was written.
 
-Three more families were written by authors who had read only the documentation, with the true labels fixed before the
+Three more families were written by authors who had read only the documentation. Their true labels were fixed before the
 diagnosis was run. They were judged once and are not packaged. A false accusation is a trial of a policy without a fault
 that was labeled as a reasoning failure:
 
@@ -105,38 +108,42 @@ that was labeled as a reasoning failure:
 - 66 policies, 1,189 trials in all ten tasks: 91.9 % correct by label (203/221) and all 221 failures correct by kind; 1
   false accusation in 646 trials, and none in 320 trials in which a fault was not active. All 5 policies that do not use
   the instruction were recognized, and 62 of 65 runs got the correct headline. Twelve of the 18 wrong labels belong to
-  one policy that grasps the placement target: the documented definition of `semantic_feature_collapse` contradicted
-  the suite, and was corrected. Four more wrong labels (a policy that follows the word for a finished step) and the
-  false accusation (a mug that jams on the open fingers) led to changes in the diagnosis; two are arguable.
+  one policy that grasps the placement target. In this case, the documented definition of `semantic_feature_collapse`
+  contradicted the suite, and was corrected. Four more wrong labels (a policy that follows the word for a finished step)
+  and the false accusation (a mug that jams on the open fingers) led to changes in the diagnosis. For the last two,
+  either label can be defended.
 
 """,
-    "fifth": """**The fifth part misses one of the four bounds** set in advance, 95 % by label, by one point: 94.0 %
-(343/365), with a 95 % interval of 91.0 to 96.0 % if trials are treated as independent. The trials of one behavior are
-mostly labeled correctly or wrongly together; over behaviors, the interval is 86 to 100 %. It meets the other bounds:
-97 % by kind, 90 % without a grasp attempt, and no false accusation. Two of its 54 behaviors account for 18 of the 22
-mistakes, each in all of its 9 trials. `stabs-with-one-finger` repeatedly comes down on the correct object so that one
-finger of its open gripper presses on its top, and `fails-at-the-second` does the same after a correct first step.
-Both fail in execution, but the diagnosis gives `timeout`. Neither is a failure of reasoning, so the kind is correct.
-In the other four trials, the policy sweeps wrong objects aside with an open gripper: the diagnosis finds motion back
-and forth in two of them and an accidental displacement in the other two. In 9 of the 22 trials, the correct first
-object was grasped; in the other 13, the gripper does not grasp an object. The diagnosis has been fixed since: an open
-gripper that runs into the correct object three times, and rises each time, has failed in execution, and an object
-that an empty gripper approaches and moves three times counts as its target. With these rules, 364 of the 365 failed
-trials get their label, but the rules were written for these trials. In the last trial, a look-alike is moved once and
-then missed. The numbers below estimate the accuracy on other policies.
+    "fifth": """**The fifth part misses one of the four bounds** that were set in advance. The bound was 95 % by label,
+and the accuracy is 94.0 % (343/365), with a 95 % interval of 91.0 to 96.0 % if trials are treated as independent.
+However, trials of the same behavior mostly have the same result. Over behaviors, the interval is 86 to 100 %. The part
+meets the other bounds: 97 % by kind, 90 % without a grasp attempt, and no false accusation. Two of its 54 behaviors
+account for 18 of the 22 mistakes, each in all of its 9 trials. `stabs-with-one-finger` repeatedly comes down on the
+correct object so that one finger of its open gripper presses on its top, and `fails-at-the-second` does the same after
+a correct first step. Both fail in execution, but the diagnosis gives `timeout`. Neither is a failure of reasoning, so
+the kind is correct. In the other four trials, the policy sweeps wrong objects aside with an open gripper. The diagnosis
+finds motion back and forth in two of them and an accidental displacement in the other two. In 9 of the 22 trials, the
+correct first object was grasped. In the other 13, the gripper does not grasp an object.
+
+The diagnosis has been fixed since. If an open gripper runs into the correct object three times and rises each time,
+this is now a failure of execution. An object that an empty gripper approaches and moves three times now counts as its
+target. With these rules, 364 of the 365 failed trials get their label, but the rules were written for these trials. In
+the last trial, a look-alike is moved once and then missed. The numbers below estimate the accuracy on other policies.
 
 """,
     "fourth": """**The fourth part misses three of the four bounds** that were set in advance: 95 % by label, 97 % by
 kind and 90 % without a grasp attempt. It meets the fourth bound: no false accusation. Two of its 42 behaviors account
 for 24 of the 30 mistakes, each in all of its 12 trials. `zigzags-toward-it` approaches the correct object in wide
-zigzags until the step limit: it is slow, but the diagnosis finds motion back and forth. `shuts-it-empty` closes the
-drawer before its object is inside, and rests: it skips a step, but the diagnosis finds a halt. In the other six
-trials, the policy pushes objects with closed fingers: the diagnosis finds motion back and forth in five of them and
-an accidental displacement in one. The gripper does not close on an object in any of the 30 trials; with a grasp
-attempt, every label is correct. The diagnosis has been fixed since: motion back and forth must not come nearer to the
-requested object or push an object, and a drawer that is closed empty is a skipped step. With these rules, all 410
-failed trials get their label, but the rules were written for these trials; the numbers below estimate the accuracy on
-other policies.
+zigzags until the step limit. It is only slow, but the diagnosis finds motion back and forth. `shuts-it-empty` closes
+the drawer before its object is inside, and then rests. It skips a step, but the diagnosis finds a halt. In the other
+six trials, the policy pushes objects with closed fingers. The diagnosis finds motion back and forth in five of them and
+an accidental displacement in one. In all 30 trials, the gripper does not close on an object. In trials with a grasp
+attempt, every label is correct.
+
+The diagnosis has been fixed since. Motion that comes closer to the requested object or pushes an object no longer
+counts as motion back and forth, and a drawer that is closed empty is a skipped step. With these rules, all 410 failed
+trials get their label, but the rules were written for these trials. The numbers below estimate the accuracy on other
+policies.
 
 """,
 }
@@ -155,10 +162,10 @@ SECTIONS: dict[str, str] = {
 
 MISTAKES = """# Wrong labels
 
-This page lists every trial of the [calibration](calibration.md) that did not get its true label. A film strip shows
-the initial state with the gripper's complete path (blue while the gripper is open, orange while it is closed), then
-states at equal time intervals with the path so far. In the last three parts, repeated mistakes of the same behavior
-in the same task do not have a strip.
+This page lists every trial of the [calibration](calibration.md) that did not get its true label. The first image of a
+film strip shows the initial state with the gripper's complete path, which is blue while the gripper is open and orange
+while it is closed. The other images show states at equal time intervals with the path up to that time. In the last
+three parts, a repeated mistake of the same behavior in the same task has no film strip.
 
 """
 
@@ -166,27 +173,38 @@ POWER = """
 ## The power matrix
 
 A success rate is evidence of an ability only if policies without this ability score lower. The power matrix contains
-the success rates of such policies on each variation: every faulty rule at full strength with the expert's motion,
-probes without instruction or images, replayed demonstrations, a random policy and a policy that never moves. It is
-packaged; `better diagnose`, `better report` and `better compare` show its reference lines next to a policy's score.
+the success rates of such policies on each variation. These policies are called pretenders:
+
+- every faulty policy at full strength, with the expert's motion;
+- probes without instruction or images;
+- replayed demonstrations;
+- a random policy, and a policy that never moves.
+
+The matrix is part of the package. `better diagnose`, `better report` and `better compare` show its success rates as
+reference lines next to a policy's score.
 
 ```sh
 better calibrate --power --out runs/power
 ```
 
-This command measures the matrix again and writes a page; it can be interrupted and resumed. Replays use
-demonstrations, whose seeds begin at 1,000,000, and never the trial's own twin. On each variation, the number of
-trials of a blind probe is the smallest number with a significant result, after Holm's correction over all cells, if
-the probe solves every trial: 7 if chance is 25 %, 14 if it is 50 %. The probe without language gets at least 14
-trials, because with few trials its guesses are often correct by chance.
+This command measures the matrix again and writes a page. It can be interrupted and resumed. Replays use demonstrations,
+whose seeds begin at 1,000,000, and never the trial's own twin. A blind probe gets as many trials on a variation as are
+needed for a significant result if it solves all of them. After Holm's correction over all cells, this number is 7 if
+chance is 25 %, and 14 if it is 50 %. The probe without language gets at least 14 trials, because with few trials its
+guesses are often correct by chance.
 
-A faulty rule **fails** a variation if it solves at most half of its trials. A variation **claims to expose** a label
-if some rule fails it by a decision with that label. A **control cell** is a variation that no rule fails except
-`zoo:halt`, which stops at every new combination. The **shortcut ceiling** is the best success rate among the rules
-that a variation claims to expose, the blind probes and the replays; the **margin** is a policy's success rate minus
-the ceiling. If only one instruction makes sense in a scene, a policy without the instruction reaches 100 %. Such a
-variation has no margin and is evidence only about vision, not about language. If a rule passes with a needless step,
-the success rate does not expose it, but *success with a needless step* does.
+The tables use these terms:
+
+- A faulty rule **fails** a variation if it solves at most half of its trials.
+- A variation **claims to expose** a label if some rule fails it by a decision with that label.
+- A **control cell** is a variation that no rule fails except `zoo:halt`, which stops at every new combination.
+- The **shortcut ceiling** is the best success rate among the blind probes, the replays, and the rules that a variation
+  claims to expose.
+- The **margin** is a policy's success rate minus the ceiling.
+
+If only one instruction makes sense in a scene, a policy without the instruction reaches 100 %. Such a variation has no
+margin and is evidence only about vision, not about language. If a rule passes with a needless step, the success rate
+does not show this, but the metric *success with a needless step* does.
 
 A pass does not prove an ability if a policy without this ability passes more than half of the trials, or more than a
 quarter if it moves without looking. Each variation's card names these abilities, and the last table lists them all.
@@ -195,8 +213,9 @@ quarter if it moves without looking. Each variation's card names these abilities
 REAL_WORLD = """
 ## The power matrix of the fruit basket
 
-The suite `real_world` has a separate matrix, over the 14 variations of [`fruit_basket`](so101.md#the-fruit-basket)
-with a right outcome. The four ambiguous variations are excluded, because a trial neither solves nor fails them.
+The suite `real_world` has a separate matrix for the 14 unambiguous variations of
+[`fruit_basket`](so101.md#the-fruit-basket). The four ambiguous variations are excluded, because a trial neither solves
+nor fails them.
 
 ```sh
 better calibrate --power --tasks fruit_basket --out runs/power_real

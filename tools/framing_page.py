@@ -78,7 +78,7 @@ def page(tasks: Sequence[Task]) -> str:
             "",
             (
                 f"The table gives the worst value over all training conditions and variations and the seeds {SEEDS[0]} "
-                f"to {SEEDS[-1]}; `tests/sim/scenes/test_framing.py` checks the limits."
+                f"to {SEEDS[-1]}. `tests/sim/scenes/test_framing.py` checks the limits."
             ),
             "",
             f"| {' | '.join(HEADINGS)} |",
@@ -97,7 +97,7 @@ def page(tasks: Sequence[Task]) -> str:
             "## Rooms, looks and jitter",
             "",
             (
-                "A trial's seed draws its room (table, wall, floor and light), the look of every object kind, the "
+                "A trial's seed determines its room (table, wall, floor and light), the look of every object kind, the "
                 "camera poses (± 1 cm and ± 1° per axis), the key light direction (± 4° per axis) and the arm's "
                 "initial pose (± 2 cm per axis, ± 5° about the tool). A trial and its twin share all these "
                 "values, and training and test draw from the same distribution."
@@ -110,8 +110,8 @@ def page(tasks: Sequence[Task]) -> str:
             "",
             (
                 "`better eval --looks unseen` uses held-out looks of objects and rooms, which do not occur in "
-                "demonstrations. The packaged certificate covers the seen looks; `better certify --looks unseen` "
-                "makes a certificate for the unseen looks. Runs with different looks are not compared."
+                "demonstrations. The packaged certificate covers the seen looks. `better certify --looks unseen` "
+                "makes a certificate for the unseen looks. Runs with different looks cannot be compared."
             ),
             "",
         ]

@@ -103,11 +103,11 @@ def library_page(tasks: list[Task]) -> str:
             "# Asset library",
             "",
             (
-                "Every object is made by a parametric generator: a category is one function, and each look is "
-                "the function's result for a different random generator. The seed of the trial determines the look; "
-                "the looks after the plus sign are held out for `--looks unseen`; "
-                f"the condition determines the color. There are {len(rows)} categories. The sheet shows three looks of "
-                "each category in its default color and one in another color, if it has several."
+                "Every object is made by a parametric generator. A category is one function, and each look is the "
+                "function's result for a different seed. The seed of the trial determines the look, and the condition "
+                "determines the color. The number after the plus sign is the number of looks that are held out for "
+                f"`--looks unseen`. There are {len(rows)} categories. The picture shows three looks of each category "
+                "in its default color. If a category has several colors, it also shows one look in another color."
             ),
             "",
             "![every asset and some of its looks](pictures/library.jpg)",

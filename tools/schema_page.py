@@ -22,11 +22,11 @@ SCHEMAS = {"task": task_schema, "template": template_schema, "suite": suite_sche
 _INTRODUCTION = """\
 # Forms of tasks and suites
 
-A task, a template and a suite can be written as JSON, see [your task in your own file](own-tasks.md). The tables list
-all fields; a field without a default is required, and unknown fields are rejected. The schemas
+A task, a template and a suite can be written as JSON (see [your task in your own file](own-tasks.md)). The tables list
+all fields. A field without a default is required, and unknown fields are rejected. The schemas
 [task.json](schemas/task.json), [template.json](schemas/template.json), [suite.json](schemas/suite.json) and
 [quotas.json](schemas/quotas.json) (JSON Schema, draft 2020-12) are for editors and for programs that write tasks. A
-schema cannot express that names exist, that conditions follow their template, or that a regime does not contain tests;
+schema cannot express that names exist, that conditions follow their template, or that a regime does not contain tests.
 `task_from_json` also checks these conditions."""
 
 _SECTIONS = {

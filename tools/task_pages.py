@@ -47,16 +47,16 @@ def index_page(tasks: Sequence[Task]) -> str:
     suite = [task for task in tasks if suite_of(task.id) == "better60"]
     total = Counter(v.axis.letter for t in suite for v in t.variations)
     sums = [str(sum(len(t.training) for t in suite)), str(sum(total.values())), *(str(total[c]) for c in LETTERS)]
-    axes = "; ".join(f"{axis.letter} is {axis.value.replace('_', ' ')}" for axis in Axis)
+    axes = ", ".join(f"{axis.value.replace('_', ' ')} ({axis.letter})" for axis in Axis)
     return "\n".join(
         [
             "# Tasks and variations",
             "",
             (
                 "Each task has a training distribution, in which words, slots and orders are correlated more closely "
-                "than the task requires, and variations that break these correlations. A variation is a training "
-                "condition with one intervention; with the same seed, everything else is identical, bit for bit. The "
-                f"last four columns count the variations by axis: {axes}."
+                "than the task requires. Its variations break these correlations. A variation is a training condition "
+                "with one intervention. With the same seed, everything else is identical, bit for bit. The last four "
+                f"columns count the variations by axis: {axes}."
             ),
             "",
             _row(["task", "id", "template", "training conditions", "variations", *LETTERS]),
@@ -113,8 +113,8 @@ def task_page(task: Task) -> str:
         "## Variations",
         "",
         (
-            "Each picture shows the training scene on the left and the test scene on the right for seed 0, seen by the "
-            "policy's front camera. The change made by the intervention is outlined."
+            "Each picture shows the training scene on the left and the test scene on the right. Both have seed 0 and "
+            "are seen by the policy's front camera. The change made by the intervention is outlined."
         ),
         "",
         (
@@ -145,9 +145,9 @@ def templates_page(tasks: Sequence[Task]) -> str:
         "# Templates",
         "",
         (
-            "A template is an interaction pattern: groups of objects, the relation that its subgoals require, and "
-            "the step limits. A task adds the objects, their slots and the instructions; the template provides target "
-            "regions, tolerances, settling time, step limit and expert."
+            "A template is an interaction pattern. It consists of groups of objects, the relation that its subgoals "
+            "require, and the step limits. A task adds the objects, their slots and the instructions. The template "
+            "provides target regions, tolerances, settling time, step limit and expert."
         ),
         "",
         _row(["template", "main difficulty", "tasks"]),
@@ -165,7 +165,7 @@ def templates_page(tasks: Sequence[Task]) -> str:
         "",
         (
             "Every template is also available as JSON, for tools that write scenarios. The allowed types are semantic "
-            f"categories and not names of assets. This is {shown.title}:"
+            f"categories, not names of assets. This is the template {shown.title}:"
         ),
         "",
         "```json",
@@ -203,8 +203,8 @@ def _template_section(template: Template) -> list[str]:
         f"- success: every subgoal is met, with its objects at rest and released, for {template.dwell_s:g} s.{only}",
         (
             f"- step limit: {template.base_steps} control steps plus {template.steps_per_subgoal} for each subgoal "
-            f"(one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps if the policy should "
-            "stay still"
+            f"({total} steps or {total / 20:g} s for one subgoal). If the policy should stay still, the limit is "
+            f"{template.still_steps} steps."
         ),
     ]
 
@@ -324,12 +324,12 @@ def _card(task: Task, variation: Variation) -> list[str]:
     )
     look = ["- initial state: looks like the middle of a demonstration"] if variation.mid_task_look else []
     broken = (
-        ["- premise: deliberately broken; an object that the instruction names is absent"]
+        ["- premise: deliberately broken, because an object that the instruction names is absent"]
         if variation.premise_broken
         else []
     )
     steps = f"{variation.watch_steps} control steps"
-    watched = [f"- after the goal is met: the trial continues for {steps}; a grasp attempt in this time is a failure"]
+    watched = [f"- after the goal is met: the trial continues for {steps}, in which a grasp attempt is a failure"]
     watched *= steps[0] != "0"
     return [
         f"### {variation.name}: {variation.title}",
@@ -366,10 +366,10 @@ def _power(key: Key) -> list[str]:
     if matrix is None or key[0] in matrix.stale_tasks():
         return ["- faulty policies: not measured for this version (run `better calibrate --power`)"]
     if (ceiling := matrix.ceiling(key)) is None:
-        return ["- faulty policies: not run on this variation, because it has no right outcome"]
+        return ["- faulty policies: not run on this variation, because no outcome of it counts as success or failure"]
     failing = ", ".join(f"`{name}`" for name in matrix.failing(key)) or "none"
     rate = f"{percent(ceiling.rate.k, ceiling.rate.n)} % ({ceiling.rate.k}/{ceiling.rate.n})"
-    control = "control variation: no faulty policy fails, apart from `zoo:halt`, which stops at every new combination"
+    control = "control variation: only `zoo:halt` fails, because it stops at every new combination"
     passing = ", ".join(f"`{name}`" for name in matrix.passing_wrongly(key))
     guessed = ceiling.rate.k == ceiling.rate.n and matrix.chances.get(key, 0.0) >= 1.0
     return [

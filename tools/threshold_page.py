@@ -36,10 +36,10 @@ def page() -> str:
         "",
         (
             "Labels depend on these numbers. A report and `better diagnose --json` list them with their values, "
-            "except for those marked °. These were added to the table later; if they were listed, older stored "
+            "except for those marked °. These were added to the table later. If they were listed, older stored "
             "diagnoses would seem to use other thresholds. The last column lists the labels that become more or "
             "less frequent with a larger value, if nothing else changes. It was derived from the code, not measured. "
-            "Policies without a fault are those of the [independent family](calibration.md)."
+            '"Policies without a fault" are those of the [independent family](calibration.md).'
         ),
     ]
     for heading, name, place in _SECTIONS:

@@ -21,16 +21,16 @@ def test_nothing_is_concluded_from_fewer_than_five_policies():
     (found,) = predictions_of([point(str(i), 0.1 * i, 0.9 - 0.1 * i) for i in range(4)])
     assert found.correlation.value == pytest.approx(-1.0)
     assert not found.is_supported
-    assert found.sentence.startswith("static score: cannot be concluded from 4 policies: rank correlation -1.00")
+    assert found.sentence.startswith("static score: 4 policies are too few for a conclusion (rank correlation -1.00")
 
 
 def test_a_perfect_ranking_of_six_policies_is_a_conclusion_with_its_direction():
     policies = [point(str(i), 0.1 * i, 0.9 - 0.1 * i, static_gap=0.1 * (i % 2)) for i in range(6)]
     score, gap = predictions_of(policies)
     assert score.is_supported
-    assert "a higher value goes with a smaller gap" in score.sentence
+    assert "A higher value goes with a smaller gap" in score.sentence
     assert (gap.predictor, gap.is_supported) == ("static gap", False)
-    assert gap.sentence.startswith("static gap: cannot be concluded from 6 policies")
+    assert gap.sentence.startswith("static gap: the 6 policies do not allow a conclusion")
 
 
 def test_policies_without_differences_and_a_single_policy():

@@ -71,17 +71,17 @@ class Prediction:
         told = self.correlation
         if told.value is None:
             return f"{self.predictor}: all {told.n} policies have the same value, so there is no correlation."
-        number = f"rank correlation {told.value:+.2f} ({told.low:+.2f} to {told.high:+.2f})"
+        number = f"rank correlation {told.value:+.2f}, interval {told.low:+.2f} to {told.high:+.2f}"
         if told.n < LEAST_POLICIES:
             return (
-                f"{self.predictor}: cannot be concluded from {told.n} policies: {number}; at least {LEAST_POLICIES} "
-                "are needed, because even a perfect ranking of four has p = 0.083."
+                f"{self.predictor}: {told.n} policies are too few for a conclusion ({number}). At least "
+                f"{LEAST_POLICIES} are needed, because even a perfect ranking of four has p = 0.083."
             )
         tested = f"{number}, p = {self.adjusted:.2g} after Holm"
         if not self.is_supported:
-            return f"{self.predictor}: cannot be concluded from {told.n} policies: {tested}."
+            return f"{self.predictor}: the {told.n} policies do not allow a conclusion ({tested})."
         direction = "smaller" if told.value < 0.0 else "larger"
-        return f"{self.predictor}: predicts the illusion gap: a higher value goes with a {direction} gap: {tested}."
+        return f"{self.predictor}: it predicts the illusion gap. A higher value goes with a {direction} gap ({tested})."
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict."""

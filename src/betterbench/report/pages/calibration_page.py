@@ -137,8 +137,8 @@ def calibration_summary(calibration: Calibration) -> str:
     """Return the summary of a calibration in a few sentences."""
     kinds, overall = rate_text(calibration.failed_kinds), rate_text(calibration.overall)
     labels = (
-        f"Of the failed trials, {rate_text(calibration.failed)} got their true label and {kinds} a label of the right "
-        f"kind; of all trials, {overall} got their true label."
+        f"Of the failed trials, {rate_text(calibration.failed)} got their true label, and {kinds} got a label of the "
+        f"right kind. Of all trials, {overall} got their true label."
     )
     crossed = (
         f"Reasoning and execution failures were confused in {rate_text(calibration.crossed_rate)} of the trials that "

@@ -159,9 +159,9 @@ def blind_table(matrix: PowerMatrix) -> Table:
         rows.append((_name(key), f"{100 * matrix.chances.get(key, 1.0):.0f} %", *marks))
     caption = (
         f"Each cell gives the number of successes out of all trials. {RAW} marks cells that are above chance at 5 % "
-        f"only before the correction, and {CORRECTED} marks those that are also above chance after Holm's correction "
-        f"over all cells. For `{BLIND[0]}`, chance is the rate of guessing the instruction among those that make sense "
-        f"in the scene; for pretenders that move without looking, it is {100 * REPLAY_LIMIT:.0f} %."
+        f"only before the correction. {CORRECTED} marks cells that are also above chance after Holm's correction over "
+        f"all cells. For `{BLIND[0]}`, chance is the probability of guessing the instruction among those that make "
+        f"sense in the scene. For pretenders that move without looking, it is {100 * REPLAY_LIMIT:.0f} %."
     )
     return Table(
         "Variations that can be solved blind",
@@ -182,10 +182,10 @@ def _overall(matrix: PowerMatrix) -> Table:
         trials, shared = sum(c.n for _, c in cells), sum(c.shared for _, c in cells)
         rows.append((f"`{name}`", *rates, first, str(trials), str(shared)))
     caption = (
-        "The table gives the mean success over the variations in percent, each with the same weight. If a rule agrees "
-        "with all decisions of the expert in a trial, the episode would be identical, so the trial gets the expert's "
-        "outcome and is counted as shared. Every other trial was simulated. The column 'first right' gives the share "
-        "of trials with a correct first grasp attempt, or with no attempt if that is correct."
+        "The table gives the mean success over the variations in percent. Each variation has the same weight. If a "
+        "rule agrees with all decisions of the expert in a trial, the episode would be identical. The trial then gets "
+        "the expert's outcome and is counted as shared. Every other trial was simulated. The column 'first right' "
+        "gives the share of trials with a correct first grasp attempt, or with no attempt if that is correct."
     )
     columns = ("pretender", "all", *(axis.letter for axis in Axis), "first right", "trials", "shared")
     return Table("The pretenders over the suite", caption, columns, tuple(rows))
