@@ -75,7 +75,7 @@ class Failure:
 
         If all failures are of this kind, the percentage is omitted, because :attr:`lead` states it.
         """
-        more = f"; the same rule explains {plural(self.look_alikes, 'look-alike')} taken from a trained slot"
+        more = f"; the same rule also explains {plural(self.look_alikes, 'look-alike')} taken from a trained slot"
         text = f"{self.count}/{self.trials} variation trials"
         if self.count < self.failures:
             percent = Figure(self.count / self.failures, None, None, self.count, self.failures).with_unit()

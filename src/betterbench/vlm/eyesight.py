@@ -82,9 +82,10 @@ def eyesight(readings: Sequence[Reading], purpose: str) -> Threshold | None:
 def eyesight_sentence(found: Threshold) -> str:
     """Describe the threshold in one sentence."""
     if found.value is None:
-        return f"Eyesight: cannot be concluded from {found.n} questions, because {found.reason}."
+        return f"Eyesight: {found.n} questions do not show the smallest readable size, because {found.reason}."
     return (
-        f"Eyesight: reads objects from {found.value:.1f} pixels (95 % interval {found.low:.1f} to {found.high:.1f}; "
+        f"Eyesight: the model recognizes objects from {found.value:.1f} pixels (95 % interval {found.low:.1f} to "
+        f"{found.high:.1f}; "
         f"{found.n} questions about objects of {found.smallest:.0f} to {found.largest:.0f} pixels)."
     )
 
@@ -117,7 +118,7 @@ class EyesightComparison:
         """The comparison in words."""
         where = f"{self.name}, {self.benchmark}"
         if self.one.value is None:
-            unknown = "whether one size explains the scores with all eyes cannot be concluded"
+            unknown = "it cannot be concluded whether one size explains the scores with all eyes"
             return f"{where}: {unknown}, because {self.one.reason}."
         size = f"{self.one.value:.1f} pixels ({self.one.low:.1f} to {self.one.high:.1f})"
         if not self.further:

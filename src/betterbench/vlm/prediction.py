@@ -74,14 +74,14 @@ class Prediction:
         number = f"rank correlation {told.value:+.2f} ({told.low:+.2f} to {told.high:+.2f})"
         if told.n < LEAST_POLICIES:
             return (
-                f"{self.predictor}: cannot be concluded from {told.n} policies: {number}; at least {LEAST_POLICIES} "
-                "are needed, because even a perfect ranking of four has p = 0.083."
+                f"{self.predictor}: {told.n} policies are too few for a conclusion ({number}). At least "
+                f"{LEAST_POLICIES} are needed, because even a perfect ranking of four policies has p = 0.083."
             )
         tested = f"{number}, p = {self.adjusted:.2g} after Holm"
         if not self.is_supported:
-            return f"{self.predictor}: cannot be concluded from {told.n} policies: {tested}."
+            return f"{self.predictor}: the {told.n} policies do not show an effect on the illusion gap ({tested})."
         direction = "smaller" if told.value < 0.0 else "larger"
-        return f"{self.predictor}: predicts the illusion gap: a higher value goes with a {direction} gap: {tested}."
+        return f"{self.predictor}: predicts the illusion gap. A higher value goes with a {direction} gap ({tested})."
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict."""
@@ -154,7 +154,7 @@ def prediction_table(
     benchmarks = {run.benchmark.title: run for _, run, _ in policies}
     if len(benchmarks) > 1:
         names = " and ".join(f"{run.path} ({title})" for title, run in benchmarks.items())
-        raise RunConflictError(f"{names} are of different benchmarks. Give runs of one benchmark.")
+        raise RunConflictError(f"{names} belong to different benchmarks. Give runs of one benchmark.")
     points = [_point(name or diagnosis.policy, run, diagnosis, column) for name, run, diagnosis in policies]
     double = next((p.name for i, p in enumerate(points) if p.name in {q.name for q in points[:i]}), None)
     if double is not None:

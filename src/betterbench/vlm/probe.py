@@ -179,12 +179,15 @@ class Finding:
         if len(self.fitting) > 1:
             listed = "; ".join(fit.words for fit in self.fitting)
             return (
-                f"Several conventions explain the answers of {self.model}, so the convention remains unknown: {listed}."
+                f"The convention of {self.model} remains unknown, because several conventions explain its answers: "
+                f"{listed}."
             )
         fit = self.fitting[0]
         if self.found is None:
             return f"{self.model} answers in {fit.words}, for which betterbench has no convention."
-        return f"{self.model} answers in {fit.words} (--coordinates {self.found}), in {fit.fitting} of {self.readable}."
+        return (
+            f"{self.model} answers in {fit.words} (--coordinates {self.found}) {fit.fitting} of {self.readable} times."
+        )
 
     @property
     def _nearest(self) -> str:

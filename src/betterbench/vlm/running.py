@@ -284,7 +284,7 @@ def _check_convention(
     )
     finding.require(settings.coordinates)
     if not finding.found:
-        logger.warning("%s Points and boxes are read as %s.", finding.sentence, settings.coordinates)
+        logger.warning("%s Points and boxes are interpreted as %s.", finding.sentence, settings.coordinates)
     return answers
 
 

@@ -97,9 +97,9 @@ class Step:
         verdict = "supported" if self.is_supported else "not supported"
         text = f"{self.benchmark}: {self.lower} has {moved} {self.upper} ({low:+.1f} to {high:+.1f}): {verdict}."
         if len(self.changed) > 1:
-            text += f" {' and '.join(self.changed)} changed together, so the step does not tell which one explains it."
+            text += f" {' and '.join(self.changed)} changed together, so it is unknown which one is the cause."
         elif not self.changed:
-            text += " No setting changed, so the two runs repeat each other."
+            text += " No setting changed, so the second run repeats the first."
         elif self.changed[0] not in _ABOUT_THE_MODEL:
             text += f" Only the {self.changed[0]} changed, so the step does not compare models."
         return text
@@ -247,7 +247,7 @@ def _require_same_data(runs: Sequence[StoredRun]) -> None:
     first, *others = runs
     for other in others:
         if other.head["data"] != first.head["data"]:
-            problem = f"{first.path} and {other.path} asked different data of {first.benchmark.name}"
+            problem = f"{first.path} and {other.path} use different data of {first.benchmark.name}"
             raise RunConflictError(f"{problem}. Run one of them again with the other's --data.")
 
 

@@ -291,7 +291,7 @@ def purpose_of(trials: Sequence[TrialId]) -> str:
     if len(purposes) > 1:
         raise InvalidInputError(
             "seeds",
-            "contains both demonstration seeds and evaluation seeds",
+            "mixes demonstration seeds and evaluation seeds",
             "Create a separate run and set for each",
         )
     return purposes.pop()

@@ -197,7 +197,7 @@ def _settings(training: Training, repo_id: str) -> tuple[Setting, ...]:
         Setting("data", "LeRobotLiberoDataConfig", "upstream", "its columns are those of the preset openpi_libero"),
         Setting("data.repo_id", repo_id, "ours", "folder of the data set"),
         Setting("data.base_config.prompt_from_task", True, "upstream", _OWN),
-        Setting("data.extra_delta_transform", False, "upstream", f"{_OWN}; our actions are deltas already"),
+        Setting("data.extra_delta_transform", False, "upstream", f"{_OWN}; betterbench's actions are already deltas"),
         recipe.setting("batch_size", "batch"),
         recipe.setting("num_train_steps", "steps"),
         Setting("lr_schedule.warmup_steps", 10_000, "upstream", _OWN),

@@ -211,7 +211,7 @@ def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str])
     if len(sums) > 1:
         raise InvalidInputError(
             "--place",
-            "only some components have the prefix + (displacements)",
+            "only some components have the prefix +, which marks displacements",
             "Give + before all of them or before none",
         )
     numbers = [n for text in named for n in named_numbers("--place", text.removeprefix(STEPS), columns.numbers)]

@@ -24,8 +24,10 @@ ABOUT = (
 
 
 SMALLEST = (
-    "Smallest rule that the same test would have found: the share of the demonstrations that it decides, with the "
-    f"others random, such that it is found in at least {100.0 * POWER:.0f} % of all data sets with these counts. "
+    "The smallest rule is given as the share of the demonstrations that it decides, with random outcomes in the "
+    "others. The same test would find a rule of this size in at least "
+    f"{100.0 * POWER:.0f} % of all data sets with "
+    "these counts. "
     "A weaker rule may exist without being found."
 )
 
@@ -98,7 +100,7 @@ def prediction_lines(prediction: Prediction, *, most: int | None = None) -> list
     """Format the ranking of at most ``most`` variations, most likely failures first."""
     rows = []
     for f in prediction.variations[:most]:
-        because = "; ".join(f.because) or "it breaks none of the rules found"
+        because = "; ".join(f.because) or "it breaks none of the found rules"
         cells = (str(f.rank), f"{f.task}/{f.variation}", f"{f.risk:.2f}", f.label or "–", because)
         rows.append(tuple(map(markdown_text, cells)))
     return markdown_table(("rank", "variation", "risk", "label", "because"), rows)

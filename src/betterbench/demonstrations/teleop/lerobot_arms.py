@@ -145,7 +145,7 @@ def check_calibration(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN4
         raise CalibrationError(
             f"{kind.name} {arm.id!r}",
             f"not calibrated: {', '.join(differing)} of this arm and {file} differ",
-            f"Give the id of this arm, or run {call} (Enter there writes the file to the motors)",
+            f"Give the id of this arm, or run {call} (pressing Enter there writes the file to the motors)",
         )
 
 

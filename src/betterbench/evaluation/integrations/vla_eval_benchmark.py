@@ -288,8 +288,9 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
                 return trial
         raise InvalidInputError(
             "episodes_per_task",
-            f"episode {episode} of {task['name']} exceeds the {self._trials} trials per condition of the plan",
-            f"Set both to the same number: params.trials: {episode + 1}",
+            f"the plan has {self._trials} trials per condition, so {task['name']} has no episode {episode} (numbered "
+            f"from 0)",
+            f"Set params.trials and episodes_per_task to the same number, at least {episode + 1}",
         )
 
     def _end(self) -> StepResult:

@@ -56,7 +56,7 @@ _STATE_CURE = "Train into another folder, or restore the file"
 _CURES = {
     "torch": "Continue with that version of torch",
     "device": "Continue with that --device",
-    "processes": "Continue with as many processes",
+    "processes": "Continue with the same number of processes",
     "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
 """Remedy by setting, for a resumed training whose setting (other than recipe and data) has changed."""

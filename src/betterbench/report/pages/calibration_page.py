@@ -152,7 +152,7 @@ def calibration_summary(calibration: Calibration) -> str:
         found = f"{calibration.accused.k} of {plural(calibration.accused.n, 'trial')}"
         sentences.append(f"Trials of policies without a fault were labeled as reasoning failures in {found}.")
     if calibration.left_out:
-        sentences.append(f"{plural(calibration.left_out, 'trial')} do not show the habit and are left out.")
+        sentences.append(f"{plural(calibration.left_out, 'trial')} do not show the habit and are therefore left out.")
     return " ".join(sentences)
 
 

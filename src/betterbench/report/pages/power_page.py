@@ -183,8 +183,9 @@ def _overall(matrix: PowerMatrix) -> Table:
         rows.append((f"`{name}`", *rates, first, str(trials), str(shared)))
     caption = (
         "The table gives the mean success over the variations in percent, each with the same weight. If a rule agrees "
-        "with all decisions of the expert in a trial, the episode would be identical, so the trial gets the expert's "
-        "outcome and is counted as shared. Every other trial was simulated. The column 'first right' gives the share "
+        "with all of the expert's decisions in a trial, the episode would be identical. The trial then gets the "
+        "expert's outcome and is counted as shared. Every other trial was simulated. The column 'first right' gives "
+        "the share "
         "of trials with a correct first grasp attempt, or with no attempt if that is correct."
     )
     columns = ("pretender", "all", *(axis.letter for axis in Axis), "first right", "trials", "shared")

@@ -32,12 +32,18 @@ SHOWN = 4
 _HEADINGS = {
     Horizon.SHORT: (
         "Short horizon: one target and a distractor",
-        "One object is requested. Rows: its initial state; columns: the initial state of another object.",
+        (
+            "One object is requested. The rows are its initial states, and the columns are the initial states of another "
+            "object."
+        ),
         ("target", "distractor"),
     ),
     Horizon.LONG: (
         "Long horizon: two targets",
-        "Two objects are requested. Rows: initial state of the first object; columns: that of the second object.",
+        (
+            "Two objects are requested. The rows are the initial states of the first object, and the columns are those of "
+            "the second."
+        ),
         ("first target", "second target"),
     ),
 }

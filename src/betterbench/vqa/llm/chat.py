@@ -180,7 +180,9 @@ class ChatEndpoint:
             headers["Authorization"] = f"Bearer {key}"
         answer, reply = self._connections.post(self._path, body, headers, self._read)
         if len(reply) > MAX_REPLY_BYTES:
-            raise ModelError(f"{self._where}: the answer exceeds {MAX_REPLY_BYTES} bytes. Is it a chat endpoint?")
+            raise ModelError(
+                f"{self._where}: the answer exceeds {MAX_REPLY_BYTES} bytes. Check that the address is a chat endpoint."
+            )
         return answer, reply
 
     def _read(self, answer: http.client.HTTPResponse) -> bytes:
