@@ -33,16 +33,16 @@ _HEADINGS = {
     Horizon.SHORT: (
         "Short horizon: one target and a distractor",
         (
-            "One object is requested. The rows are its initial states, and the columns are the initial states of another "
-            "object."
+            "One object is requested. The rows are its initial states, and the columns are the initial states of "
+            "another object."
         ),
         ("target", "distractor"),
     ),
     Horizon.LONG: (
         "Long horizon: two targets",
         (
-            "Two objects are requested. The rows are the initial states of the first object, and the columns are those of "
-            "the second."
+            "Two objects are requested. The rows are the initial states of the first object, and the columns are "
+            "those of the second."
         ),
         ("first target", "second target"),
     ),
