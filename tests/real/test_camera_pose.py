@@ -182,7 +182,7 @@ def test_pages_that_are_laid_wrongly_are_refused():
     whole = sheet_picture()
     wrong = whole.copy()
     wrong[:, -1020:] = np.roll(whole[:, -1020:], 40, axis=0)  # the right pages lie 10 mm nearer
-    with pytest.raises(InvalidInputError, match=r"markers are off by .* pixels, the most marker"):
+    with pytest.raises(InvalidInputError, match=r"markers are off by .* pixels, and marker"):
         measure_camera(rendered(POSES["placed"], picture=wrong))
 
 

@@ -98,7 +98,7 @@ def test_a_few_scattered_failures_are_no_habit(scattered):
 def test_a_halt_says_on_which_axis_it_shows():
     layout = {"variation": "L1", "axis": "spatial_layout_shift"}
     halts = varied(range(5), Label.EARLY_HALT, attempts=())
-    where = "It stops before its first grasp where there is more or less to do than in training."
+    where = "It stops before its first grasp where more or fewer steps are needed than in training."
     assert headline_of(diagnosis([*halts, *varied(range(5), **layout)])).conclusion == where
     plain = "It stops before its first grasp."
     assert headline_of(diagnosis(halts)).conclusion == plain, "nothing else was run"
@@ -230,7 +230,7 @@ def test_where_a_policy_fails_is_said_if_a_test_shows_it(elsewhere, said):
     halts = [*varied(range(6), Label.EARLY_HALT, attempts=()), *varied(range(6, 30))]
     text = headline_of(diagnosis([*halts, *varied(range(elsewhere), **layout), *trained(range(40))])).conclusion
     assert text.startswith("It stops before its first grasp")
-    assert ("where there is more or less to do than in training" in text) is said
+    assert ("where more or fewer steps are needed than in training" in text) is said
 
 
 @pytest.mark.parametrize(("halted", "said"), [(0, True), (8, True), (12, False), (20, False)])
@@ -240,7 +240,7 @@ def test_an_axis_is_not_named_if_the_policy_fails_in_the_same_way_in_training(ha
     training = [*trained(range(halted), Label.EARLY_HALT, attempts=()), *trained(range(halted, 20))]
     found = headline_of(diagnosis([*halts, *varied(range(10), **layout), *training]))
     assert "stops before its first grasp" in found.conclusion
-    assert ("where there is more or less to do than in training" in found.conclusion) is said
+    assert ("where more or fewer steps are needed than in training" in found.conclusion) is said
 
 
 def test_right_objects_at_wrong_targets_are_not_called_wrong_objects():

@@ -21,7 +21,7 @@ def test_nothing_is_concluded_from_fewer_than_five_policies():
     (found,) = predictions_of([point(str(i), 0.1 * i, 0.9 - 0.1 * i) for i in range(4)])
     assert found.correlation.value == pytest.approx(-1.0)
     assert not found.is_supported
-    assert found.sentence.startswith("static score: cannot be concluded from 4 policies: rank correlation -1.00")
+    assert found.sentence.startswith("static score: 4 policies are too few for a conclusion (rank correlation -1.00")
 
 
 def test_a_perfect_ranking_of_six_policies_is_a_conclusion_with_its_direction():

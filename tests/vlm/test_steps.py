@@ -112,7 +112,7 @@ def test_a_step_of_the_prompt_alone_is_said(data, tmp_path):
     assert [row.name for row in table.rows] == ["model, direct", "model, embspatial-lmms-eval"]
     assert table.steps[0].sentence.endswith(" Only the prompt changed, so the step does not compare models.")
     repeated = step_table([runs[0], run_of(data, tmp_path / "again", 0.5)], names=["a", "b"])
-    assert repeated.steps[0].sentence.endswith(" No setting changed, so the two runs repeat each other.")
+    assert repeated.steps[0].sentence.endswith(" No setting changed, so the second run repeats the first.")
     eyes = step_table([runs[0], run_of(data, tmp_path / "eyes", 0.5, eyes=Eyes.TILE_1)])
     assert eyes.steps[0].sentence.endswith("supported.")
 

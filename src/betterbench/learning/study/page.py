@@ -223,7 +223,7 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
         if word is None or word.changed.value is None:
             continue
         way = "at least" if above else "at most"
-        text = f"If only the instruction changes, {role} learners change their target in {way} {100 * bound:.0f} %"
+        text = f"With other words in the same scene, {role} learners change their target in {way} {100 * bound:.0f} %"
         held = word.changed.value >= bound if above else word.changed.value <= bound
         lines.append(_of_the_able(found, (role,), Expectation(text, word.changed.sentence(), held)))
     if found.prediction is not None:
