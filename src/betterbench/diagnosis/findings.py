@@ -58,8 +58,8 @@ def find_notes(
 ) -> tuple[str, ...]:
     """Return one sentence for each limit of the run.
 
-    ``missing`` are the trials without a record because of an error, ``even_pairs`` the pairs in the first round of a
-    run with ``--until-decided``, and ``cure`` is the advice on missing twins.
+    ``missing`` contains the trials without a record because of an error. ``even_pairs`` is the number of pairs in the
+    first round of a run with ``--until-decided``. ``cure`` is the advice on missing twins.
     """
     notes = []
     if pending:

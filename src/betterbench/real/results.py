@@ -449,7 +449,7 @@ def _policy_result(run: RealRun, policy: RealPolicy, judged: Sequence[JudgedTria
 
 
 def _diagnosed(judged: JudgedTrial, label: Label, run: RealRun) -> TrialDiagnosis:
-    """Return a trial in the form of the simulated diagnosis, for the report's matrices."""
+    """Return a real trial in the same form as a diagnosed simulated trial, for the report's matrices."""
     planned, found = judged.trial.planned, judged.label
     resolved = resolve_condition(run.plan.task, planned.condition)
     right = label.kind is Kind.NONE

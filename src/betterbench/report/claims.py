@@ -46,9 +46,9 @@ class Grounds:
 
     Attributes:
         supported: Whether the test is passed; True for a conclusion that only counts outcomes.
-        test: Description of the test.
+        test: Name of the test in words.
         p_value: The p-value of that test, or None without a test.
-        deciding: Sentence on the trials needed to decide the conclusion; empty if nothing is open.
+        deciding: Sentence on the trials needed to decide the conclusion. Empty if nothing is open.
         command: Command for these trials, if known.
     """
 

@@ -153,7 +153,7 @@ def compare_eyes(name: str, benchmark: str, runs: Sequence[tuple[str, Sequence[R
     Args:
         name: Name of the model.
         benchmark: Title of the benchmark.
-        runs: Eyes and readings of each run; the first is the reference.
+        runs: Eyes and readings of each run. The first run is the reference.
     """
     everything = [r for _, readings in runs for r in readings]
     if not everything:

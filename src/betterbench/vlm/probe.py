@@ -146,10 +146,10 @@ class Finding:
 
     Attributes:
         model: Model name.
-        declared: Convention stated in the requests; None if the requests stated none.
+        declared: Convention stated in the requests, or None if the requests did not state any.
         readable: Number of answers with coordinates.
         asked: Number of images, one request each.
-        fits: All orders and scales, the best first.
+        fits: Agreement with all orders and scales, the best first.
         found: The convention, or None if no combination fits, several fit, or betterbench has no such convention.
     """
 

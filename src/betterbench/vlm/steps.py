@@ -124,7 +124,7 @@ class GroupStep:
         p: p-value of the paired test.
         adjusted: The p-value after Holm's correction over all groups of this kind in the table.
         is_supported: Whether the adjusted p-value is below ``alpha``.
-        explained_by: Smaller groups with supported steps; without their items, this group's step is not significant.
+        explained_by: Smaller groups with supported steps. Without their items, this group's step is not significant.
     """
 
     upper: str
@@ -185,8 +185,9 @@ def step_table(
     """Return the table of several runs.
 
     Args:
-        paths: Run folders, in the order of the rows; runs with the same name are one row.
-        names: Name of each run's row; by default its model, eyes and tiles, and its prompt if runs differ only there.
+        paths: Run folders, in the order of the rows. Runs with the same name form one row.
+        names: Name of each run's row. By default, it consists of model, eyes and tiles, and of the prompt if runs
+            differ only there.
         column: Column of the scores.
         alpha: Level of the tests.
 

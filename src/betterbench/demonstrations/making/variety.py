@@ -231,7 +231,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
     for segment in segments:
         for window in segment.skills:
             if window.kind == "miss":
-                continue  # part of the transit to the next grasp
+                continue  # this part belongs to the transit to the next grasp
             goal = _goal_of(record, window)
             if segment.subgoal and window.change - begin > 1:
                 found[segment.subgoal, window.kind] = _motion(record, window, begin, start, goal)

@@ -59,7 +59,7 @@ class Lever:
         tasks: Tasks with this change; all if empty.
         start: Arm whose learner with the same task and training seed, and with the unchanged recipe, provides the
             initial weights; ``changes`` may then freeze parts of them. None for random weights.
-        against: Lever to compare with, which must cover the same arms and tasks; None for the unchanged recipe.
+        against: Lever to compare with, which must cover the same arms and tasks. None for the unchanged recipe.
         questions: Approximate number of co-training questions about the demonstrations in each regime of the lever's
             arm. The study creates them; ``co_training`` in ``changes`` may set their weight.
     """
@@ -102,7 +102,7 @@ class StudyPlan:
             demonstrations (the dose).
         seeds: Training seeds; each task and arm is trained with each seed.
         demos: Demonstrations per training condition. Other regimes distribute the same total over their own conditions.
-        sources: Number of expert demonstrations, from which the others are generated; 0 if all demonstrations are from
+        sources: Number of expert demonstrations, from which the others are generated. 0 if all demonstrations are from
             the expert.
         noise: Noise on the executed actions of generated demonstrations, in action units.
         trials: Trials per variation for each learner, and in total for its training conditions.

@@ -93,7 +93,7 @@ class TrainingResult:
         parameters: Number of trained parameters.
         log: Tables of the training.
         seconds: This session's duration without reading the data [s].
-        samples_per_s: Training samples per second in this session, without validation; 0 if the training was already
+        samples_per_s: Training samples per second in this session, without validation. 0 if the training was already
             complete.
     """
 

@@ -33,9 +33,9 @@ def write_calibration_page(
 ) -> Path:
     """Write the page, the matrix as SVG and PNG and the tables as Markdown into a folder; return the page's path.
 
-    With a power matrix, the page also shows which variations can be solved without vision or instruction; otherwise it
-    shows the ``cure``, a command that measures it. ``strips`` are film strips (JPEG) of trials with a wrong label, by
-    policy and trial.
+    With a power matrix, the page also shows which variations can be solved without vision or instruction. Without it,
+    the page shows the ``cure``, a command that measures the matrix. ``strips`` are film strips (JPEG) of trials with a
+    wrong label, by policy and trial.
     """
     figure = confusion_figure(calibration)
     svg = _drawn(figure, "svg")

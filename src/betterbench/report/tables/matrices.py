@@ -79,7 +79,7 @@ class Cell:
         note: Reason for an empty cell; otherwise an empty text.
         paper: Outcome in the paper, for reference.
         twins: Success rate of the training twins, which require the same motions with the same seeds in the unchanged
-            scene. It has no trials in the cell of the training conditions.
+            scene. In the cell of the training conditions, it has no trials.
     """
 
     row: State
