@@ -28,7 +28,7 @@ def test_a_perfect_ranking_of_six_policies_is_a_conclusion_with_its_direction():
     policies = [point(str(i), 0.1 * i, 0.9 - 0.1 * i, static_gap=0.1 * (i % 2)) for i in range(6)]
     score, gap = predictions_of(policies)
     assert score.is_supported
-    assert "a higher value goes with a smaller gap" in score.sentence
+    assert "A higher value goes with a smaller gap" in score.sentence
     assert (gap.predictor, gap.is_supported) == ("static gap", False)
     assert gap.sentence.startswith("static gap: cannot be concluded from 6 policies")
 

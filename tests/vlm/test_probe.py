@@ -139,7 +139,7 @@ def test_where_two_fit_none_is_named():
     finding = probed(model, square)
     assert finding.found is None
     assert {fit.scale for fit in finding.fitting} == {"pixels", "thousandths"}
-    assert "Several conventions" in finding.sentence
+    assert "several conventions" in finding.sentence
     # The diagonal does not tell the order.
     diagonal = [Target("disk", t.color, t.size, (t.middle[0], t.middle[0])) for t in TARGETS]
     model = Pointer(MODELS["RoboPoint: fractions in tuples"][0])

@@ -58,7 +58,7 @@ class TrialDiagnosis:
 
     Attributes:
         variation: Variation name, or None for a training condition.
-        condition: Training condition name; for a variation, the training condition of its twin.
+        condition: Name of the training condition. For a variation, it is the training condition of its twin.
         axis: Variation axis, or None.
         expected: "succeed", "refuse", "stay_still" or "ambiguous".
         first_attempt: Object of the first grasp attempt, or None without an attempt or for an air grasp. A drawer only
@@ -200,7 +200,7 @@ class RunDiagnosis:
             to the run, it is empty, and missing trials are unfinished ``trials``.
         until_decided: Verdict on each variation of a run with ``--until-decided``, or None. Trials that verdicts made
             unnecessary are left out.
-        address: Policy address for commands; default: ``policy``.
+        address: Policy address for commands, by default ``policy``.
     """
 
     policy: str

@@ -132,7 +132,7 @@ class EyesightComparison:
                 f"({100 * loss.low:+.1f} to {100 * loss.high:+.1f})"
             )
         return (
-            f"{self.name}, {self.benchmark}: one size does not explain the scores with all eyes: {'; '.join(losses)}."
+            f"{self.name}, {self.benchmark}: one size does not explain the scores with all eyes. {'; '.join(losses)}."
         )
 
     def to_json(self) -> dict[str, Any]:

@@ -95,7 +95,7 @@ class Step:
             moved = f"{abs(points):.1f} points {'less' if points > 0 else 'more'} than"
         low, high = sorted((-self.difference.low_pp, -self.difference.high_pp))
         verdict = "supported" if self.is_supported else "not supported"
-        text = f"{self.benchmark}: {self.lower} has {moved} {self.upper} ({low:+.1f} to {high:+.1f}): {verdict}."
+        text = f"{self.benchmark}: {self.lower} has {moved} {self.upper} ({low:+.1f} to {high:+.1f}, {verdict})."
         if len(self.changed) > 1:
             text += f" {' and '.join(self.changed)} changed together, so it is unknown which one is the cause."
         elif not self.changed:

@@ -15,10 +15,11 @@ from betterbench.statistics.wording import plural
 ABOUT = (
     "A **shortcut** is a rule that a learner could use and that some variation breaks. A regularity is a rule that "
     "all variations keep, such as the meaning of a word. Strength is mutual information above chance, "
-    f"relative to the largest possible value. A rule counts from a strength of {STRONG:g}, or if one value always "
-    "occurs with the same other value, or if two words determine half of the uncertainty that each alone leaves; and "
-    f"if its test, corrected for all questions, gives p ≤ {ALPHA:g}. For whole instructions, strength is the share of "
-    "wrong guesses that they avoid; they are compared among demonstrations that agree in the words already found. "
+    "relative to the largest possible value. A rule counts if its test, corrected for all questions, gives "
+    f"p ≤ {ALPHA:g} and one of the following holds: its strength is at least {STRONG:g}, one value always occurs with "
+    "the same other value, or two words determine half of the uncertainty that each alone leaves. For whole "
+    "instructions, strength is the share of wrong guesses that they avoid. They are compared among demonstrations that "
+    "agree in the words already found. "
     "Words that name their own place are not shortcuts."
 )
 
@@ -26,8 +27,7 @@ ABOUT = (
 SMALLEST = (
     "The smallest rule is given as the share of the demonstrations that it decides, with random outcomes in the "
     "others. The same test would find a rule of this size in at least "
-    f"{100.0 * POWER:.0f} % of all data sets with "
-    "these counts. "
+    f"{100.0 * POWER:.0f} % of all data sets with these counts. "
     "A weaker rule may exist without being found."
 )
 

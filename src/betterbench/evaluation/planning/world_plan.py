@@ -28,7 +28,7 @@ def make_world_plan(
     Args:
         policy: Policy address.
         suite: Suite name.
-        tasks: Tasks to run; default: all.
+        tasks: Tasks to run, by default all.
         trials: Number of trials in the unit of the world (trials per variation, initial states, chains). If None, the
             world's usual number is used.
         seed: The first seed, initial state or chain.
