@@ -116,8 +116,7 @@ def read_training_set(
     Args:
         recipe: The recipe.
         on_read: Called after each record.
-        frames: Folder of the frames. If None, they are in a folder next to each data folder, with the suffix
-            ``.frames``.
+        frames: Folder of the frames. By default, a folder next to each data folder, with the suffix ``.frames``.
         workers: Number of rendering processes.
         on_drawn: Called after rendering each demonstration.
 
