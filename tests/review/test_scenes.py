@@ -254,7 +254,7 @@ def test_two_reviews_of_scenes_agree_as_far_as_they_do(desk, tmp_path, capsys):
     assert main(["review", "agree", str(tmp_path / "ada.jsonl"), str(tmp_path / "bob.jsonl")]) == 0
     assert "Both agree on 9 of 10 scenes; Cohen's kappa 0.62" in " ".join(capsys.readouterr().out.split())
     (tmp_path / "objects.jsonl").write_text("")
-    with pytest.raises(InvalidInputError, match=r"is a review of scenes, and .* is not"):
+    with pytest.raises(InvalidInputError, match=r"is a review of scenes, but .* is not"):
         agreement(tmp_path / "ada.jsonl", tmp_path / "objects.jsonl")
 
 

@@ -30,7 +30,7 @@ def test_a_perfect_ranking_of_six_policies_is_a_conclusion_with_its_direction():
     assert score.is_supported
     assert "A higher value goes with a smaller gap" in score.sentence
     assert (gap.predictor, gap.is_supported) == ("static gap", False)
-    assert gap.sentence.startswith("static gap: cannot be concluded from 6 policies")
+    assert gap.sentence.startswith("static gap: the 6 policies do not show that it predicts")
 
 
 def test_policies_without_differences_and_a_single_policy():

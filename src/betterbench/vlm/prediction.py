@@ -79,7 +79,7 @@ class Prediction:
             )
         tested = f"{number}, p = {self.adjusted:.2g} after Holm"
         if not self.is_supported:
-            return f"{self.predictor}: the {told.n} policies do not show an effect on the illusion gap ({tested})."
+            return f"{self.predictor}: the {told.n} policies do not show that it predicts the illusion gap ({tested})."
         direction = "smaller" if told.value < 0.0 else "larger"
         return f"{self.predictor}: predicts the illusion gap. A higher value goes with a {direction} gap ({tested})."
 

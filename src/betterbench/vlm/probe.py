@@ -185,9 +185,7 @@ class Finding:
         fit = self.fitting[0]
         if self.found is None:
             return f"{self.model} answers in {fit.words}, for which betterbench has no convention."
-        return (
-            f"{self.model} answers in {fit.words} (--coordinates {self.found}) {fit.fitting} of {self.readable} times."
-        )
+        return f"{self.model} answers in {fit.words} (--coordinates {self.found}) for {fit.fitting} of {self.readable} images."
 
     @property
     def _nearest(self) -> str:
