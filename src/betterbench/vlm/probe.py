@@ -185,7 +185,10 @@ class Finding:
         fit = self.fitting[0]
         if self.found is None:
             return f"{self.model} answers in {fit.words}, for which betterbench has no convention."
-        return f"{self.model} answers in {fit.words} (--coordinates {self.found}) for {fit.fitting} of {self.readable} images."
+        return (
+            f"{self.model} answers in {fit.words} (--coordinates {self.found}) for {fit.fitting} of "
+            f"{self.readable} images."
+        )
 
     @property
     def _nearest(self) -> str:
