@@ -494,7 +494,7 @@ def test_the_terminal_ends_with_the_verdict(capsys, small_run, tmp_path):
     assert status == 2
     status, _, err = run(capsys, "report", str(small_run), "--name", "a", "--name", "b", "--out", str(tmp_path))
     assert status == 2
-    assert "--name: there are 2 names for 1 run" in err.replace("\n", " ")
+    assert "--name: got 2 names for 1 run" in err.replace("\n", " ")
 
 
 @pytest.mark.render

@@ -40,7 +40,7 @@ def test_the_verdict_comes_first_and_percentages_have_their_counts(capsys, runs)
     assert status == 0
     assert text.startswith("Not decided between policy-a and policy-b after 0 pairs")
     assert "Nothing can be concluded about which of policy-a and policy-b is better" in text
-    assert "With 18 pairs a true difference must be" in text
+    assert "With 18 pairs, a true difference must be" in text
     assert "36/36 trials of policy-a are not finished and count as failures" in text
     counted, all_of_them = (len(re.findall(p, text)) for p in (r"\d+/\d+ \(?\d+\.\d %", r"\d+\.\d %"))
     assert counted == all_of_them > 10
@@ -101,7 +101,7 @@ def test_eval_says_what_its_trials_can_show_at_every_level():
 def test_eval_says_what_its_trials_cannot_show():
     text = what_trials_show(make_plan("expert", tasks=["fast_food"], trials=2))
     assert (
-        "too few to show any drop within an axis (2 to 4 pairs) and within a variation (2 pairs); give more --trials"
+        "too few to show any drop within an axis (2 to 4 pairs) and within a variation (2 pairs). Give more --trials"
         in text
     )
     assert "overall (12 pairs)" in text

@@ -105,7 +105,7 @@ def test_a_run_is_diagnosed_and_reported_while_another_process_writes_it(tmp_pat
         assert {t.label for t in found.trials} == {Label.CORRECT_FREEZE}
         rate = found.metric("success_rate", "overall")
         assert (rate.k, rate.n) == (2, 2), "what was not run is in no number"
-        assert "in progress: 2 of 4 planned trials are done" in found.notes[0]
+        assert "in progress. 2 of 4 planned trials are done" in found.notes[0]
         assert [t.label for t in diagnose_run(run, whole=True).trials][2:] == [Label.UNFINISHED] * 2
 
         assert main(["diagnose", str(run.path), "--json"]) == 0

@@ -378,7 +378,7 @@ def test_a_run_of_a_version_without_digests_of_scenes_is_read_and_says_so_once(c
     records = list(copy.records())
     for record in records:
         assert copy.scene_of(record.metadata)
-    assert caplog.text.count("without digests of scenes") == 1
+    assert caplog.text.count("without scene digests") == 1
     assert len(evaluate(tiny_plan(), copy.path).entries()) == 4
     lines = copy.journal_path.read_text(encoding="utf-8").splitlines()
     lines[1] = lines[1].replace('"seed":1', '"seed":3')

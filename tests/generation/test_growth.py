@@ -156,7 +156,7 @@ def test_a_quota_is_read_and_shown(text: str, shown: str) -> None:
         ("template=loose_packing:120%", "is more than 100%"),
         ("template=loose_packing:2.5", "is not a whole number"),
         ("template=loose_packing:many", "is not an amount"),
-        ("template=loose_packing:30%-10%", "is above the largest"),
+        ("template=loose_packing:30%-10%", "is above the upper limit"),
         ("template=loose_packing:10%-3", "mixes a percentage and a count"),
         ("context=<b>:1", "the context contains '<'"),
     ],

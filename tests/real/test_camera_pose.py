@@ -182,7 +182,7 @@ def test_pages_that_are_laid_wrongly_are_refused():
     whole = sheet_picture()
     wrong = whole.copy()
     wrong[:, -1020:] = np.roll(whole[:, -1020:], 40, axis=0)  # the right pages lie 10 mm nearer
-    with pytest.raises(InvalidInputError, match=r"markers are off by .* pixels, the most marker"):
+    with pytest.raises(InvalidInputError, match=r"markers are off by .* pixels, and marker"):
         measure_camera(rendered(POSES["placed"], picture=wrong))
 
 
@@ -246,7 +246,7 @@ def test_a_ruler_in_another_unit_does_not_ask_for_another_print(pictures, ruler,
 def test_a_small_or_an_empty_image_is_not_called_blurred(pictures):
     with pytest.raises(InvalidInputError, match=r"with 160 x 120 pixels, it is too small"):
         measure_camera(cv2.resize(pictures["placed"], (160, 120), interpolation=cv2.INTER_AREA))
-    with pytest.raises(InvalidInputError, match=r"one brightness everywhere\. Take the cap off the lens"):
+    with pytest.raises(InvalidInputError, match=r"its brightness is nearly uniform\. Take the cap off the lens"):
         measure_camera(np.zeros((480, 640, 3), np.uint8))
 
 

@@ -61,7 +61,7 @@ def test_bad_arguments_are_one_clear_line(arguments, says, tmp_path, monkeypatch
         (["--arm-port", "/dev/none", "--cameras", "front"], "--cameras: 'front' is not NAME=VALUE"),
         (["--arm-port", "/dev/none"], "lerobot[feetech]"),
         (["--mock-faults", "latency_s=1"], "--mock-faults: a real arm has its own"),
-        (["--robot", "mock", "--mock-faults", "stalled=knee"], "'knee' is no motor"),
+        (["--robot", "mock", "--mock-faults", "stalled=knee"], "'knee' is not a motor"),
         (["--robot", "mock", "--mock-faults", "speed=3"], "speed"),
         (["--robot", "mock", "--limits", "limits.json"], "speed_rad_s: -1.0 is not a positive number"),
         (["--robot", "mock", "--camera-size", "320", "0"], "--camera-size: 0 is out of range"),

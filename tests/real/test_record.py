@@ -359,9 +359,7 @@ def test_entries_of_another_protocol_or_of_an_attempt_that_never_began_are_refus
     write_plan(other, make_plan((RealPolicy("a", "noop"),), conditions=["O1"], seed=9))
     enter(other, read_run(other).plan.trials[0].code, 1, author="ada", role="judge", outcome="done")
     (folder / ENTRIES_NAME).write_bytes((other / ENTRIES_NAME).read_bytes())
-    with pytest.raises(
-        RecordError, match=r"entries.jsonl: line 1: the plan has no trial '...', so that this is the file"
-    ):
+    with pytest.raises(RecordError, match=r"entries.jsonl: line 1: the plan has no trial '...', so this file belongs"):
         read_run(folder)
     (folder / ENTRIES_NAME).unlink()
     enter(folder, codes[0], 2, author="ada", role="judge", outcome="done")

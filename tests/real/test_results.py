@@ -114,7 +114,7 @@ def test_the_order_is_checked_against_the_plan(results, tmp_path):
     assert bad.longest_run == 4
     assert bad.middle["first policy"] > 0.7
     assert bad.discarded == {"first policy": 4, "second policy": 0}
-    assert "may look like this policy" in bad.sentences[0]
+    assert "may look like an effect of this policy" in bad.sentences[0]
 
 
 def test_a_matrix_agrees_with_itself(results):
@@ -265,7 +265,7 @@ def test_a_run_of_another_policy_is_no_twin(results, whole, monkeypatch):
     foreign = dataclasses.replace(results.policies[0].diagnosis, address="expert")
     monkeypatch.setattr(module.RunFolder, "open", lambda path: path)
     monkeypatch.setattr(module, "diagnose_run", lambda _: foreign)
-    with pytest.raises(InvalidInputError, match="is a run of expert, and the protocol has zoo:first, zoo:second"):
+    with pytest.raises(InvalidInputError, match="is a run of expert, but the protocol has zoo:first, zoo:second"):
         results_of(whole, [whole])
     ours = dataclasses.replace(foreign, address="zoo:second")
     monkeypatch.setattr(module, "diagnose_run", lambda _: ours)
@@ -289,7 +289,7 @@ def test_kappa_of_judges_who_leave_nothing_to_compare(tmp_path):
     cases = {
         "one": (every, {}, None),
         "apart": ({0: "froze"}, {1: "froze"}, None),
-        "constant": (every, every, "4 of 4 trials; kappa is not defined, because all outcomes are the same one."),
+        "constant": (every, every, "4 of 4 trials; kappa is undefined, because all outcomes are the same."),
         "one_constant": (every, every | {1: "missed"}, "0.00, without an interval, because their outcomes vary too"),
         "equal": (two, two, "2 of 2 trials; Cohen's kappa 1.00, without an interval, because they differ in no trial."),
     }

@@ -177,7 +177,7 @@ def test_late_control_steps_move_no_signal():
 
 def test_a_record_without_rows_is_refused():
     empty = Script().wait(0.05).samples()
-    with pytest.raises(InvalidInputError, match="has 1 rows, and signals need two"):
+    with pytest.raises(InvalidInputError, match="has 1 rows, but signals need at least two"):
         JointTrack.of(empty, unit="degrees", rate_hz=20.0)
 
 

@@ -67,7 +67,7 @@ def test_the_case_of_the_issue_claims_nothing():
         "Nothing to conclude yet: 4 of 48 variation trials failed, and an illusion gap"
     )
     assert "p = 0.13" in headline.conclusion
-    assert headline.claim.deciding.startswith("What would decide it")
+    assert headline.claim.deciding.startswith("If the failure rate stays the same, it can be decided with")
     assert headline.claim.command.startswith("better eval --policy ")
 
 
@@ -156,7 +156,7 @@ def test_the_command_names_the_address_of_a_policy_whatever_it_is_called():
 @pytest.mark.parametrize(("count", "n"), [(1, 2), (2, 6), (1, 5), (4, 48)])
 def test_as_many_pairs_as_are_advised_show_the_drop_in_four_runs_of_five(count, n):
     deciding = headline_of(lost(count, n)).claim.deciding
-    number = int(re.search(r"if the failure rate stays the same: (\d+) pairs", deciding).group(1))
+    number = int(re.search(r"failure rate stays the same, it can be decided with (\d+) pairs", deciding).group(1))
     draw = np.random.default_rng(n)
     runs = draw.binomial(number, count / n, 2000)
     assert np.mean([mcnemar_p(PairedTable(number - k, k, 0, 0)) <= 0.05 for k in runs.tolist()]) > 0.77

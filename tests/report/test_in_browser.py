@@ -312,7 +312,7 @@ def test_a_report_with_unfinished_trials_says_so_and_claims_nothing_on_few(chrom
         "Unfinished: 94 of 106",
         "Nothing to conclude yet: 4 of 48",
         "p = 0.13",
-        "What would decide it",
+        "it can be decided with",
         "unfinished",
     ):
         assert text in shown, text

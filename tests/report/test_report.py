@@ -326,7 +326,7 @@ def test_two_counts_of_training_are_explained(tmp_path):
     more = [trial(variation=None, condition="train2", seed=s) for s in range(4)]
     varied = [trial(seed=s) for s in range(2)]
     page = body(write_report([diagnosis([*varied, *twins, *more])], tmp_path / "a").read_text(encoding="utf-8"))
-    assert "It counts every training trial (6). Gaps, charts and tables of tasks count the training twins" in page
+    assert "It counts every training trial (6). Gaps, charts and task tables count only the training twins" in page
     assert "one per pair (2)" in page
     page = body(write_report([diagnosis([*varied, *twins])], tmp_path / "b").read_text(encoding="utf-8"))
     assert "beside variations it counts" not in page
@@ -394,7 +394,7 @@ def test_a_place_rule_that_takes_look_alikes_is_named_before_them():
         assert headline.failure is not None
         if in_place:
             assert headline.failure.label is Label.LEXICAL_KINEMATIC_SHORTCUT
-            assert "the same rule explains 13 look-alikes" in headline.failure.share
+            assert "the same rule also explains 13 look-alikes" in headline.failure.share
             assert headline.failure.lead != "Most often"
             assert "words to motions" in headline.conclusion
         else:

@@ -194,7 +194,7 @@ def test_two_reviews_agree_as_far_as_they_do(block, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["use_reject"]["kappa"] == pytest.approx(0.4)
     empty = tmp_path / "c.jsonl"
     judge(empty, [QueuedObject(path, "e" * 64, [ReviewState(made)])], "accept")
-    with pytest.raises(InvalidInputError, match="none is in both"):
+    with pytest.raises(InvalidInputError, match="have none in common"):
         agreement(a, empty)
     with pytest.raises(RecordError, match="does not exist"):
         agreement(a, tmp_path / "d.jsonl")

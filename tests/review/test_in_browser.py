@@ -85,7 +85,7 @@ def test_a_mug_is_righted_a_grasp_moved_and_a_block_rejected(review, meshes, tmp
         reviewer.press("KeyA")
         reviewer.wait_for("a_mug.glb: fix")
         reviewer.press("KeyR")
-        reviewer.wait_for("Write the reason of the rejection first")
+        reviewer.wait_for("Write the reason for the rejection first")
         reviewer.write("reason", "a block is not a toy")
         reviewer.click("Reject")
         reviewer.wait_for("block.glb: reject, a block is not a toy")

@@ -64,7 +64,7 @@ def test_a_moved_slot_gives_a_new_form_and_leaves_the_old_one(form):
 
 def test_a_change_of_another_state_is_refused(form):
     change = moved(form, "near", x=0.02)
-    with pytest.raises(InvalidInputError, match=r"the review found the slot 'near' at \(0.6 m.*here it is at \(0.62"):
+    with pytest.raises(InvalidInputError, match=r"in the review, the slot 'near' was at \(0.6 m.*here it is at \(0.62"):
         patched(form, [change, change])
     strange = replace(change, slot="neer")
     with pytest.raises(InvalidInputError, match=r"Unknown slot 'neer'\. Did you mean 'near'"):
@@ -224,7 +224,7 @@ def test_a_review_of_another_task_file_is_refused(desk, form, tmp_path):
     line = SceneReview("ada", now(), task_content(other), "morning_coffee", "train1", "0" * 64, Verdict("accept"))
     with SceneJournal(tmp_path / "b.jsonl") as journal:
         journal.append(line)
-    with pytest.raises(InvalidInputError, match=r"reviewed with the content .*, and here it is"):
+    with pytest.raises(InvalidInputError, match=r"reviewed with the content .*, but its content is now"):
         reviewed_forms(tmp_path / "b.jsonl")
 
 
@@ -254,7 +254,7 @@ def test_two_reviews_of_scenes_agree_as_far_as_they_do(desk, tmp_path, capsys):
     assert main(["review", "agree", str(tmp_path / "ada.jsonl"), str(tmp_path / "bob.jsonl")]) == 0
     assert "Both agree on 9 of 10 scenes; Cohen's kappa 0.62" in " ".join(capsys.readouterr().out.split())
     (tmp_path / "objects.jsonl").write_text("")
-    with pytest.raises(InvalidInputError, match=r"is a review of scenes, and .* is not"):
+    with pytest.raises(InvalidInputError, match=r"is a review of scenes, but .* is not"):
         agreement(tmp_path / "ada.jsonl", tmp_path / "objects.jsonl")
 
 

@@ -102,7 +102,7 @@ def test_a_slot_is_moved_and_its_scene_certified_again(review, task_file, tmp_pa
         reviewer.press("Backspace")
         reviewer.wait_for("Undone: fix of my_coffee/O1")
         reviewer.press("KeyR")
-        reviewer.wait_for("Write the reason of the rejection first")
+        reviewer.wait_for("Write the reason for the rejection first")
         reviewer.write("reason", "the can is hidden")
         reviewer.click("Reject")
         reviewer.wait_for("my_coffee/O1: reject, the can is hidden")

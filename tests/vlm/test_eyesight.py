@@ -41,13 +41,17 @@ def run_of(items, out, model, eyes="native"):
 def test_one_run_finds_the_size_that_a_model_reads(items, s, eyes, wrong):
     found = eyesight(readings(items, eyes, Sighted(s, eyes, wrong=wrong)), "test")
     assert found.value == pytest.approx(s, rel=0.1)
-    assert eyesight_sentence(found).startswith(f"Eyesight: reads objects from {found.value:.1f} pixels (95 % interval")
+    assert eyesight_sentence(found).startswith(
+        f"Eyesight: the model recognizes objects from {found.value:.1f} pixels (95 % interval"
+    )
 
 
 def test_a_model_that_reads_everything_has_no_size(items):
     found = eyesight(readings(items, "native", Sighted(8, "native")), "test")
     assert found.value is None
-    assert eyesight_sentence(found).startswith("Eyesight: cannot be concluded from 560 questions, because the score")
+    assert eyesight_sentence(found).startswith(
+        "Eyesight: 560 questions do not show the smallest readable size, because the score"
+    )
 
 
 def test_a_benchmark_without_sizes_has_no_eyesight(tmp_path):
@@ -102,7 +106,7 @@ def test_the_table_names_the_only_lost_relation(stored, capsys, monkeypatch):
     print_steps(table)
     shown = " ".join(capsys.readouterr().out.split())
     assert "family: side for robot" in shown
-    assert f"with a supported change: 1 of {len(table.groups)}" in shown
+    assert f"A supported change was found in 1 of {len(table.groups)} groups" in shown
 
 
 def test_the_table_is_silent_if_nothing_is_lost(stored):

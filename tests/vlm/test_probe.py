@@ -139,7 +139,7 @@ def test_where_two_fit_none_is_named():
     finding = probed(model, square)
     assert finding.found is None
     assert {fit.scale for fit in finding.fitting} == {"pixels", "thousandths"}
-    assert "Several conventions" in finding.sentence
+    assert "several conventions" in finding.sentence
     # The diagonal does not tell the order.
     diagonal = [Target("disk", t.color, t.size, (t.middle[0], t.middle[0])) for t in TARGETS]
     model = Pointer(MODELS["RoboPoint: fractions in tuples"][0])
@@ -236,7 +236,9 @@ def test_vlm_probe_prints_the_convention(serve, capsys):
     server = serve(Endpoint(MODELS["Gemini: row before column, in fenced JSON"][0]))
     assert main(["vlm", "probe", "--model", f"{server.url}#tiny"]) == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert "tiny answers in thousandths, row before column (--coordinates thousandths-yx-json), in 10 of 10" in out
+    assert (
+        "tiny answers in thousandths, row before column (--coordinates thousandths-yx-json) for 10 of 10 images" in out
+    )
     assert main(["vlm", "probe", "--model", f"{server.url}#tiny", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["found"] == "thousandths-yx-json"
 

@@ -280,7 +280,7 @@ def test_a_cache_that_cannot_be_written_is_said_once_and_stops_nothing(server, t
     (tmp_path / "file").write_text("")
     chat = endpoint(server((200, "Yes")).url, cache=ReplyCache(tmp_path / "file" / "cache"))[0]
     assert [chat.complete(MESSAGES).text for _ in range(2)] == ["Yes", "Yes"]
-    assert caplog.text.count("replies are not stored for later runs") == 1
+    assert caplog.text.count("replies cannot be stored for later runs") == 1
 
 
 def test_several_writers_of_one_entry_leave_a_whole_one(tmp_path):

@@ -112,9 +112,9 @@ def test_a_step_of_the_prompt_alone_is_said(data, tmp_path):
     assert [row.name for row in table.rows] == ["model, direct", "model, embspatial-lmms-eval"]
     assert table.steps[0].sentence.endswith(" Only the prompt changed, so the step does not compare models.")
     repeated = step_table([runs[0], run_of(data, tmp_path / "again", 0.5)], names=["a", "b"])
-    assert repeated.steps[0].sentence.endswith(" No setting changed, so the two runs repeat each other.")
+    assert repeated.steps[0].sentence.endswith(" No setting changed, so the second run repeats the first.")
     eyes = step_table([runs[0], run_of(data, tmp_path / "eyes", 0.5, eyes=Eyes.TILE_1)])
-    assert eyes.steps[0].sentence.endswith("supported.")
+    assert eyes.steps[0].sentence.endswith("supported).")
 
 
 def test_the_order_of_two_equal_models_is_rarely_supported(data, tmp_path):
@@ -221,7 +221,7 @@ def test_better_compare_takes_static_runs(data, tmp_path, capsys):
     assert main(["compare", *map(str, runs)]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "8B" in shown
-    assert ": supported." in shown
+    assert ", supported)." in shown
     assert main(["compare", *map(str, runs), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["steps"][0]["is_supported"]
     assert main(["compare", str(runs[0]), str(tmp_path / "gone")]) == 2

@@ -202,7 +202,7 @@ def test_other_sets_and_damage_are_one_clear_line(run, photos, made, tmp_path):
 def test_seeds_of_demonstrations_and_of_trials_do_not_mix():
     trials = [TrialId("fast_food", "train1", seed) for seed in (3, 1_000_000)]
     assert [purpose_of([t]) for t in trials] == ["test", "training"]
-    with pytest.raises(InvalidInputError, match="both demonstration seeds and evaluation seeds"):
+    with pytest.raises(InvalidInputError, match="mixes demonstration seeds and evaluation seeds"):
         purpose_of(trials)
 
 

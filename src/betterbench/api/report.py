@@ -88,7 +88,7 @@ def build_report(
     base-suite run for each LIBERO-PRO run, or is empty.
     """
     if twins and len(twins) != len(runs):
-        problem = f"there are {len(twins)} for {plural(len(runs), 'run')}"
+        problem = f"got {len(twins)} for {plural(len(runs), 'run')}"
         raise InvalidInputError("--twins", problem, "Give one per run, in the same order")
     called = run_names(runs, names)
     say = listener.say

@@ -148,7 +148,7 @@ class Coverage:
         elif _minor(self.versions.engine) != _minor(engine):
             stale = f"the certificate was made with MuJoCo {self.versions.engine}, the installed one is {engine}"
         elif self.versions.looks != looks:
-            stale = f"the certificate covers the {self.versions.looks} looks, but the run uses the {looks} ones"
+            stale = f"the certificate covers the {self.versions.looks} looks, but the run uses the {looks} looks"
         elif self.versions.robot != robot:
             stale = f"the certificate is for the robot {self.versions.robot}, but the run uses {robot}"
         for trial in trials:

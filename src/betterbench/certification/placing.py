@@ -120,7 +120,7 @@ def place_task(task: Task, spec: RobotSpec) -> Placed:
         if best is None or cost < best[0]:
             best = cost, (round(x, 2), round(y, 2)), out
     if best is None:
-        raise AssertionError("the grid of places is not empty")
+        raise AssertionError("the grid of positions is not empty")
     _, (x, y), out = best
     name = f"{task.id}_{spec.name}"
     if suite_of(name) is not None:

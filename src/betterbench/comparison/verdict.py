@@ -77,8 +77,8 @@ def _limit(c: Contrast, n: int, kind: str) -> str:
     if fewer:
         trials += f", of which {fewer}/{n} ({percent(fewer, n)} %) point in the other direction,"
     if c.smallest is None or c.smallest.value is None:
-        return f"With {trials} no difference can be detected at 80 % power; run more trials."
-    return f"With {trials} a true difference must be {points(c.smallest.value)} points to be detected at 80 % power."
+        return f"With {trials}, no difference can be detected at 80 % power. Run more trials."
+    return f"With {trials}, a true difference must be {points(c.smallest.value)} points to be detected at 80 % power."
 
 
 def _ranking(group: Group) -> str:
@@ -96,7 +96,7 @@ def _ranking(group: Group) -> str:
         text += " Policies that share a letter do not differ significantly."
     needed = [c.smallest.value for c in undecided if c.smallest is not None and c.smallest.value is not None]
     if len(needed) < len(undecided):
-        return f"{text} For some pairs no difference can be detected at 80 % power; run more trials."
+        return f"{text} For some pairs, no difference can be detected at 80 % power. Run more trials."
     return f"{text} To be detected at 80 % power, a true difference must be up to {points(max(needed))} points."
 
 

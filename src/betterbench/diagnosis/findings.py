@@ -58,13 +58,13 @@ def find_notes(
 ) -> tuple[str, ...]:
     """Return one sentence for each limit of the run.
 
-    ``missing`` are the trials without a record because of an error, ``even_pairs`` the pairs in the first round of a
-    run with ``--until-decided``, and ``cure`` is the advice on missing twins.
+    ``missing`` contains the trials without a record because of an error. ``even_pairs`` is the number of pairs in the
+    first round of a run with ``--until-decided``. ``cure`` is the advice on missing twins.
     """
     notes = []
     if pending:
         notes.append(
-            f"The run is in progress: {len(trials)} of {len(trials) + pending} planned trials are done; the other "
+            f"The run is in progress. {len(trials)} of {len(trials) + pending} planned trials are done, and the other "
             f"{pending} are not counted yet. The order of the trials depends on the machine, so the numbers will still "
             f"change."
         )
@@ -75,9 +75,9 @@ def find_notes(
     left = [t.key for t in trials if t.kind is Kind.UNFINISHED]
     if left:
         notes.append(
-            f"{len(left)} of {len(trials)} planned trials are unfinished: they count in the denominator of every "
-            f"rate, but not as failures of any kind, and not in pairs. Run the same command again to finish them: "
-            f"{_first_few(left)}."
+            f"{len(left)} of {len(trials)} planned trials are unfinished ({_first_few(left)}). They count in the "
+            f"denominator of every rate, but not as failures of any kind, and not in pairs. Run the same command again "
+            f"to finish them."
         )
     for task, found in sorted(rules.items()):
         if found.undecided:
@@ -91,8 +91,8 @@ def find_notes(
     if ambiguous:
         have = "has" if ambiguous == 1 else "have"
         notes.append(
-            f"{plural(ambiguous, 'trial')} with a broken premise {have} no right or wrong outcome: no rate, gap or "
-            "finding counts them."
+            f"{plural(ambiguous, 'trial')} with a broken premise {have} no right or wrong outcome, so no rate, gap or "
+            f"finding counts them."
         )
     paired = [t for t in trials if t.variation is not None and not t.ambiguous]
     lonely = sum(t.kind is not Kind.UNFINISHED for t in paired) - pairs
@@ -101,7 +101,8 @@ def find_notes(
         notes.append(f"{wait} counterfactual twin and is not in the illusion gap yet.")
     elif lonely:
         notes.append(
-            f"{lonely} trials have no counterfactual twin in the run and are left out of the illusion gap; {cure}."
+            f"{lonely} trials have no counterfactual twin in the run and are left out of the illusion gap. To include "
+            f"them, {cure}."
         )
     pairs = pairs if even_pairs is None else even_pairs
     if pairs:

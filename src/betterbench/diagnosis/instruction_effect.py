@@ -1,7 +1,7 @@
 """Instruction effect: fraction of trial pairs in which the first target depends on the instruction (suite, section 4).
 
 Random streams do not depend on the condition. Trials with the same seed therefore begin with the same scene if their
-conditions have the same objects in the same slots, and a run contains pairs of trials that differ only in the
+conditions have the same objects in the same slots. A run thus contains pairs of trials that differ only in the
 instruction. If the two instructions name different first objects, a policy that uses the instruction goes to different
 objects, correctly or not. A policy that ignores the instruction goes to the same object in both trials.
 """

@@ -146,7 +146,7 @@ def on_our_table(record: Record) -> Record:
     """Convert a LIBERO record: heights above the table, and names of target regions as in betterbench.
 
     Raises:
-        RecordError: If the record names no regions on a table.
+        RecordError: If the record does not name any region on a table.
     """
     m = record.metadata
     if not m.scene.slots:

@@ -55,7 +55,7 @@ def judge_rules(
 
     Args:
         choices: First attempt per trial key.
-        prior_costs: Prior cost of each kind of rule [nats]; default zero.
+        prior_costs: Prior cost of each kind of rule [nats], by default zero.
         known: Kinds of rule that other tasks prove for the policy. A known "place" needs no pair of trials in this
             task, and a known "word" needs no trials that distinguish it from a place. "later" is only judged by other
             tasks, because in a single task it may look like a favorite place. If None, all rules are judged by the

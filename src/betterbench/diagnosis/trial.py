@@ -98,7 +98,7 @@ def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosi
     """Diagnose a record without other trials.
 
     Labels that need other trials of the policy (``visual_layout_bias``, ``lexical_kinematic_shortcut``) are not
-    assigned: the label is then ``wrong_object``, and the evidence names the candidates.
+    assigned. The label is then ``wrong_object``, and the evidence names the candidates.
     :func:`~betterbench.diagnosis.diagnose_run` decides between them.
 
     Raises:

@@ -48,7 +48,7 @@ class UntilDecided:
         if counts[Verdict.NOT_LEARNED]:
             parts.append(f"{counts[Verdict.NOT_LEARNED]} cannot drop, because their twins mostly fail")
         return (
-            f"Decided: {found.decided} of {plural(len(found.answers), 'variation')}; {', '.join(parts)}; "
+            f"{found.decided} of {plural(len(found.answers), 'variation')} are decided ({', '.join(parts)}), and "
             f"{counts[Verdict.OPEN]} are open."
         )
 

@@ -58,7 +58,7 @@ class TrialDiagnosis:
 
     Attributes:
         variation: Variation name, or None for a training condition.
-        condition: Training condition name; for a variation, the training condition of its twin.
+        condition: Name of the training condition. For a variation, it is the training condition of its twin.
         axis: Variation axis, or None.
         expected: "succeed", "refuse", "stay_still" or "ambiguous".
         first_attempt: Object of the first grasp attempt, or None without an attempt or for an air grasp. A drawer only
@@ -69,7 +69,7 @@ class TrialDiagnosis:
             correct, this is its object, otherwise the first of ``intended_any``.
         intended_kind: Kind of that object.
         intended_any: All objects for which the first attempt would be correct, ordered by subgoal and slot.
-        intention_correct: Whether the first attempt was at an instructed object (suite, section 4), or None without a
+        intention_correct: Whether the first attempt was at an instructed object (suite, section 4). None without a
             record.
         progress: Fraction of the requested subgoals that were completed in a valid order.
         harm: One clause for each harm to an object that is not part of the instruction ("the mouse lies on the floor").
@@ -155,9 +155,9 @@ class Metric:
     Attributes:
         name: Name of the measure ("success_rate", "success_with_a_needless_step", "intention_accuracy",
             "instruction_effect", "delta_sr", "distractor_grasp_rate", "illusion_gap", "reasoning_failure_rate",
-            "execution_failure_rate", "system_failure_rate", "collision_rate", "progress"; "unfinished_rate" where
-            trials are unfinished; "twin_success_rate" and "paired_success_rate": the two sides of "illusion_gap", over
-            its pairs).
+            "execution_failure_rate", "system_failure_rate", "collision_rate", "progress"). If trials are unfinished,
+            there is also "unfinished_rate". The two sides of "illusion_gap", over its pairs, are "twin_success_rate"
+            and "paired_success_rate".
         scope: Set of trials: "overall" (all trials of variations), "training" (all trials of training conditions),
             "axis:temporal_extrapolation", "fast_food" (its variations), "fast_food/training", "fast_food/T1",
             "fast_food/train1".
@@ -196,11 +196,11 @@ class RunDiagnosis:
         trials: One entry per counted trial, finished or not, in plan order.
         findings: Conclusions about the policy from several trials, one sentence each, most important first.
         notes: Limits of the run, one sentence each (missing pairs, smallest detectable difference).
-        waiting: Planned trials that an ongoing run has not reached yet, which are not counted. Empty if no process is
-            writing to the run: its missing trials are then unfinished ``trials``.
+        waiting: Planned trials that an ongoing run has not reached yet, which are not counted. If no process is writing
+            to the run, it is empty, and missing trials are unfinished ``trials``.
         until_decided: Verdict on each variation of a run with ``--until-decided``, or None. Trials that verdicts made
             unnecessary are left out.
-        address: Policy address for commands; default: ``policy``.
+        address: Policy address for commands, by default ``policy``.
     """
 
     policy: str

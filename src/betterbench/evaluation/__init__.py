@@ -1,9 +1,16 @@
 """Evaluation: workers run the trials of a plan and write a run folder, from which the same command resumes.
 
-The packages, from the bottom up: ``planning`` (plan and manifest of a run), ``trials`` (one trial in one process),
-``workers`` (local worker processes), ``serving`` (policies behind the openpi protocol), ``ray_engine`` (workers on a
-Ray cluster), ``running`` (complete runs, external loops, replay), ``preflight`` (a policy check before a run) and
-``integrations`` (the tasks in other harnesses). ``figures`` renders images and videos.
+- ``planning``: plan and manifest of a run.
+- ``trials``: execution of one trial in one process.
+- ``workers``: local worker processes.
+- ``serving``: policies behind the openpi protocol.
+- ``ray_engine``: workers on a Ray cluster.
+- ``running``: complete runs, external loops and replay.
+- ``preflight``: policy check before a run.
+- ``integrations``: the tasks in other harnesses.
+- ``figures``: images and videos.
+
+Except for ``figures``, the packages are listed from the bottom up.
 
 Each public name is imported from its module at first use.
 """

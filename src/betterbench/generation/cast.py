@@ -16,7 +16,7 @@ class Cast:
         scenario: The scenario.
         groups: Chosen objects by ``group_id``, in the order of the descriptions. An object's ``name`` is the
             ``instance_name`` of its description. Its ``kind`` is its noun phrase in instructions, without an article,
-            and unique in the cast ("red mug" if there is a blue one too, otherwise "mug").
+            and unique in the cast ("red mug" if there is also a blue mug, otherwise "mug").
         look_alikes: For each item by name: distractors of another category that share its color or its shape, the most
             similar first. Their names and kinds are unique too.
         seed: Seed for all choices that the descriptions do not determine.

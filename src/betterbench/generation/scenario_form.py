@@ -45,7 +45,7 @@ def plain_text(text: str) -> str:
     if not any(letter.isalpha() for letter in text):
         raise ValueError("has no letter; write words")
     if text != " ".join(text.split()):
-        raise ValueError("has spaces at an end or several in a row; write single spaces between words")
+        raise ValueError("has spaces at an end or repeated spaces; write single spaces between words")
     return text
 
 

@@ -73,7 +73,7 @@ class PairAgreement:
         text = f"{self.first} and {self.second} entered the same outcome in {n - len(self.disagreements)} of {n} trials"
         kappa, interval = self.table.kappa, self.interval
         if kappa is None:
-            return f"{text}; kappa is not defined, because all outcomes are the same one."
+            return f"{text}; kappa is undefined, because all outcomes are the same."
         if interval is None:
             why = "they differ in no trial" if not self.disagreements else "their outcomes vary too little"
             return f"{text}; Cohen's kappa {kappa:.2f}, without an interval, because {why}."

@@ -42,7 +42,7 @@ def check_real_policy(address: str, info: PolicyInfo, space: ActionSpace, camera
         problem = f"the policy needs the camera {missing[0]!r}, but the robot has {', '.join(cameras) or 'none'}"
         raise InvalidInputError(address, problem, "Name the robot's cameras as the policy does")
     if info.execution.ensemble is not None:
-        problem = "temporal ensembling calls the policy at every step, which a real arm would have to wait for"
+        problem = "temporal ensembling calls the policy at every step, and a real arm would have to wait"
         raise InvalidInputError(address, problem, "Leave ensemble out of its address")
 
 

@@ -77,7 +77,7 @@ class ObjectAgreement:
         if self.accepted:
             return ""
         if not self.is_found:
-            return f"The {title} is not seen at its place, nor within {100 * SEARCH_M:.0f} cm of it."
+            return f"The {title} is seen neither at its place nor within {100 * SEARCH_M:.0f} cm of it."
         x, y = self.off_m
         parts = []
         if abs(x) >= 0.005:

@@ -121,7 +121,7 @@ class RealPlan:
         planned = Counter((trial.block, trial.condition, trial.policy) for trial in self.trials)
         asked = {(block, c, p): 1 for block in range(self.repeats) for c in self.conditions for p in names}
         if planned != asked:
-            problem = "do not have each condition once per policy and block"
+            problem = "do not contain each condition once per policy and block"
             raise InvalidInputError("trials", problem, "Make the plan with better real plan")
 
     @property

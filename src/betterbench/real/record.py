@@ -544,7 +544,7 @@ class RealTrial:
         """Return the samples; raise RecordError if the file is missing, changed or damaged."""
         samples = Samples.read(self._checked(SAMPLES_NAME))
         if len(samples) != self.header.steps:
-            problem = f"has {len(samples)} rows, and {HEADER_NAME} names {self.header.steps}"
+            problem = f"has {len(samples)} rows, but {HEADER_NAME} names {self.header.steps}"
             raise RecordError(f"{self.folder / SAMPLES_NAME}: {problem}. {_CURE}.")
         return samples
 
@@ -718,7 +718,7 @@ def _entries(path: Path, states: Mapping[str, TrialProgress]) -> tuple[Entry, ..
     for number, entry in enumerate(entries, start=1):
         known = states.get(entry.code)
         if known is None:
-            problem = f"the plan has no trial {entry.code!r}, so that this is the file of another protocol"
+            problem = f"the plan has no trial {entry.code!r}, so this file belongs to another protocol"
             raise RecordError(f"{path}: line {number}: {problem}. {_JOURNAL_CURE}.")
         if entry.attempt > known.attempt:
             problem = f"attempt {entry.attempt} of {entry.code} never began"

@@ -217,8 +217,8 @@ class OrderCheck:
             pass  # no trial is finished
         elif self.longest_run > self.expected_run:
             found.append(
-                f"{self.longest_run} trials of one policy ran in a row, but the plan has at most "
-                f"{self.expected_run}: a drift of light or calibration may look like this policy."
+                f"{self.longest_run} trials of one policy ran in a row, but the plan has at most {self.expected_run}. "
+                f"A drift of the light or the calibration may look like an effect of this policy."
             )
         else:
             found.append(
@@ -304,7 +304,7 @@ class TwinComparison:
         if not n:
             return "No cell has trials on both sides."
         text = (
-            f"In {k} of {n} cells, real arm and twin are both mostly right or both not (95 % interval "
+            f"In {k} of {n} cells, real arm and twin are both mostly right or both mostly wrong (95 % interval "
             f"{self.same_side.low:.0%} to {self.same_side.high:.0%})"
         )
         kappa, interval = self.table.kappa, self.table.interval()
@@ -312,7 +312,7 @@ class TwinComparison:
             text += f"; kappa over cells {kappa:.2f} ({interval.low:.2f} to {interval.high:.2f})"
         apart = [cell for cell in self.cells if cell.differs]
         text += f". {plural(len(apart), 'cell')} differ{'s' if len(apart) == 1 else ''} by more than chance explains"
-        return f"{text}; {self.same_label.k} of {self.same_label.n} real trials have the twin's most frequent label."
+        return f"{text}. {self.same_label.k} of {self.same_label.n} real trials have the twin's most frequent label."
 
 
 @dataclass(frozen=True, slots=True)
@@ -449,7 +449,7 @@ def _policy_result(run: RealRun, policy: RealPolicy, judged: Sequence[JudgedTria
 
 
 def _diagnosed(judged: JudgedTrial, label: Label, run: RealRun) -> TrialDiagnosis:
-    """Return a trial in the form of the simulated diagnosis, for the report's matrices."""
+    """Return a real trial in the same form as a diagnosed simulated trial, for the report's matrices."""
     planned, found = judged.trial.planned, judged.label
     resolved = resolve_condition(run.plan.task, planned.condition)
     right = label.kind is Kind.NONE
@@ -530,7 +530,7 @@ def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> Twi
         mine = list(policies)
     if not mine:
         known = ", ".join(p.policy.address for p in policies)
-        problem = f"is a run of {diagnosis.address}, and the protocol has {known}"
+        problem = f"is a run of {diagnosis.address}, but the protocol has {known}"
         raise InvalidInputError(f"--sim {path}", problem, "Evaluate the same policy on the twin with better eval")
     return compare_matrices(mine[0].policy.name, mine[0].matrices, matrices_of(diagnosis), run=str(path))
 

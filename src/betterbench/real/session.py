@@ -37,7 +37,7 @@ LOOK_S = 0.1
 MEASURE_S = 1.0
 """Interval between measurements of the scene agreement [s]."""
 
-_NOT_VALID = "the operator entered that it is not valid"
+_NOT_VALID = "the operator marked it as invalid"
 
 logger = logging.getLogger(__name__)
 
@@ -198,7 +198,7 @@ class RealSession:
         try:
             self._commands.put_nowait((self._halts, command))
         except queue.Full:
-            logger.warning("too many commands wait; %s is ignored", command.name)
+            logger.warning("too many commands are waiting, so %s is ignored", command.name)
 
     def halt(self, why: str = "the operator stopped it") -> None:
         """Stop the arm immediately, abort a running attempt, and drop queued commands."""

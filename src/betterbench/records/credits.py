@@ -70,7 +70,7 @@ def credits_of_runs(runs: Sequence[RunFolder]) -> tuple[str, ...]:
     """
     found: dict[tuple[str, str, str], CreditedObject] = {}
     for run in runs:
-        if not run.world.measured:  # the objects belong to another benchmark
+        if not run.world.measured:  # the objects belong to another benchmark's assets
             continue
         for entry in run.entries():
             if entry.status == "done":

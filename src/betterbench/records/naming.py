@@ -65,7 +65,7 @@ def _shown(name: object) -> str:
 
 def _checked(given: Sequence[str], runs: int) -> tuple[str, ...]:
     if len(given) != runs:
-        problem = f"there {'is 1 name' if len(given) == 1 else f'are {len(given)} names'} for {runs} run(s)"
+        problem = f"got {'1 name' if len(given) == 1 else f'{len(given)} names'} for {runs} run(s)"
         raise InvalidInputError("--name", problem, "Give one name per run, in the same order")
     for name in given:
         if not name.strip() or _shown(name) != name:

@@ -460,7 +460,7 @@ class RunFolder:
         if entry.scene is None and self.path not in _WITHOUT_SCENES:
             _WITHOUT_SCENES.add(self.path)
             logger.warning(
-                "%s: an earlier version wrote this journal without digests of scenes, so a replaced scene would not be "
+                "%s: an earlier version wrote this journal without scene digests, so a replaced scene would not be "
                 "detected",
                 self.journal_path,
             )

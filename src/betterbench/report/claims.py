@@ -46,9 +46,9 @@ class Grounds:
 
     Attributes:
         supported: Whether the test is passed; True for a conclusion that only counts outcomes.
-        test: Description of the test.
+        test: Name of the test in words.
         p_value: The p-value of that test, or None without a test.
-        deciding: Sentence on the trials needed to decide the conclusion; empty if nothing is open.
+        deciding: Sentence on the trials needed to decide the conclusion. Empty if nothing is open.
         command: Command for these trials, if known.
     """
 
@@ -70,10 +70,10 @@ def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = No
     test = "training trials solved, against one half (exact binomial)"
     if n and (2 * k >= n or p <= DEFAULT_ALPHA):
         return Grounds(2 * k < n, test, p)
-    text = "What would decide it: more trials of the training conditions (a larger --trials)"
+    text = "More trials of the training conditions would decide it (a larger --trials)"
     needed = next((m for m in range(n + 1, MOST_PAIRS + 1) if _is_below_half(k, n, m)), None)
     if n and needed is not None:
-        text += f"; {needed} in total, if the share of solved trials stays the same"
+        text += f", {needed} in total if the share of solved trials stays the same"
     command = "" if diagnosis is None else _training_command(diagnosis, needed or MOST_PAIRS)
     return Grounds(False, test, p, f"{text}.", command)
 
@@ -129,7 +129,7 @@ def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
     if p <= DEFAULT_ALPHA:
         return Grounds(True, test, p)
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
-    text = "What would decide it: more trials of the variations (a larger --trials), on new seeds."
+    text = "More trials of the variations on new seeds would decide it (a larger --trials)."
     if not tasks or not all(facts_of_task(task).measured for task in tasks):
         return Grounds(False, test, p, text)
     command = _evaluation(diagnosis, tasks, seed=_next_seed(diagnosis), trials=3, out="runs/more")
@@ -182,9 +182,9 @@ def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
     names = listed([f"{task}/{name}" for task, name in chosen])
     each = _pairs_needed(diagnosis, chosen)
     if each is None:
-        text = f"What would decide it: more pairs of {names} with their training twins"
+        text = f"To decide it, run more pairs of {names} with their training twins"
     else:
-        text = f"What would decide it, if the failure rate stays the same: {plural(each, 'pair')} of {names}"
+        text = f"If the failure rate stays the same, it can be decided with {plural(each, 'pair')} of {names}"
         text += " each" if len(chosen) > 1 else ""
     text += " on new seeds, judged without the earlier pairs."
     if not all(facts_of_task(task).measured for task, _ in chosen):

@@ -54,8 +54,8 @@ SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 class Failure:
     """Leading failure mode of some trials, with its counts among the failures and among all trials.
 
-    ``look_alikes`` is the number of further trials that the same rule explains, in which the policy took a look-alike
-    from a trained slot; 0 if more trials have the label itself.
+    ``look_alikes`` is the number of further trials in which the policy took a look-alike from a trained slot, as the
+    same rule explains. It is 0 if more trials have the label itself.
     """
 
     label: Label
@@ -75,7 +75,7 @@ class Failure:
 
         If all failures are of this kind, the percentage is omitted, because :attr:`lead` states it.
         """
-        more = f"; the same rule explains {plural(self.look_alikes, 'look-alike')} taken from a trained slot"
+        more = f"; the same rule also explains {plural(self.look_alikes, 'look-alike')} taken from a trained slot"
         text = f"{self.count}/{self.trials} variation trials"
         if self.count < self.failures:
             percent = Figure(self.count / self.failures, None, None, self.count, self.failures).with_unit()
@@ -138,7 +138,7 @@ class Headline:
 def headline_of(diagnosis: RunDiagnosis) -> Headline:
     """Return the verdict on a run.
 
-    The main failure is the most frequent label within the most frequent failure kind over all variation trials; if two
+    The main failure is the most frequent label within the most frequent failure kind over all variation trials. If two
     kinds are equally frequent, reasoning takes precedence.
     """
     diagnosis = replace(diagnosis, trials=diagnosis.counted_trials)

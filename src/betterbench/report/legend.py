@@ -42,10 +42,10 @@ AXIS_NAMES: dict[str, str] = {
 """Axes and their names in the paper's order, followed by the axes of LIBERO-Plus."""
 
 AXIS_PLACES: dict[str, str] = {
-    Axis.SPATIAL_LAYOUT_SHIFT.value: "where objects are at other places than in training",
+    Axis.SPATIAL_LAYOUT_SHIFT.value: "where objects are not where they were in training",
     Axis.PRIMITIVE_RECOMPOSITION.value: "where known steps form new combinations",
     Axis.ADVERSARIAL_OBJECT_PERTURBATION.value: "where objects were exchanged",
-    Axis.TEMPORAL_EXTRAPOLATION.value: "where there is more or less to do than in training",
+    Axis.TEMPORAL_EXTRAPOLATION.value: "where more or fewer steps are needed than in training",
     **{axis: f"where {change}" for axis, change in PLUS_AXES.items()},
 }
 """Clause for each axis that describes its variations."""

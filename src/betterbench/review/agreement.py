@@ -59,13 +59,13 @@ def agreement(first: Path, second: Path) -> ReviewAgreement:
     kinds = [is_scene_review(path) for path in (first, second)]
     what = "scenes" if kinds[0] else "objects"
     if kinds[0] != kinds[1]:
-        problem = f"{first} is a review of {what}, and {second} is not"
+        problem = f"{first} is a review of {what}, but {second} is not"
         raise InvalidInputError(f"{first}, {second}", problem, "Give two reviews of objects, or two of scenes")
     a, b = (_verdicts(path, of_scenes=kinds[0]) for path in (first, second))
     both = [content for content in a if content in b]
     if not both:
-        problem = f"{len(a)} and {len(b)} {what} have a verdict, and none is in both"
-        raise InvalidInputError(f"{first}, {second}", problem, "Let both review the same files")
+        problem = f"{len(a)} and {len(b)} {what} have a verdict, but the files have none in common"
+        raise InvalidInputError(f"{first}, {second}", problem, "Let both reviewers judge the same items")
     pairs = [(a[content][1], b[content][1]) for content in both]
     used = [tuple("reject" if v == "reject" else "use" for v in pair) for pair in pairs]
     return ReviewAgreement(

@@ -132,7 +132,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
     def reject(self, reason: str) -> bool:
         """Reject the item with a reason and show the next one; return whether this succeeded."""
         if not reason.strip():
-            self._say("Write the reason of the rejection first.", problem=True)
+            self._say("Write the reason for the rejection first.", problem=True)
             return False
         return self.keep() and self._judge(Verdict("reject", one_line(reason)))
 

@@ -154,7 +154,9 @@ class CommandPage(Generic[DeskT]):
         item, subject = self._desk.ITEM, self._desk.SUBJECT
         self._head = gui.add_html("")
         self._status = gui.add_html("")
-        self._button("Accept  A", "accept", "green", f"Accepts the {item}; a fix if something was changed.")
+        self._button(
+            "Accept  A", "accept", "green", f"Accepts the {item}. If something was changed, the verdict is a fix."
+        )
         self._reason = self._input(gui.add_text("reason", ""), "text", None)
         self._button("Reject  R", "reject", "red", f"Rejects the {item}, with the reason above.")
         self._button("Undo  ⌫", "undo", "orange", f"Undoes the last decision about this {subject}.")

@@ -76,13 +76,17 @@ def mesh_files(given: Sequence[Path]) -> list[Path]:
             inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in FORMATS and p.is_file())
             found.update(dict.fromkeys(inside))
         elif not path.exists():
-            raise InvalidInputError(str(path), "it does not exist", "Name mesh files, or folders of them")
+            raise InvalidInputError(str(path), "it does not exist", "Give mesh files or folders with mesh files")
         elif path.suffix.lower() not in FORMATS:
-            raise InvalidInputError(str(path), "its format is not known", f"Name files of {', '.join(FORMATS)}")
+            raise InvalidInputError(
+                str(path), "its format is not known", f"Give files of the formats {', '.join(FORMATS)}"
+            )
         else:
             found[path] = None
     if not found:
-        raise InvalidInputError("DIR_OR_FILES", "no mesh file was found", f"Name files of {', '.join(FORMATS)}")
+        raise InvalidInputError(
+            "DIR_OR_FILES", "no mesh file was found", f"Give files of the formats {', '.join(FORMATS)}"
+        )
     if len(found) > MOST_FILES:
         raise InvalidInputError("DIR_OR_FILES", f"{len(found):,} mesh files", f"Review at most {MOST_FILES:,} at once")
     return list(found)
@@ -117,7 +121,7 @@ def folder_queue(folders: Sequence[Path]) -> list[QueuedObject]:
         for asset in manifest_of(folder).assets.values():
             queue.setdefault(asset.sha256, QueuedObject(folder / asset.file, asset.sha256, [], stored=True))
     if not queue:
-        raise InvalidInputError("review assets", "the folders have no asset", "Import some: better assets import")
+        raise InvalidInputError("review assets", "the folders contain no assets", "Import some: better assets import")
     return list(queue.values())
 
 

@@ -86,7 +86,7 @@ def _counted(values: Iterable[float], mean: float, span: Span) -> Counter[float]
         raise InvalidInputError("values", problem, "Give values within the span")
     if not span[0] < mean < span[1]:
         problem = f"{mean!r} is not strictly between {span[0]:g} and {span[1]:g}"
-        raise InvalidInputError("mean", problem, "Give a mean inside the span")
+        raise InvalidInputError("mean", problem, "Give a mean within the span")
     return counts
 
 

@@ -46,7 +46,7 @@ def ranking_area(
     """
     if len(scores) != len(happened):
         problem = f"{len(scores)} scores for {len(happened)} outcomes"
-        raise InvalidInputError("scores, happened", problem, "Give one of each")
+        raise InvalidInputError("scores, happened", problem, "Give the same number of both")
     quantile = normal_quantile(confidence)
     values, truth = np.asarray(scores, dtype=np.float64), np.asarray(happened, dtype=bool)
     yes, no = values[truth], values[~truth]

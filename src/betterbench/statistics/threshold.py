@@ -309,7 +309,7 @@ class _Cells:
         correct, total = counts
         size = len(self.conditions)
         left = np.bincount(self.condition, correct - total * self._rates(at)[0], size)
-        with np.errstate(invalid="ignore"):  # a condition without items in a resample
+        with np.errstate(invalid="ignore"):  # a resample may contain no items of a condition
             mean = left / np.bincount(self.condition, total, size)
         return np.asarray(mean[0] - mean, dtype=np.float64)
 

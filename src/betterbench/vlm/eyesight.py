@@ -82,9 +82,10 @@ def eyesight(readings: Sequence[Reading], purpose: str) -> Threshold | None:
 def eyesight_sentence(found: Threshold) -> str:
     """Describe the threshold in one sentence."""
     if found.value is None:
-        return f"Eyesight: cannot be concluded from {found.n} questions, because {found.reason}."
+        return f"Eyesight: {found.n} questions do not show the smallest readable size, because {found.reason}."
     return (
-        f"Eyesight: reads objects from {found.value:.1f} pixels (95 % interval {found.low:.1f} to {found.high:.1f}; "
+        f"Eyesight: the model recognizes objects from {found.value:.1f} pixels (95 % interval {found.low:.1f} to "
+        f"{found.high:.1f}; "
         f"{found.n} questions about objects of {found.smallest:.0f} to {found.largest:.0f} pixels)."
     )
 
@@ -117,7 +118,7 @@ class EyesightComparison:
         """The comparison in words."""
         where = f"{self.name}, {self.benchmark}"
         if self.one.value is None:
-            unknown = "whether one size explains the scores with all eyes cannot be concluded"
+            unknown = "it cannot be concluded whether one size explains the scores with all eyes"
             return f"{where}: {unknown}, because {self.one.reason}."
         size = f"{self.one.value:.1f} pixels ({self.one.low:.1f} to {self.one.high:.1f})"
         if not self.further:
@@ -131,7 +132,7 @@ class EyesightComparison:
                 f"({100 * loss.low:+.1f} to {100 * loss.high:+.1f})"
             )
         return (
-            f"{self.name}, {self.benchmark}: one size does not explain the scores with all eyes: {'; '.join(losses)}."
+            f"{self.name}, {self.benchmark}: one size does not explain the scores with all eyes. {'; '.join(losses)}."
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -152,7 +153,7 @@ def compare_eyes(name: str, benchmark: str, runs: Sequence[tuple[str, Sequence[R
     Args:
         name: Name of the model.
         benchmark: Title of the benchmark.
-        runs: Eyes and readings of each run; the first is the reference.
+        runs: Eyes and readings of each run. The first run is the reference.
     """
     everything = [r for _, readings in runs for r in readings]
     if not everything:

@@ -154,7 +154,7 @@ def prediction_table(
     benchmarks = {run.benchmark.title: run for _, run, _ in policies}
     if len(benchmarks) > 1:
         names = " and ".join(f"{run.path} ({title})" for title, run in benchmarks.items())
-        raise RunConflictError(f"{names} are of different benchmarks. Give runs of one benchmark.")
+        raise RunConflictError(f"{names} belong to different benchmarks. Give runs of one benchmark.")
     points = [_point(name or diagnosis.policy, run, diagnosis, column) for name, run, diagnosis in policies]
     double = next((p.name for i, p in enumerate(points) if p.name in {q.name for q in points[:i]}), None)
     if double is not None:

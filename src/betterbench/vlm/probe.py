@@ -146,10 +146,10 @@ class Finding:
 
     Attributes:
         model: Model name.
-        declared: Convention stated in the requests; None if the requests stated none.
+        declared: Convention stated in the requests, or None if the requests did not state any.
         readable: Number of answers with coordinates.
         asked: Number of images, one request each.
-        fits: All orders and scales, the best first.
+        fits: Agreement with all orders and scales, the best first.
         found: The convention, or None if no combination fits, several fit, or betterbench has no such convention.
     """
 
@@ -179,12 +179,16 @@ class Finding:
         if len(self.fitting) > 1:
             listed = "; ".join(fit.words for fit in self.fitting)
             return (
-                f"Several conventions explain the answers of {self.model}, so the convention remains unknown: {listed}."
+                f"The convention of {self.model} remains unknown, because several conventions explain its answers: "
+                f"{listed}."
             )
         fit = self.fitting[0]
         if self.found is None:
             return f"{self.model} answers in {fit.words}, for which betterbench has no convention."
-        return f"{self.model} answers in {fit.words} (--coordinates {self.found}), in {fit.fitting} of {self.readable}."
+        return (
+            f"{self.model} answers in {fit.words} (--coordinates {self.found}) for {fit.fitting} of "
+            f"{self.readable} images."
+        )
 
     @property
     def _nearest(self) -> str:

@@ -1,9 +1,9 @@
 """Resumable run of a model over a static benchmark.
 
-A run folder contains ``run.json`` (the benchmark, the model, the prompt and the convention; written first),
-``shown.png`` (an image at each resolution), ``probe.jsonl`` (answers in the coordinate probe), ``answers.jsonl``
-(one synced line per answer), ``extracted.jsonl`` (replies of the extractor), and at the end ``items.jsonl`` (value,
-stage and score of each item) and ``result.json``.
+A run folder contains the following files. ``run.json`` is written first, with the benchmark, the model, the prompt and
+the convention. ``shown.png`` shows an image at each resolution. ``probe.jsonl`` contains the answers in the coordinate
+probe, ``answers.jsonl`` one synced line per answer, and ``extracted.jsonl`` the replies of the extractor.
+``items.jsonl`` (value, stage and score of each item) and ``result.json`` are written at the end.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class RunSettings:
         at_once: Number of simultaneous requests.
         probe: Whether the declared convention is checked with ten images before a run with points or boxes.
         official: Whether to add the scores of upstream programs.
-        max_tokens: Longest answer of the model [tokens], stored in the run; None if it has no limit.
+        max_tokens: Longest answer of the model [tokens], which is stored in the run. None if it has no limit.
         prices: Prices of the model's tokens; None to report no cost.
     """
 
@@ -284,7 +284,7 @@ def _check_convention(
     )
     finding.require(settings.coordinates)
     if not finding.found:
-        logger.warning("%s Points and boxes are read as %s.", finding.sentence, settings.coordinates)
+        logger.warning("%s Points and boxes are interpreted as %s.", finding.sentence, settings.coordinates)
     return answers
 
 

@@ -1,8 +1,8 @@
 """Scores of answers, with fixed denominators.
 
-Every item of the benchmark counts: an item without an answer, with a rejected request or with an unreadable answer
-scores 0. Each score has three columns: with values read strictly, with all values that the parser read, and with
-the values that an extractor copied from the remaining answers in addition.
+Every item of the benchmark counts. An item without an answer, with a rejected request or with an unreadable answer
+scores 0. Each score has three columns: with values read strictly, with all values that the parser read, and with the
+values that an extractor copied from the remaining answers in addition.
 """
 
 from __future__ import annotations
@@ -216,8 +216,8 @@ def score_of(items: ItemSet, item: Item, value: str | None) -> tuple[Fraction, b
 def _share_in_mask(items: ItemSet, item: Item, groups: list[list[Fraction]]) -> Fraction:
     """Return the fraction of points in the target region.
 
-    A point represents the pixel that contains the point; the far edge belongs to the last pixel. Four numbers are a box
-    and represent all pixels inside, as in RoboRefer's evaluation. Points outside the image score 0.
+    A point represents the pixel that contains the point. The far edge of the image belongs to the last pixel. Four
+    numbers are a box and represent all pixels inside, as in RoboRefer's evaluation. Points outside the image score 0.
     """
     if item.gold.mask is None:
         return Fraction(0)

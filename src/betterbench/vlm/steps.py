@@ -95,11 +95,11 @@ class Step:
             moved = f"{abs(points):.1f} points {'less' if points > 0 else 'more'} than"
         low, high = sorted((-self.difference.low_pp, -self.difference.high_pp))
         verdict = "supported" if self.is_supported else "not supported"
-        text = f"{self.benchmark}: {self.lower} has {moved} {self.upper} ({low:+.1f} to {high:+.1f}): {verdict}."
+        text = f"{self.benchmark}: {self.lower} has {moved} {self.upper} ({low:+.1f} to {high:+.1f}, {verdict})."
         if len(self.changed) > 1:
-            text += f" {' and '.join(self.changed)} changed together, so the step does not tell which one explains it."
+            text += f" {' and '.join(self.changed)} changed together, so it is unknown which one is the cause."
         elif not self.changed:
-            text += " No setting changed, so the two runs repeat each other."
+            text += " No setting changed, so the second run repeats the first."
         elif self.changed[0] not in _ABOUT_THE_MODEL:
             text += f" Only the {self.changed[0]} changed, so the step does not compare models."
         return text
@@ -124,7 +124,7 @@ class GroupStep:
         p: p-value of the paired test.
         adjusted: The p-value after Holm's correction over all groups of this kind in the table.
         is_supported: Whether the adjusted p-value is below ``alpha``.
-        explained_by: Smaller groups with supported steps; without their items, this group's step is not significant.
+        explained_by: Smaller groups with supported steps. Without their items, this group's step is not significant.
     """
 
     upper: str
@@ -185,8 +185,9 @@ def step_table(
     """Return the table of several runs.
 
     Args:
-        paths: Run folders, in the order of the rows; runs with the same name are one row.
-        names: Name of each run's row; by default its model, eyes and tiles, and its prompt if runs differ only there.
+        paths: Run folders, in the order of the rows. Runs with the same name form one row.
+        names: Name of each run's row. By default, it consists of model, eyes and tiles, and of the prompt if runs
+            differ only there.
         column: Column of the scores.
         alpha: Level of the tests.
 
@@ -247,7 +248,7 @@ def _require_same_data(runs: Sequence[StoredRun]) -> None:
     first, *others = runs
     for other in others:
         if other.head["data"] != first.head["data"]:
-            problem = f"{first.path} and {other.path} asked different data of {first.benchmark.name}"
+            problem = f"{first.path} and {other.path} use different data of {first.benchmark.name}"
             raise RunConflictError(f"{problem}. Run one of them again with the other's --data.")
 
 

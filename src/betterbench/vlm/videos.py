@@ -16,7 +16,8 @@ from betterbench.errors import InvalidInputError, one_line
 def frames_of(video: Path, numbers: tuple[int, ...]) -> tuple[bytes, ...]:
     """Return frames of a video (PNG), in the order of their numbers.
 
-    The video is decoded from the start, so that frame numbers are exact. A number beyond the end gives the last frame.
+    The video is decoded from the start, so that frame numbers are exact. A number beyond the end returns the last
+    frame.
 
     Raises:
         InvalidInputError: If the video cannot be decoded or is empty.

@@ -1,4 +1,4 @@
-"""Question sets on disk, made from a run's records; resumable, with the same bytes after any interruption.
+"""Resumable creation of question sets from a run's records, with the same bytes after any interruption.
 
 While a set is being made, ``candidates/`` contains the possible questions about each trial. When all trials are
 processed, questions are selected over all trials and written, and temporary files are removed. ``summary.json`` is
@@ -192,7 +192,7 @@ class QuestionSet:
     def is_about(self, trial: TrialId, record: str) -> bool:
         """Return whether the set's questions about a trial are about this record.
 
-        Returns True if the set stores no hashes.
+        Returns True if the set does not store hashes.
         """
         return self.records.get(str(trial), record) == record
 
@@ -291,7 +291,7 @@ def purpose_of(trials: Sequence[TrialId]) -> str:
     if len(purposes) > 1:
         raise InvalidInputError(
             "seeds",
-            "contains both demonstration seeds and evaluation seeds",
+            "mixes demonstration seeds and evaluation seeds",
             "Create a separate run and set for each",
         )
     return purposes.pop()

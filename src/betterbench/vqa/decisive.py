@@ -86,7 +86,7 @@ finished steps.
 
 @dataclass(frozen=True, slots=True)
 class DecisiveOptions:
-    """Options of a set; cameras are tried in order until one shows the objects of a question."""
+    """Options of a set. Cameras are tried in order until one of them shows the objects of a question."""
 
     cameras: tuple[str, ...] = ("front", "left_shoulder", "right_shoulder", "wrist")
     size: int = 256
@@ -219,8 +219,8 @@ def decisive_rows(
 ) -> tuple[tuple[int, int] | None, int]:
     """Return the rows of a trial's decisive attempt and of the start of that decision.
 
-    Returns: The row and object index of the decisive attempt, or None if no object was attempted; and the row at which
-        that decision began, that is the start or the time at which the gripper had left the previous object.
+    Returns: The row and object index of the decisive attempt, or None if no object was attempted. In addition, the row
+        at which that decision began. This is the start, or the row at which the gripper had left the previous object.
     """
     trace, rate = episode.trace, episode.record.metadata.control_rate_hz
     last = trace.rows - 1

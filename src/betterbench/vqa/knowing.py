@@ -199,7 +199,9 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
     answered = [q for q in mine if answers.has(q)]
     if not answered:
         cure = "Run better vqa SET --ask, or give a file with answers to that set"
-        raise InvalidInputError(f"answers of {answers.head.model!r}", f"they answer no question of {asked.path}", cure)
+        raise InvalidInputError(
+            f"answers of {answers.head.model!r}", f"they do not answer any question of {asked.path}", cure
+        )
     blind = _blind_by_role(asked.questions)
     found = tuple(
         replace(

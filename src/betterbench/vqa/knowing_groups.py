@@ -119,8 +119,9 @@ class GroupKnowledge:
         """The verdict in words."""
         points = 100.0 * (self.difference.value or 0.0)
         return (
-            f"{self.name}: knows {self.knows.k}/{self.knows.n}, does {self.does.k}/{self.does.n}, {points:+.0f} points "
-            f"({self.difference.low_pp:+.0f} to {self.difference.high_pp:+.0f}): {self.verdict.value}."
+            f"{self.name}: it knows {self.knows.k}/{self.knows.n} and does {self.does.k}/{self.does.n}, a difference "
+            f"of {points:+.0f} points ({self.difference.low_pp:+.0f} to {self.difference.high_pp:+.0f}). Verdict: "
+            f"{self.verdict.value}."
         )
 
     def to_json(self) -> dict[str, Any]:

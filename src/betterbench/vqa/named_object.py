@@ -54,7 +54,8 @@ def named_object(
         camera: Camera of the frame.
         seed: Seed for choosing wordings.
 
-    Returns: None if no object must be picked up, or the object is not clearly visible or shares its kind with another.
+    Returns: None if no object must be picked up, if the object is not clearly visible, or if another object is of the
+        same kind.
     """
     episode = episode_of(record)
     condition = episode.resolved.condition

@@ -23,8 +23,8 @@ def clear(seen: SeenObject | None) -> bool:
 def large(seen: SeenObject | None) -> bool:
     """Return whether the visible part of an object is large enough, even if most of the object is hidden.
 
-    This is for questions about stacks and drawers: a base is hidden by the objects on it, a closed drawer by its
-    cabinet.
+    Questions about stacks and drawers use this, because a base is hidden by the objects on it, and a closed drawer by
+    its cabinet.
     """
     return seen is not None and seen.side >= MIN_SIDE_PX and seen.pixels >= MIN_PIXELS
 

@@ -320,7 +320,9 @@ def test_a_recorded_data_set_that_is_here_is_checked(tmp_path):
         setup, _, _ = made(framework, "real_arm", data=(place,))
         assert any("100 in total; this data set has 98." in text for text in setup.checks)
         assert any("passes over the 29,400 frames" in text for text in setup.checks)
-        assert any("The data have 30 Hz and the twin 20 Hz" in text for text in setup.checks)
+        assert any(
+            "The data are recorded at 30 Hz, but the simulated twin runs at 20 Hz" in text for text in setup.checks
+        )
         assert "--rate-hz 30" in setup.evaluation
         assert not any("lerobot-record" in told for _, told in setup.commands)
     good = json.loads((tmp_path / "fruit/meta/info.json").read_text())["features"]

@@ -102,7 +102,7 @@ def test_a_version_that_is_not_read_is_one_clear_line(tmp_path, version):
     path = made_up(tmp_path / "set", episodes=12)
     info = json.loads((path / "meta" / "info.json").read_text())
     (path / "meta" / "info.json").write_text(json.dumps({**info, "codebase_version": version}))
-    with pytest.raises(InvalidInputError, match=r"codebase_version is .* supported are 2\.0 to 3\.0"):
+    with pytest.raises(InvalidInputError, match=r"codebase_version is .* only 2\.0 to 3\.0 are supported"):
         facts_of_lerobot(path)
 
 

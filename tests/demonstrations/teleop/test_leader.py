@@ -191,7 +191,7 @@ def test_the_thread_says_how_far_the_leader_is_and_then_leads_the_mirror():
             if said:
                 break
             time.sleep(0.01)
-        assert said == ["leader arm: it is 15 cm from the robot's tool; bring it within 5 cm, then the robot follows"]
+        assert said == ["leader arm: it is 15 cm from the robot's tool. Bring it within 5 cm to make the robot follow"]
         assert controls.take(time.monotonic()).drag is None
         leader.degrees = degrees_of(home)
         until(controls, lambda a: a.drag)

@@ -555,7 +555,7 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
         ),
         (
             {"levers": [{"name": "x", "changes": {}, "start": "confounded", "arms": ["balanced"]}]},
-            "levers\\[0\\].start.*morning_coffee was never shown .*, which balanced shows",
+            "levers\\[0\\].start.*morning_coffee was not trained on .*, but balanced is",
         ),
         (
             {"levers": [{"name": "x", "changes": {"co_training": {"sets": ["q"]}}, "questions": 9}]},

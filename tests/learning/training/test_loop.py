@@ -331,7 +331,9 @@ def test_two_processes_train_as_one_and_resume(tmp_path):
     both, alone = (weights(tmp_path / name) for name in ("whole", "alone"))
     way = max(float((start[name] - alone[name]).abs().max()) for name in alone)
     assert max(float((both[name] - alone[name]).abs().max()) for name in alone) < 0.05 * way
-    with pytest.raises(RunConflictError, match=r"processes is 2 there and 1 here. Continue with as many processes,"):
+    with pytest.raises(
+        RunConflictError, match=r"processes is 2 there and 1 here. Continue with the same number of processes,"
+    ):
         train(tiny(**changes), made_up(), tmp_path / "whole")
 
 

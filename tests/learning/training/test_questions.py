@@ -59,7 +59,7 @@ def test_questions_about_another_record_of_a_trial_are_left_out(read):
     asked = [about(0, 2), about(1, 2)]
     assert set(read(asked, told={}).questions.episodes.tolist()) == {0, 1}
     assert set(read(asked, told={str(TRIALS[0]): "0" * 64}).questions.episodes.tolist()) == {1}
-    with pytest.raises(InvalidInputError, match="its 1 questions are not about any demonstration"):
+    with pytest.raises(InvalidInputError, match="none of its 1 questions is about a demonstration"):
         read(asked[:1], told={str(TRIALS[0]): "0" * 64})
 
 
@@ -69,7 +69,7 @@ def test_whether_questions_are_about_the_demonstrations_is_known_before_these_ar
     require_questions(tiny(data=data))
     require_questions(tiny(data=data, co_training={"sets": [str(tmp_path / "questions")]}))
     other = asked_set(tmp_path / "other", [question(TrialId("morning_coffee", "train1", 99), 2)])
-    with pytest.raises(InvalidInputError, match="its 1 questions are not about any demonstration"):
+    with pytest.raises(InvalidInputError, match="none of its 1 questions is about a demonstration"):
         require_questions(tiny(data=data, co_training={"sets": [str(other.path)]}))
 
 
@@ -140,7 +140,7 @@ def test_questions_decide_what_the_data_are(read):
         (
             [question(TrialId("morning_coffee", "train1", 99), 2)],
             {},
-            "its 1 questions are not about any demonstration",
+            "none of its 1 questions is about a demonstration",
         ),
         ([question(TRIALS[0], 2)], {"purpose": "test"}, "evaluation trials"),
         ([question(TRIALS[0], 10)], {}, "about row 10"),

@@ -31,7 +31,7 @@ def print_preflight(found: PreflightCheck, *, json: bool) -> None:
         *[[f"state {key}", numbers_text(values)] for key, values in found.state],
         ["answer", f"{len(found.actions)} x {found.actions.shape[1]} in {found.info.action_space}; first: {first}"],
         *(
-            [["out of range", f"{found.clipped} of {len(found.actions)} actions: clipped in a run"]]
+            [["out of range", f"{found.clipped} of {len(found.actions)} actions would be clipped in a run"]]
             * bool(found.clipped)
         ),
         ["first request", f"{1000 * found.first_s:.1f} ms"],
@@ -59,7 +59,7 @@ def _print_proof(proof: ReplayProof) -> None:
     print_table(["axis", "demonstration moves", "factor", "agreement", "paths apart by"], rows)
     OUT.print(
         f"Replayed {proof.steps} steps of a demonstration in {proof.requests} requests. The gripper command is the "
-        f"same in {100 * proof.gripper:.0f} % of the steps. Executed, the answers end "
+        f"same in {100 * proof.gripper:.0f} % of the steps. When executed, the answers end "
         f"{_length(proof.executed_off_m, 'm')} from where the demonstration ended. "
         f"Verdict: {proof.verdict.rstrip('.')}.",
         markup=False,

@@ -69,8 +69,8 @@ def print_steps(table: StepTable) -> None:
     if table.steps:
         correction = f" after Holm's correction over all {len(table.steps)} steps" if len(table.steps) > 1 else ""
         print_item(
-            f"Intervals of 95 % are paired and keep items of one image or video together. A step is supported if its "
-            f"paired test is below {table.alpha:g}{correction}."
+            f"The 95 % intervals are paired and keep all items of an image or video together. A step is supported if "
+            f"the p-value of its paired test is below {table.alpha:g}{correction}."
         )
     for line in table.warnings:
         print_item(line)
@@ -108,8 +108,8 @@ def _print_groups(table: StepTable) -> None:
     kinds = ", ".join(dict.fromkeys(group.kind for group in table.groups))
     number = f"{len(moved)} of {len(table.groups)}" if moved else f"none of {len(table.groups)}"
     print_item(
-        f"Groups of questions ({kinds}) with a supported change: {number}, by paired tests with Holm's correction over "
-        f"all groups of a kind. A group is omitted if smaller groups explain its change."
+        f"A supported change was found in {number} groups of questions ({kinds}). The paired tests use Holm's "
+        f"correction over all groups of a kind. A group is omitted if smaller groups explain its change."
     )
 
 
@@ -240,7 +240,8 @@ def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> No
     print_table(heads, rows, title="Static illusion gap: training scenes minus interventions, in points")
     print_item(
         f"{gaps.paired} of {gaps.questions} questions about variations have a static twin: a question of the same kind "
-        "about the training scene with the same seed. p is the paired test's, after Holm's correction over the rows."
+        "about the training scene with the same seed. p is the p-value of the paired test after Holm's correction over "
+        "the rows."
     )
     for line in gap_sentences(shown, policy):
         print_item(line)
@@ -262,8 +263,8 @@ def gap_sentences(gaps: Sequence[StaticGap], policy: Mapping[str, Metric]) -> li
             name = "all variations" if gap.kind == "all" else gap.name.replace("_", " ")
             lines.append(
                 f"{name}: the policy loses {100 * did.value:.0f} points, the model "
-                f"{100 * (gap.difference.value or 0.0):.0f}, and the intervals do not overlap: the model's "
-                "recognition does not explain this loss."
+                f"{100 * (gap.difference.value or 0.0):.0f}, and the intervals do not overlap. The model's recognition "
+                f"therefore does not explain this loss."
             )
     return lines
 
@@ -332,4 +333,4 @@ def print_source(benchmark: Benchmark, fetched: Sequence[FetchedFile] = ()) -> N
         print_item(f"{file.path}: {file.size / 1e6:.1f} MB, SHA-256 {file.sha256}")
     print_item(f"License: {source.license}. {source.terms}")
     for layout in source.layout:
-        print_item(f"Form of the data: {layout}.")
+        print_item(f"Data format: {layout}.")

@@ -102,9 +102,10 @@ def _print_groups(known: Knowledge) -> None:
     columns = ["trials", "knows", "guessed", "does", "knows − does", "p", "finding"]
     print_table(columns, rows, title="knowing versus doing, on the same trials")
     OUT.print(
-        "Guessed: expected without the image. The finding that the model knows more than the policy does requires "
-        "McNemar's exact test, and more known failures than guessing explains; p is the larger one, after Holm's "
-        f"correction over {sum(group.knows.n > 0 for group in known.groups)} groups.",
+        "'Guessed' is the number of right answers that is expected without the image. The model is found to know more "
+        "than the policy does if McNemar's exact test is significant and guessing does not explain the known failures. "
+        "p is the larger of the two p-values after Holm's correction over "
+        f"{sum(group.knows.n > 0 for group in known.groups)} groups.",
         markup=False,
     )
 

@@ -84,7 +84,9 @@ def generate_command(
         from betterbench.generation.growth.job import GrowSettings
 
         if build:
-            raise InvalidInputError("--build", "cannot be combined with --until, which builds already", "Leave it out")
+            raise InvalidInputError(
+                "--build", "cannot be combined with --until, which already builds the tasks", "Leave it out"
+            )
         asked = read_quotas(quota, quotas)
         growing = GrowSettings(until, settings, options.settings, asked, distinct, unlike, max_attempts, options.name)
         grow_and_tell(growing, out, options, overwrite=overwrite, json=json)

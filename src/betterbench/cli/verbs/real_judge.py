@@ -43,7 +43,7 @@ def judge_command(
     page = JudgePage(desk, host=host, port=port)
     try:
         if not page.server.is_local:
-            say(f"On {host} the token of the page is sent unencrypted; forward the port by ssh instead.")
+            say(f"On {host}, the page's token is sent unencrypted. Use SSH port forwarding instead.")
         with stopped_by_signal() as stopped:
             OUT.print(f"open {page.server.url}", markup=False, soft_wrap=True)
             stopped.wait()

@@ -90,7 +90,9 @@ def run_command(
         arm = _mock(plan, cameras, camera_size, mock_faults)
     else:
         if mock_faults:
-            raise InvalidInputError("--mock-faults", "a real arm has its own", "Leave them out, or give --robot mock")
+            raise InvalidInputError(
+                "--mock-faults", "a real arm has its own faults", "Leave them out, or give --robot mock"
+            )
         arm = _so101(plan, arm_port, arm_id, cameras, size=camera_size, rate_hz=camera_rate_hz)
     if repeat:
         repeat_damaged(folder, repeat, person)
@@ -103,7 +105,7 @@ def run_command(
         try:
             if served is not None:
                 if not served.server.is_local:
-                    say(f"On {host} the token of the page is sent unencrypted; forward the port by ssh instead.")
+                    say(f"On {host}, the page's token is sent unencrypted. Use SSH port forwarding instead.")
                 OUT.print(f"open {served.server.url}", markup=False, soft_wrap=True)
             with _terminal_keys(session, stopped, needed=not page):
                 session.run(stopped)
@@ -156,7 +158,9 @@ def _mock(plan: RealPlan, cameras: tuple[str, ...], size: tuple[int, int], fault
             try:
                 form[name] = parse_json(value)
             except ValueError:
-                raise InvalidInputError("--mock-faults", f"{value!r} is no value of {name}", "Give a number") from None
+                raise InvalidInputError(
+                    "--mock-faults", f"{value!r} is not a value of {name}", "Give a number"
+                ) from None
     made = read_form(TypeAdapter(MockFaults), form, where="--mock-faults", cure="Give another value")
     names = tuple(text.partition("=")[0] for text in cameras)
     return MockRobot(plan, faults=made, cameras=names, size=size)

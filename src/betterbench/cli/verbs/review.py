@@ -141,7 +141,7 @@ def _serve(page: CommandPage[Any], host: str) -> None:
 
     try:
         if not page.server.is_local:
-            say(f"On {host} the token of the page is sent unencrypted; forward the port by ssh instead.")
+            say(f"On {host}, the page's token is sent unencrypted. Use SSH port forwarding instead.")
         with stopped_by_signal() as stopped:
             OUT.print(f"open {page.server.url}", markup=False, soft_wrap=True)
             page.run(stopped)
@@ -180,7 +180,10 @@ def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> Non
     for path in paths:
         say(f"wrote {path}", whole=True)
     if any(reviewed.moved for reviewed in found.values()):
-        say("slots have moved: measure demonstrations of the new task files with better certify --demonstrations 120")
+        say(
+            "Slots have moved. Measure the demonstrations again for the new task files: better certify "
+            "--demonstrations 120"
+        )
 
 
 def _agree(files: tuple[Path, ...], *, json: bool) -> None:
@@ -201,7 +204,8 @@ def _agree(files: tuple[Path, ...], *, json: bool) -> None:
         OUT.print(_sentence(table, found.what))
     if found.only_first or found.only_second:
         OUT.print(
-            f"Not counted: {found.only_first} {found.what} judged in {first} alone, {found.only_second} in {second}."
+            f"Not counted: {found.only_first} {found.what} judged only in {first}, and {found.only_second} judged only "
+            f"in {second}."
         )
     for name, a, b in found.apart[:20]:
         OUT.print(f"{name}: {a} and {b}", markup=False)

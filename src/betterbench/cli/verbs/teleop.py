@@ -79,7 +79,7 @@ def teleop_command(
         stack.callback(page.close)
         store = stack.enter_context(DemonstrationStore(out, plan))
         if host not in LOOPBACK_NAMES:
-            say(f"On {host} the token of the page is sent unencrypted; forward the port by ssh instead.")
+            say(f"On {host}, the page's token is sent unencrypted. Use SSH port forwarding instead.")
         is_busy = _run(store, controls, page, who, shown)
     if is_busy or page.is_busy:
         end_process()

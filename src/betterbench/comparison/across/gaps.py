@@ -129,7 +129,7 @@ def _of_plus(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
 
 
 def _of_chains(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
-    del alpha  # unused, because chains are always compared at 95 %
+    del alpha  # not used, because chains are always compared at the 95 % level
     shared = {c.number for c in base.chains} & {c.number for c in run.chains}
     if not shared:
         return []

@@ -129,7 +129,7 @@ def world_table(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: b
             if {c.number for c in first} & {c.number for c in second}:
                 chains.append((a, b, contrast(first, second)))
             else:
-                notes.append(f"{a} and {b} share no chain of CALVIN, so they are not compared there.")
+                notes.append(f"{a} and {b} have no CALVIN chain in common, so they are not compared there.")
     return WorldTable(tuple(rows), tuple(contrasts), tuple(chains), tuple(notes))
 
 

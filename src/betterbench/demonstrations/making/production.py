@@ -429,7 +429,7 @@ def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
     if lost:
         logger.warning(
             "%d starts are in only one of the journals of demonstrations and attempts (first: %s), because a journal "
-            "was truncated or the command was killed; these starts are run again",
+            "was truncated or the command was killed. These starts are run again",
             len(lost),
             lost[0],
         )

@@ -32,9 +32,9 @@ MOST_COMPARED = 200
 """Maximum number of compared demonstrations per condition, in seed order."""
 
 _SAID = (
-    "Mean difference between two demonstrations of a condition in the same motion. Slot jitter is removed: paths are "
-    "compared by their offset from the straight line between their end points, approaches and grasps in the frame of "
-    "the object."
+    "Mean difference between two demonstrations of a condition in the same motion. Slot jitter is removed. Paths are "
+    "compared by their offset from the straight line between their end points. Approaches and grasps are compared in "
+    "the frame of the object."
 )
 
 MovedKind = Literal["pick", "place", "slide"]
@@ -231,7 +231,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
     for segment in segments:
         for window in segment.skills:
             if window.kind == "miss":
-                continue  # part of the transit to the next grasp
+                continue  # this part belongs to the transit to the next grasp
             goal = _goal_of(record, window)
             if segment.subgoal and window.change - begin > 1:
                 found[segment.subgoal, window.kind] = _motion(record, window, begin, start, goal)

@@ -73,8 +73,8 @@ def being_h_setup(training: Training) -> TrainerSetup:
         exposure(training),
         (
             f"A GPU fills its sequence up to {values['--expected_num_tokens']} tokens: {per_gpu} samples of "
-            f"{training.sample_tokens}, which is an estimate. Every 100 steps, the log contains num_gen (samples per "
-            f"step on all GPUs); if it is not about {recipe.batch}, give --sample-tokens "
+            f"{training.sample_tokens}, which is an estimate. Every 100 steps, the log shows num_gen (samples per "
+            f"step on all GPUs). If it is not about {recipe.batch}, give --sample-tokens "
             f"{values['--expected_num_tokens']} * "
             f"{training.gpus} / num_gen and start again."
         ),

@@ -96,7 +96,7 @@ def _real_setup(training: Training) -> TrainerSetup:
     recipe, data = training.recipe, training.only_data
     name = f"{recipe.name}_pi05"
     file, repo_id = f"{name}.py", f"local/{data.name}_v21"
-    older = f'"$HF_LEROBOT_HOME"/{shell_word(repo_id)}'  # absolute: the commands run in several folders
+    older = f'"$HF_LEROBOT_HOME"/{shell_word(repo_id)}'  # an absolute path, because the commands run in several folders
     settings = _real_settings(training, repo_id)
     run = shell_line(["uv", "run", own_file(file)])
     commands = []
@@ -197,7 +197,7 @@ def _settings(training: Training, repo_id: str) -> tuple[Setting, ...]:
         Setting("data", "LeRobotLiberoDataConfig", "upstream", "its columns are those of the preset openpi_libero"),
         Setting("data.repo_id", repo_id, "ours", "folder of the data set"),
         Setting("data.base_config.prompt_from_task", True, "upstream", _OWN),
-        Setting("data.extra_delta_transform", False, "upstream", f"{_OWN}; our actions are deltas already"),
+        Setting("data.extra_delta_transform", False, "upstream", f"{_OWN}; betterbench's actions are already deltas"),
         recipe.setting("batch_size", "batch"),
         recipe.setting("num_train_steps", "steps"),
         Setting("lr_schedule.warmup_steps", 10_000, "upstream", _OWN),

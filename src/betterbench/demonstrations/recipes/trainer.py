@@ -199,7 +199,7 @@ def recorded_data(folder: Path) -> TrainingData:
     if info.codebase_version != "v3.0":
         found = one_line(info.codebase_version, most=80)
         raise InvalidInputError(
-            place, f"its format is LeRobot {found}, expected v3.0", "Convert it with the script of LeRobot"
+            place, f"its format is LeRobot {found}, expected v3.0", "Convert it with LeRobot's conversion script"
         )
     for column in ("observation.state", "action"):
         names = info.features[column].names if column in info.features else None
@@ -344,8 +344,8 @@ def real_checks(data: TrainingData) -> tuple[str, ...]:
     ]
     if data.rate_hz is not None and data.rate_hz != REAL_RATE_HZ:
         found.append(
-            f"The data have {data.rate_hz:g} Hz and the twin {REAL_RATE_HZ:g} Hz: the policy moves more slowly on "
-            f"the simulated twin."
+            f"The data are recorded at {data.rate_hz:g} Hz, but the simulated twin runs at {REAL_RATE_HZ:g} Hz. The "
+            f"policy therefore moves more slowly on the twin."
         )
     return tuple(found)
 
@@ -366,7 +366,7 @@ def evaluation_lines(
         return _evaluation_line(address, recipe, data)
     if recipe.benchmark == "libero":
         unseen = "" if libero_address is None else _evaluation_line(libero_address, recipe, data)
-        return on_libero + (f"\n# on our suite, without training on it:\n{unseen}" if unseen else "")
+        return on_libero + (f"\n# on betterbench's suite, without training on it:\n{unseen}" if unseen else "")
     return (
         "# CALVIN's own evaluation (calvin_models/calvin_agent/evaluation); betterbench has no preset for its actions"
     )

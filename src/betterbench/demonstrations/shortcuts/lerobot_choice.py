@@ -141,7 +141,7 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
     for arm, group in by_arm.items():
         bases = {re.sub(r"[\W_]*\d+\]?$", "", number.labels[0].lower()) for number, _ in group}
         if kind == "finger" and len(group) > 2:
-            continue  # components with more than two fingers belong to a hand and not to a gripper
+            continue  # more than two finger components belong to a hand, not to a gripper
         # The two fingers of a gripper are adjacent and have the same name with two indices.
         apart = (
             len({number.labels[0] for number, _ in group}) < len(group) or group[-1][0].index > group[0][0].index + 1
@@ -211,7 +211,7 @@ def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str])
     if len(sums) > 1:
         raise InvalidInputError(
             "--place",
-            "only some components have the prefix + (displacements)",
+            "only some components have the prefix +, which marks displacements",
             "Give + before all of them or before none",
         )
     numbers = [n for text in named for n in named_numbers("--place", text.removeprefix(STEPS), columns.numbers)]

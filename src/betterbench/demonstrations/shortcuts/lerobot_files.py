@@ -86,7 +86,7 @@ def read_info(path: Path) -> Mapping[str, Any]:
         raise InvalidInputError(str(file), "it lists no features", CURE)
     version = info.get("codebase_version", "v3.0")
     if not re.match(r"v[23]\.", str(version)):
-        problem = f"codebase_version is {one_line(version, most=40)!r}; supported are 2.0 to 3.0"
+        problem = f"codebase_version is {one_line(version, most=40)!r}, but only 2.0 to 3.0 are supported"
         raise InvalidInputError(str(file), problem, "Convert the dataset with lerobot's own scripts")
     return info
 

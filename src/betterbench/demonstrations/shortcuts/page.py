@@ -15,17 +15,19 @@ from betterbench.statistics.wording import plural
 ABOUT = (
     "A **shortcut** is a rule that a learner could use and that some variation breaks. A regularity is a rule that "
     "all variations keep, such as the meaning of a word. Strength is mutual information above chance, "
-    f"relative to the largest possible value. A rule counts from a strength of {STRONG:g}, or if one value always "
-    "occurs with the same other value, or if two words determine half of the uncertainty that each alone leaves; and "
-    f"if its test, corrected for all questions, gives p ≤ {ALPHA:g}. For whole instructions, strength is the share of "
-    "wrong guesses that they avoid; they are compared among demonstrations that agree in the words already found. "
+    "relative to the largest possible value. A rule counts if its test, corrected for all questions, gives "
+    f"p ≤ {ALPHA:g} and one of the following holds: its strength is at least {STRONG:g}, one value always occurs with "
+    "the same other value, or two words determine half of the uncertainty that each alone leaves. For whole "
+    "instructions, strength is the share of wrong guesses that they avoid. They are compared among demonstrations that "
+    "agree in the words already found. "
     "Words that name their own place are not shortcuts."
 )
 
 
 SMALLEST = (
-    "Smallest rule that the same test would have found: the share of the demonstrations that it decides, with the "
-    f"others random, such that it is found in at least {100.0 * POWER:.0f} % of all data sets with these counts. "
+    "The smallest rule is given as the share of the demonstrations that it decides, with random outcomes in the "
+    "others. The same test would find a rule of this size in at least "
+    f"{100.0 * POWER:.0f} % of all data sets with these counts. "
     "A weaker rule may exist without being found."
 )
 
@@ -98,7 +100,7 @@ def prediction_lines(prediction: Prediction, *, most: int | None = None) -> list
     """Format the ranking of at most ``most`` variations, most likely failures first."""
     rows = []
     for f in prediction.variations[:most]:
-        because = "; ".join(f.because) or "it breaks none of the rules found"
+        because = "; ".join(f.because) or "it breaks none of the found rules"
         cells = (str(f.rank), f"{f.task}/{f.variation}", f"{f.risk:.2f}", f.label or "–", because)
         rows.append(tuple(map(markdown_text, cells)))
     return markdown_table(("rank", "variation", "risk", "label", "because"), rows)

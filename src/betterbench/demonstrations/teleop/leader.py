@@ -243,8 +243,8 @@ class LeaderThread:
                 is_apart = True
                 away = 100.0 * distance(tool.position, robot.position)
                 self._controls.complain(
-                    f"leader arm: it is {away:.0f} cm from the robot's tool; bring it within "
-                    f"{100.0 * MEETING_M:.0f} cm, then the robot follows"
+                    f"leader arm: it is {away:.0f} cm from the robot's tool. Bring it within {100.0 * MEETING_M:.0f} "
+                    f"cm to make the robot follow"
                 )
 
     def _read(self) -> tuple[Pose, float]:

@@ -145,7 +145,7 @@ def check_calibration(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN4
         raise CalibrationError(
             f"{kind.name} {arm.id!r}",
             f"not calibrated: {', '.join(differing)} of this arm and {file} differ",
-            f"Give the id of this arm, or run {call} (Enter there writes the file to the motors)",
+            f"Give the id of this arm, or run {call} (pressing Enter there writes the file to the motors)",
         )
 
 
@@ -190,7 +190,7 @@ def clear_port(bus: Any) -> None:  # noqa: ANN401 - lerobot's FeetechMotorsBus
     positions, and so on from then on.
     """
     port = bus.port_handler
-    port.is_using = False  # a request that raised left it set, and every later one would be refused
+    port.is_using = False  # a request that raised an error left it set, which would block all later requests
     port.ser.reset_input_buffer()
 
 
@@ -207,7 +207,7 @@ def read_motors(bus: Any, register: str, *, normalize: bool = True) -> dict[str,
             if failures > RETRIES:
                 raise
         else:
-            if failures:  # this may be the late answer to the first request, and the one to the second still comes
+            if failures:  # this may be the late answer to the first request; the second answer may still arrive
                 time.sleep(QUIET_S)
             return found
 

@@ -214,11 +214,11 @@ class Page:
         self._gripper = self._button("Close gripper  ␣", "gripper", "blue", "Shortcut: Space.")
         self._undo = self._button("Undo", "undo", "orange", "Shortcut: Z. Undone steps are not recorded.")
         self._foot = gui.add_html("")
-        self._save = self._button("Save  ⏎", "save", "green", "Saves the demonstration; the next start follows.")
+        self._save = self._button("Save  ⏎", "save", "green", "Saves the demonstration and goes to the next start.")
         self._save.disabled = True
         self._button("Reset to the start", "restart", "gray", "Restarts this demonstration.")
         self._button(
-            "Discard, next start", "discard", "red", "Discards the demonstration; this start is repeated later."
+            "Discard, next start", "discard", "red", "Discards the demonstration. This start is repeated later."
         )
         self._speed = gui.add_slider(
             "speed [%]", min=round(100 * SLOWEST), max=100, step=5, initial_value=60, hint="Share of the full speed."

@@ -82,7 +82,7 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 
     Args:
         trace: The episode.
-        first: The row.
+        first: Row after which stays are considered.
         asked: Indices of requested objects. Another object is not chosen if the gripper is over a requested object for
             about as long, or about as often.
     """

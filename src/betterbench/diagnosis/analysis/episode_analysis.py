@@ -83,7 +83,7 @@ class Step:
         goal: Index of the current subgoal, or None if no subgoal was open.
         asked_slots: Slots of the requested objects.
         between: Index of another object that may also have been the target, because it was as near as the instructed
-            object when the gripper closed without an object; None otherwise.
+            object when the gripper closed without an object. Otherwise None.
     """
 
     grasp: GraspAttempt

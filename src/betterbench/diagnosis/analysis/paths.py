@@ -30,13 +30,13 @@ def path_length(tool: Floats) -> Floats:
 
 
 def still_rows(tool: Floats, rate_hz: float) -> Bools:
-    """Return the rows with a mean displacement per time below ``halt_speed``, for positions (T, 3) [m]."""
+    """Return the rows at which the displacement per unit time is below ``halt_speed``, for positions (T, 3) [m]."""
     window = _window(len(tool), rate_hz)
     return _covered(np.linalg.norm(tool[window:] - tool[:-window], axis=1), window, rate_hz, len(tool))
 
 
 def resting_rows(tool: Floats, rate_hz: float) -> Bools:
-    """Return the rows with a path length per time below ``halt_speed``, for positions (T, 3) [m]."""
+    """Return the rows at which the path length per unit time is below ``halt_speed``, for positions (T, 3) [m]."""
     window, way = _window(len(tool), rate_hz), path_length(tool)
     return _covered(way[window:] - way[:-window], window, rate_hz, len(tool))
 

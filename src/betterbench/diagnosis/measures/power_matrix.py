@@ -190,7 +190,7 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that a variation is designed to expose: they fail it by decisions with a claimed label.
+        """Return the rules that a variation is designed to expose, which fail it by decisions with a claimed label.
 
         A rule that passes with a needless step is not included, because its success rate does not expose it.
         """
@@ -207,7 +207,7 @@ class PowerMatrix:
         return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
 
     def control(self, key: Key) -> bool:
-        """Return whether a variation is a control: all pretenders succeed on it, except the rule that always fails."""
+        """Return whether a variation is a control, on which all pretenders except the always-failing rule succeed."""
         return any(self.cell(name, key) is not None for name in self.rules) and not (
             set(self.failing(key)) - {STOPPING_AT_NEWS}
         )

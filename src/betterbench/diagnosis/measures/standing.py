@@ -131,7 +131,7 @@ def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> S
 
     Args:
         diagnosis: The run.
-        matrix: The power matrix; default: that of the run's suite.
+        matrix: The power matrix, by default that of the run's suite.
     """
     varied = [t for t in diagnosis.even_trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
     if matrix is None:

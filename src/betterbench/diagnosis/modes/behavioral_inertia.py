@@ -1,4 +1,4 @@
-"""Behavioral inertia: the policy executes a frequent step of training that is not requested, or without its object."""
+"""Behavioral inertia: the policy repeats a training step although it is not requested or its object is missing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.tasks.words import agreeing
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the usual first step, target or slot of training is possible in the scene but not requested.
+    """Return whether the scene allows a first step, target or slot that was usual in training but is not requested.
 
     The next step of a memorized sequence counts if its object is missing. Grasps at an emptied slot count if they
     replace a step, or if no object may be grasped. They do not count if another object is in a slot to which a word of

@@ -1,4 +1,4 @@
-"""Lexical-kinematic shortcut: the gripper follows a word to its slot in training, but to another object."""
+"""Lexical-kinematic shortcut: a word leads the gripper to its slot in training, although another object is there."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class ViewRenderer:
 
 
 def _matrices(placed: np.ndarray, focal_px: float, size: int) -> CameraMatrices:
-    """Return the camera of a view from position and quaternion, see ``sight_type``."""
+    """Return the camera of a view, given its position and quaternion (see ``sight_type``)."""
     x, y, z, qw, qx, qy, qz = placed.tolist()
     half = 0.5 * (size - 1)
     K = np.array([[focal_px, 0.0, half], [0.0, focal_px, half], [0.0, 0.0, 1.0]])

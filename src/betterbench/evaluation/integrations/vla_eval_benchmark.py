@@ -68,12 +68,12 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         cameras: Camera to use for a key of the adapter ({"images/agentview": "left_shoulder"}).
         observation: Name of an observation preset; "state_only" renders no images.
         quality: Name of a render preset.
-        send_wrist_image: True to send the wrist image; model servers usually request it themselves.
-        send_state: True to send the robot's state; model servers usually request it themselves.
-        absolute_action: True if the model server answers with absolute poses; model servers declare this themselves.
-            It requires an adapter that reads ``ee_pose``.
-        quat_no_antipodal: Must be True, which model servers request: rotation vectors in the state are continuous while
-            the tool points down, as in robosuite's data.
+        send_wrist_image: True to send the wrist image. Model servers usually request it themselves.
+        send_state: True to send the robot's state. Model servers usually request it themselves.
+        absolute_action: True if the model server answers with absolute poses, which requires an adapter that reads
+            ``ee_pose``. Model servers usually declare this themselves.
+        quat_no_antipodal: Must be True, as model servers request. Rotation vectors in the state are then continuous
+            while the tool points down, as in robosuite's data.
     """
 
     render_backends: ClassVar[frozenset[str]] = frozenset({"gpu", "cpu"})
@@ -288,8 +288,9 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
                 return trial
         raise InvalidInputError(
             "episodes_per_task",
-            f"episode {episode} of {task['name']} exceeds the {self._trials} trials per condition of the plan",
-            f"Set both to the same number: params.trials: {episode + 1}",
+            f"the plan has {self._trials} trials per condition, so {task['name']} has no episode {episode} (numbered "
+            f"from 0)",
+            f"Set params.trials and episodes_per_task to the same number, at least {episode + 1}",
         )
 
     def _end(self) -> StepResult:

@@ -28,8 +28,8 @@ from betterbench.tasks.user_files import loaded_files
 def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, Any]) -> dict[str, Any]:
     """Return the context of a new run.
 
-    ``policy`` is the policy's declaration, from :func:`describe_policy`; ``engine`` has "name",
-    "workers", "envs" and, if a warm-up chooses the number of environments, "most_envs".
+    ``policy`` is the policy's declaration, from :func:`describe_policy`. ``engine`` contains "name", "workers", "envs"
+    and, if a warm-up chooses the number of environments, "most_envs".
     """
     images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))
     unseen = {"problem": "no images are rendered in this run"}

@@ -35,7 +35,7 @@ class Plan:
     """Policy, trials and settings of a run. A run can only be resumed with the same plan.
 
     Attributes:
-        trials: Trials to run; with ``until_decided``, the largest possible set of trials.
+        trials: Trials to run. With ``until_decided``, this is the largest possible set of trials.
         until_decided: Rule that decides when a variation gets no more trials, or None to run all trials.
         world: The world in which the trials are run.
     """

@@ -47,7 +47,7 @@ def what_trials_show(plan: Plan) -> str:
             f"If {100 * USUAL_OPPOSITE:.0f} % of the pairs differ the other way, {needed}."
         )
     if hidden:
-        sentences.append(f"They are too few to show any drop {_listed(hidden)}; give more --trials.")
+        sentences.append(f"They are too few to show any drop {_listed(hidden)}. Give more --trials.")
     return " ".join(sentences)
 
 
@@ -64,9 +64,9 @@ def smallest_drop_line(plan: Plan) -> str:
 def _until_decided(rule: StoppingRule, varied: Sequence[tuple[str, str | None]]) -> str:
     most = max(Counter(varied).values(), default=0)
     return (
-        f"Each of the {len(set(varied))} variations gets {rule.first} to {most}, with its twins, until it is shown "
-        f"that its success drops against them, or that it does not drop by {100 * rule.margin:.0f} points. Of the "
-        f"verdicts of either kind, at most {100 * rule.level:.0f} % are expected to be wrong."
+        f"Each of the {len(set(varied))} variations gets {rule.first} to {most} trials with their twins. Its trials "
+        f"end early if its success is shown to drop against the twins, or not to drop by {100 * rule.margin:.0f} "
+        f"points. Of each kind of verdict, at most {100 * rule.level:.0f} % are expected to be wrong."
     )
 
 

@@ -23,8 +23,8 @@ class Schedule:
 
         Args:
             plan: The plan.
-            is_done: Function that returns whether a trial is finished; broken trials are not.
-            succeeded: Function that returns whether a finished trial succeeded; called once per trial.
+            is_done: Function that returns whether a trial is finished. Broken trials are not finished.
+            succeeded: Function that returns whether a finished trial succeeded. It is called once per trial.
         """
         self.plan, self._is_done, self._succeeded = plan, is_done, succeeded
         self._trials = {(_name(t.task, t.condition), t.seed): t for t in plan.trials}

@@ -28,11 +28,12 @@ def make_world_plan(
     Args:
         policy: Policy address.
         suite: Suite name.
-        tasks: Tasks to run; default: all.
-        trials: Number of trials in the unit of the world (trials per variation, initial states, chains); the usual
-            number if None.
+        tasks: Tasks to run, by default all.
+        trials: Number of trials in the unit of the world (trials per variation, initial states, chains). If None, the
+            world's usual number is used.
         seed: The first seed, initial state or chain.
-        action_space: Action space of the policy; None for the one in its address, or else the usual one of the world.
+        action_space: Action space of the policy. If None, it is taken from the policy's address, or else it is the
+            usual one of the world.
         observation: Observation preset; "default" is the world's usual preset.
         options: World options (``World.options``).
 

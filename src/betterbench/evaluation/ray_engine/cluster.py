@@ -21,9 +21,10 @@ class Cluster:
     """Address of a Ray cluster, with the number of policy replicas and their GPUs.
 
     Attributes:
-        address: Address of the cluster; None for RAY_ADDRESS or, if that is not set, a new cluster on this machine.
+        address: Address of the cluster. If None, RAY_ADDRESS is used, or a new cluster on this machine if it is not
+            set.
         replicas: Number of copies of a policy that runs in a process (a checkpoint, or a policy that supports batches).
-        replica_gpus: GPUs per replica; None for 1 if the cluster has GPUs, otherwise 0.
+        replica_gpus: GPUs per replica. If None, it is 1 if the cluster has GPUs, otherwise 0.
     """
 
     address: str | None = None

@@ -39,8 +39,8 @@ class FailingStart:
         if self._alike == FIRST_TRIALS:
             self._over = True
             logger.warning(
-                "the first %d trials all ended with the same error (%s). The run continues; stop it by Ctrl-C and try "
-                "better doctor --policy '%s'.",
+                "the first %d trials all ended with the same error (%s). The run continues; stop it with Ctrl-C and "
+                "try better doctor --policy '%s'.",
                 FIRST_TRIALS,
                 entry.message,
                 self._policy,

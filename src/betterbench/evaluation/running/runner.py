@@ -94,18 +94,19 @@ def evaluate(
     Args:
         plan: Plan of the run. The same plan resumes an unfinished run.
         out: Run folder.
-        workers: Number of worker processes; with 1, the trials run in this process, except for a user's policy, which
-            always runs in a separate process. None for one worker per CPU core of this machine or cluster, or for a
-            single worker if each would load a policy's weights again.
-        envs: Number of environments per worker. None for 1 if the policy answers immediately, and otherwise for the
-            number that a warm-up finds from the times of the policy and the simulation, within the free memory.
+        workers: Number of worker processes. With 1, the trials run in this process, but a user's policy always runs in
+            a separate process. If None, there is one worker per CPU core of this machine or cluster, or a single worker
+            if each worker would load the policy's weights again.
+        envs: Number of environments per worker. If None, it is 1 for a policy that answers immediately. For other
+            policies, a warm-up times the policy and the simulation, and chooses a number that fits into the free
+            memory.
         engine: "local" for processes on this machine, "ray" for actors on a Ray cluster.
         cluster: Cluster for the Ray actors.
-        policy_timeout_s: Deadline for one answer of a policy in a worker process [s]; a late answer ends the trial.
+        policy_timeout_s: Deadline for one answer of a policy in a worker process [s]. A late answer ends the trial.
         allow_changed_policy: True to resume with a policy whose declaration has changed since the start of the run.
         repeats: Earlier run that must have the same policy unless ``allow_changed_policy`` is set, or None.
-        policies: Factory of a policy object without an address, for a single worker; None to use the policy address of
-            the plan.
+        policies: Factory of a policy object without an address, for a single worker. If None, the policy address of the
+            plan is used.
         on_progress: Called once at the start and after every trial.
         on_steps: Called about twice a second with the control steps of this session.
 

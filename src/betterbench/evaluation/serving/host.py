@@ -156,7 +156,7 @@ def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port:
 
     ``run`` has the action space, the observation preset, the world whose conventions are used with a server, and the
     control rate [Hz]. A ``port`` of 0 means any free port. The policy's declarations and the port, or an error, are
-    sent to ``pipe``; the process ends when the other end is closed.
+    sent to ``pipe``. The process ends when the other end is closed.
     """
     prepare_process()
     space, observation, world, rate_hz = run

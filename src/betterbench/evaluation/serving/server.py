@@ -226,9 +226,9 @@ def declare(
 ) -> dict[str, Any]:
     """Return the metadata frame of a server.
 
-    ``batch`` is the maximum number of observations in one call, ``more`` contains further facts for clients.
+    ``batch`` is the maximum number of observations in one call, and ``more`` contains further facts for clients.
     ``cameras`` are the cameras that the policy uses, None for all. ``expert`` means that the server simulates the
-    client's trial; our own clients then name the trial.
+    client's trial, so betterbench's own clients name the trial.
     """
     return {
         "betterbench": {

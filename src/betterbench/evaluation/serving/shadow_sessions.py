@@ -37,7 +37,7 @@ class ShadowSession:
     def __init__(
         self, shadows: ShadowSimulations, chunk: int, trial: TrialId | None, layout: Adapter | None = None
     ) -> None:
-        """Prepare.
+        """Store the settings.
 
         Args:
             shadows: The simulations of all clients.
@@ -124,7 +124,7 @@ def state_gap(states: States, seen: Observation, first: Observation, states_then
         states: States sent by the client.
         seen: The observation.
         first: The observation at the start.
-        states_then: States sent by the client at the start.
+        states_then: States that the client sent at the start.
         layout: Adapter that defines the numbers of a state.
     """
     worst = 0.0

@@ -55,8 +55,9 @@ class PolicyThread:
     ) -> None:
         """Start the thread.
 
-        If ``make`` fails, it is called again at the next request. With ``client``, the policy is one of our own clients
-        of a server: its requests are counted, and it is told the trial, which is only sent to the server of an expert.
+        If ``make`` fails, it is called again at the next request. With ``client``, the policy is one of betterbench's
+        own clients of a server. Its requests are then counted. It is also told the trial, which it only sends to the
+        server of an expert.
         """
         self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None

@@ -55,7 +55,7 @@ class RunSettings:
         run: Run folder.
         policy: Policy address, as in the records.
         envs: Number of environments of a worker, or the initial number.
-        policy_timeout_s: Deadline for one answer of a policy in the worker process [s]; servers have their own
+        policy_timeout_s: Deadline for one answer of a policy in the worker process [s]. Servers have their own
             deadline.
         served_at: Address of the host process that serves the policy to all workers, or None.
         task_files: User files that workers load first.

@@ -212,7 +212,7 @@ class Worker:
             StorageError: If the disk is full.
             PolicyUnavailableError: If the policy's server cannot be reached. The previous call returned the entry of
                 the trial.
-            HandshakeError: If the policy has changed; the previous call returned the entry of the trial.
+            HandshakeError: If the policy has changed. The previous call returned the entry of the trial.
         """
         if self._stop is not None:
             raise self._stop

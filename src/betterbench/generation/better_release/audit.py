@@ -143,7 +143,7 @@ def audit_release(
     Args:
         task: The task.
         resolved: Its variations.
-        matches: Matched assets by object, whose sizes are used where the release does not contain any.
+        matches: Matched assets by object. Their sizes are used if the release does not contain any.
         built: The task in our form.
     """
     auditor = _Auditor(task, resolved, matches, built)

@@ -1,9 +1,9 @@
 """Strict reader for a task folder of the BeTTER release.
 
 A task is a folder with ``task.yaml``, ``base_variation.yaml``, ``object_universe.yaml``, ``asset_bindings.yaml`` (may
-be missing) and ``variations/ID.yaml``; its constraint template is in ``task_templates`` of the clone (may be missing).
-The field names are those of the release at commit 9d75971. The YAML reader is an argument, because only one package
-may import the YAML library.
+be missing) and ``variations/ID.yaml``; its constraint template, which may be missing, is in ``task_templates`` of the
+clone. The field names are those of the release at commit 9d75971. The YAML reader is an argument, because only one
+package may import the YAML library.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
         return "it has no grasp"
     narrowest = min(grasp.width_m for grasp in asset.grasps)
     if narrowest > WIDEST_GRASP_M:
-        return f"it is {1000.0 * narrowest:.0f} mm wide, and the gripper grasps up to {1000.0 * WIDEST_GRASP_M:.0f} mm"
+        return f"it is {1000.0 * narrowest:.0f} mm wide, but the gripper grasps up to {1000.0 * WIDEST_GRASP_M:.0f} mm"
     if template.relation == "on_plate" and group.role == "item" and not set(needed) <= regions:
         return "nothing can be stacked on it"
     return ""
@@ -184,7 +184,7 @@ def _size_problem(described: DescribedObject, entry: CatalogueEntry) -> str:
     size, (low, high) = entry.largest_m, described.size_m
     if size is None or 0.5 * low <= size <= 2.0 * high:
         return ""
-    return f"it is {100.0 * size:.0f} cm long, and {100.0 * low:.0f} to {100.0 * high:.0f} cm were estimated"
+    return f"it is {100.0 * size:.0f} cm long, but {100.0 * low:.0f} to {100.0 * high:.0f} cm were estimated"
 
 
 def cast_of(scenario: Scenario, catalogue: Catalogue, *, seed: int = 0, attempt: int = 0) -> tuple[Cast, list[Choice]]:

@@ -85,7 +85,7 @@ def write_scenarios(
     if not drawn:
         nouns = ", ".join(want.noun for want in wanted)
         problem = f"the grammar has no scenario of {template} with all these objects: {nouns}"
-        cure = "Use fewer objects, or objects of other kinds or colors; or use a model with --model"
+        cure = "Use fewer objects, use objects of other kinds or colors, or use a model with --model"
         raise InvalidInputError("sentence", problem, cure)
     if len(drawn) < count:
         which = " with these objects" if wanted else ""

@@ -115,7 +115,7 @@ def _quota(kind: Kind, value: str, amount: str, where: str) -> Quota:
         )
     if high is not None and low > high:
         raise InvalidInputError(
-            place, f"the smallest amount in {amount!r} is above the largest", "Write the smaller first"
+            place, f"in {amount!r}, the lower limit is above the upper limit", "Write the lower limit first"
         )
     return Quota(kind, _known(kind, value, place), low, high, in_percent)
 
@@ -257,7 +257,7 @@ def _require_room(kind: Kind, quotas: Sequence[Quota], until: int, supply: Suppl
             raise InvalidInputError(f"--quota {quota}", problem, "Widen the range, or raise --until")
     if len(quotas) == names and sum(mosts) < total:
         problem = f"these quotas allow only {sum(mosts):g}{unit}, but there are {total}: {listed}"
-        raise InvalidInputError("--quota", problem, "Raise one of the largest amounts")
+        raise InvalidInputError("--quota", problem, "Raise the upper limit of one of them")
 
 
 def _require_supply(quotas: Sequence[Quota], until: int, supply: Supply) -> None:

@@ -160,7 +160,7 @@ class OfflineSource:
 
 @functools.cache
 def _choices_of(template: str, distinct: Distinct) -> Mapping[tuple[Cell, str], tuple[tuple[Theme, Choice], ...]]:
-    """Return all choices of objects of a template by context and goal; this takes two seconds for all templates."""
+    """Return all choices of objects of a template by context and goal. This takes two seconds for all templates."""
     found: dict[tuple[Cell, str], list[tuple[Theme, Choice]]] = {}
     for theme in grammar_of(template).themes:
         cell = Cell(template, theme.context)

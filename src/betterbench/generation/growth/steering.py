@@ -150,9 +150,9 @@ class Steering:
     def choose(self, cells: Iterable[Cell], pending: Sequence[Cell]) -> Cell | None:
         """Return the template and context of the next scenario, or None if none helps to fill the open quotas.
 
-        The choice with the largest number of open quotas that a task would help to fill is used, and among equal ones
-        the least used template and context. If all missing tasks are needed for the minimums of a property, only these
-        values are drawn.
+        The chosen template and context are those with which a task helps to fill the most open quotas. If several are
+        equally helpful, the least used ones are chosen. If all missing tasks are needed for the minimums of a property,
+        only these values are drawn.
 
         Args:
             cells: Templates and contexts with a remaining scenario.

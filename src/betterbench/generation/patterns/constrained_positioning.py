@@ -44,7 +44,7 @@ def constrained_positioning(cast: Cast) -> GeneratedTask:
     In the twins of L1 to L4, the instruction names another item of the same scene.
 
     Raises:
-        InvalidInputError: If an object does not fit, naming it.
+        InvalidInputError: If an object does not fit. The message names the object.
     """
     return _Positioning(cast).task()
 

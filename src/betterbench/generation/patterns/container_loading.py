@@ -62,7 +62,7 @@ def container_loading(cast: Cast) -> GeneratedTask:
     While the upper drawer is open, nothing can be put into the lower one.
 
     Raises:
-        InvalidInputError: If an object does not fit, naming it.
+        InvalidInputError: If an object does not fit. The message names the object.
     """
     return _Loading(cast).task()
 

@@ -49,7 +49,7 @@ def precision_insertion(cast: Cast) -> GeneratedTask:
     """Make a task with three jars and a rack with three holes.
 
     Raises:
-        InvalidInputError: If an object does not fit, naming it.
+        InvalidInputError: If an object does not fit. The message names the object.
     """
     return _Insertion(cast).task()
 

@@ -46,7 +46,7 @@ class ArmContrast:
         success: Difference between the success rates on variations, over pairs of trials. Its p-value is from the
             sign-flip test over pairs of learners with the same task and seed.
         gap: Difference of the illusion gaps. The interval is the wider of the intervals over trials and over learner
-            pairs; the p-value is from the same test.
+            pairs. The p-value is from the same test.
         learners: Number of learner pairs.
     """
 

@@ -65,11 +65,11 @@ class VariationFinding:
     Attributes:
         risk: Risk predicted by the audit of the confounded set; None without an audit.
         predicted: Predicted label, "" for none.
-        never_shown: Words, categories and colors of the variation that the confounded or the balanced learners were
-            never shown.
+        never_shown: Words, categories and colors of the variation that do not occur in the training data of the
+            confounded or the balanced learners.
         success: Success rate by arm.
         gaps: Illusion gap by arm.
-        validity: Share of the confounded learners' gap that balancing removes; None without a significant gap.
+        validity: Share of the confounded learners' gap that balancing removes. None without a significant gap.
         labels: Labels of the confounded learners' failures with their counts, most frequent first.
     """
 

@@ -17,7 +17,7 @@ class LeverRow:
     """Results of one recipe's learners.
 
     Attributes:
-        found: Results on all their tasks; its ``lever`` is "" for the unchanged recipe.
+        found: Results on all their tasks. Its ``lever`` is "" for the unchanged recipe.
         axes: Success rate on each axis's variations, by axis name.
         against: Difference from the learners they are compared with, over trials of the same tasks and training seeds;
             None for the unchanged recipe.

@@ -45,8 +45,8 @@ LEAST_NAMED = 0.90
 _WHAT_VERDICTS_SAY = {
     "no gap": "the confounded learners solve it, so balancing has nothing to remove",
     "coverage is enough": (
-        "the diverse-confounded learners saw as many conditions as the balanced ones, with each word tied to its "
-        "place, and solve what the confounded ones fail"
+        "the diverse-confounded learners solve what the confounded ones fail; they saw as many conditions as the "
+        "balanced ones, but with each word tied to its place"
     ),
     "decorrelation is enough": "the balanced learners solve what the confounded ones fail",
     "needs more than decorrelation": "the balanced learners fail it, but learners trained on it solve it",
@@ -164,7 +164,7 @@ def study_charts(found: StudyFindings) -> Iterator[Chart]:
     yield Chart(
         "arms",
         "Success in training conditions and under variation, by arm",
-        "Success rate in percent with its 95 % interval over trials, training seeds together.",
+        "Success rate in percent with its 95 % interval over trials. All training seeds are counted together.",
         tuple(groups),
         key=(("training", "Training conditions"), ("variation", "Variations")),
     )
@@ -173,8 +173,8 @@ def study_charts(found: StudyFindings) -> Iterator[Chart]:
         yield Chart(
             "validity",
             "Construct validity",
-            "Share of the confounded learners' illusion gap that balancing removes, in percent, with its 95 % interval "
-            "(cut at the ends of the scale). Only variations with a gap significantly above zero.",
+            "Percentage of the confounded learners' illusion gap that balancing removes, with its 95 % interval (cut "
+            "at the ends of the scale). Only variations with a gap significantly above zero are shown.",
             (BarGroup("", tuple(Bar(f"{v.task} {v.variation}", v.validity or Figure(), "dot") for v in removed)),),
         )
     if found.doses:

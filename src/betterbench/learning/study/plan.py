@@ -59,7 +59,7 @@ class Lever:
         tasks: Tasks with this change; all if empty.
         start: Arm whose learner with the same task and training seed, and with the unchanged recipe, provides the
             initial weights; ``changes`` may then freeze parts of them. None for random weights.
-        against: Lever to compare with, which must cover the same arms and tasks; None for the unchanged recipe.
+        against: Lever to compare with, which must cover the same arms and tasks. None for the unchanged recipe.
         questions: Approximate number of co-training questions about the demonstrations in each regime of the lever's
             arm. The study creates them; ``co_training`` in ``changes`` may set their weight.
     """
@@ -102,7 +102,7 @@ class StudyPlan:
             demonstrations (the dose).
         seeds: Training seeds; each task and arm is trained with each seed.
         demos: Demonstrations per training condition. Other regimes distribute the same total over their own conditions.
-        sources: Number of expert demonstrations, from which the others are generated; 0 if all demonstrations are from
+        sources: Number of expert demonstrations, from which the others are generated. 0 if all demonstrations are from
             the expert.
         noise: Noise on the executed actions of generated demonstrations, in action units.
         trials: Trials per variation for each learner, and in total for its training conditions.
@@ -128,7 +128,7 @@ class StudyPlan:
         require_between("noise", self.noise, 0.0, 0.5)
         for name, listed in (("tasks", self.tasks), ("seeds", self.seeds), ("levers", [v.name for v in self.levers])):
             if len(set(listed)) < len(listed):
-                raise InvalidInputError(name, "one of them occurs twice", "Give each once")
+                raise InvalidInputError(name, "an entry occurs twice", "Give each once")
         self._require_few()
         for task in map(get_task, self.tasks):
             for regime in {regime for shares in self.arms.values() for regime in shares}:
@@ -232,8 +232,8 @@ class StudyPlan:
         for task, arm in itertools.product(lever.tasks or self.tasks, lever.arms or self.arms):
             missing = never_shown_before(self.arms[lever.start], task, self.arms[arm])
             if missing:
-                problem = f"its learner of {task} was never shown {', '.join(missing)}, which {arm} shows"
-                raise InvalidInputError(where, problem, "Use a start arm that shows it, or leave out the task")
+                problem = f"its learner of {task} was not trained on {', '.join(missing)}, but {arm} is"
+                raise InvalidInputError(where, problem, "Use a start arm that contains it, or leave out the task")
 
     def sets_of(self, arm: str) -> dict[Regime, int]:
         """Return an arm's demonstrations per training condition by regime; the numbers add up to ``demos``.
@@ -331,5 +331,5 @@ def read_study_plan(form: object, *, where: str = "plan") -> StudyPlan:
 def preset_text(name: str) -> str:
     """Return the YAML of a preset. Raises InvalidInputError if it does not exist."""
     if name not in PRESETS:
-        raise InvalidInputError("--preset", f"{name!r} is not a preset", f"Give {' or '.join(PRESETS)}")
+        raise InvalidInputError("--preset", f"{name!r} is not a preset", f"Give one of {', '.join(PRESETS)}")
     return resources.files("betterbench.learning.study").joinpath("presets", f"{name}.yaml").read_text(encoding="utf-8")

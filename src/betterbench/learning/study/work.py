@@ -36,8 +36,8 @@ class Workshop:
         ask: Creates approximately a given number of questions about a set's demonstrations in a folder, and
             returns their hash.
         train: Trains learners, several of them in parallel.
-        evaluate: Evaluates a policy on a task in a folder, with a number of trials per variation, and diagnoses it;
-            raises an error if its weights do not match its digest.
+        evaluate: Evaluates a policy on a task in a folder, with a given number of trials per variation, and diagnoses
+            it. Raises an error if its weights do not match its digest.
         threads: Total number of threads used by learners trained in parallel.
         require_set: Raises an error if the set in a folder does not match a hash.
     """

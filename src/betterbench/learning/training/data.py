@@ -59,7 +59,7 @@ class TrainingSet:
         phases: (F,) int64 indices into :data:`PHASES`.
         at_gripper: (F,) bool mask of frames with a gripper change in their chunk.
         shown: (F,) bool mask of frames used as observations; other frames occur only in action chunks. None for all.
-        frames_of: Images of the shown frames, in order; None for the family ``objects``.
+        frames_of: Images of the shown frames, in order. None for the family ``objects``.
         questions: Questions about the demonstrations; None without co-training.
     """
 
@@ -116,7 +116,7 @@ def read_training_set(
     Args:
         recipe: The recipe.
         on_read: Called after each record.
-        frames: Folder of the frames; None for a folder next to each data folder, with the suffix ``.frames``.
+        frames: Folder of the frames. By default, a folder next to each data folder, with the suffix ``.frames``.
         workers: Number of rendering processes.
         on_drawn: Called after rendering each demonstration.
 

@@ -260,8 +260,8 @@ class FrameStore:
 
         Args:
             numbers: (B,) indices of the frames.
-            shifts: (B, views, 2) shift of each image down and to the right [pixel]; edges are repeated. None for no
-                shift.
+            shifts: (B, views, 2) shift of each image down and to the right [pixel], where edges are repeated. None for
+                no shift.
         """
         found = np.empty((len(numbers), *self._episodes[0].shape[1:]), np.uint8)
         owners = np.searchsorted(self.first, numbers, side="right") - 1

@@ -56,7 +56,7 @@ _STATE_CURE = "Train into another folder, or restore the file"
 _CURES = {
     "torch": "Continue with that version of torch",
     "device": "Continue with that --device",
-    "processes": "Continue with as many processes",
+    "processes": "Continue with the same number of processes",
     "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
 """Remedy by setting, for a resumed training whose setting (other than recipe and data) has changed."""
@@ -93,7 +93,7 @@ class TrainingResult:
         parameters: Number of trained parameters.
         log: Tables of the training.
         seconds: This session's duration without reading the data [s].
-        samples_per_s: Training samples per second in this session, without validation; 0 if the training was already
+        samples_per_s: Training samples per second in this session, without validation. 0 if the training was already
             complete.
     """
 

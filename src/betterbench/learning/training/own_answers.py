@@ -49,8 +49,8 @@ class OwnAnswer:
         question: The question that the learner got.
         cell: The correct answer: "column,row" in a grid of 8 x 8 over the image.
         answer: Answer of the learner.
-        nearest: Name of the loose object nearest to the center of the answered cell; "" if the answer is not a cell. A
-            cell is about as large as an object, so a neighboring cell often shows the object too.
+        nearest: Name of the loose object nearest to the center of the answered cell, or "" if the answer is not a cell.
+            A cell is about as large as an object, so a neighboring cell often shows the object too.
     """
 
     trial: str

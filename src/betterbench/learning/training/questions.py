@@ -119,7 +119,7 @@ def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]
             if made.is_about(*records[episode])
         ]
         if not asked:
-            problem = f"its {len(made.questions)} questions are not about any demonstration of the recipe"
+            problem = f"none of its {len(made.questions)} questions is about a demonstration of the recipe"
             raise InvalidInputError(f"co_training: {made.path}", problem, _CURE)
         found += asked
     return AskedQuestions(tuple(sorted(found, key=lambda item: (item[0], item[1].id))), tuple(s.sha256 for s in sets))

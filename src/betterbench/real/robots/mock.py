@@ -65,7 +65,7 @@ class MockFaults:
         """Raise InvalidInputError for an unknown motor."""
         if self.stalled and self.stalled not in SO101_MOTORS:
             raise InvalidInputError(
-                "mock: stalled", f"{self.stalled!r} is no motor", f"Use one of {', '.join(SO101_MOTORS)}"
+                "mock: stalled", f"{self.stalled!r} is not a motor", f"Use one of {', '.join(SO101_MOTORS)}"
             )
 
 
@@ -231,7 +231,7 @@ def moved_slots(task: Task, layout: Mapping[str, str], moved: Mapping[str, tuple
     shifts = {}
     for name, shift in moved.items():
         if name not in layout:
-            raise InvalidInputError("moved", f"{name!r} stands in no slot", f"Use one of {', '.join(sorted(layout))}")
+            raise InvalidInputError("moved", f"{name!r} is not in a slot", f"Use one of {', '.join(sorted(layout))}")
         shifts[layout[name]] = shift
     slots = tuple(
         dataclasses.replace(slot, x=slot.x + shifts[slot.name][0], y=slot.y + shifts[slot.name][1])

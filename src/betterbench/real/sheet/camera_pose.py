@@ -149,8 +149,8 @@ class CameraCorrection:
             return ""
         kind = "wider" if real > twin else "narrower"
         return (
-            f"The lens is {kind} than the twin's, so that objects appear elsewhere in the image although the camera "
-            "stands right. Use another lens, or crop and scale the image of a wider one."
+            f"The lens is {kind} than the twin's. Objects therefore appear elsewhere in the image, although the camera "
+            f"is in the right position. Use another lens, or use a wider lens and crop and scale its image."
         )
 
     @property
@@ -189,7 +189,7 @@ def _parts(values: np.ndarray, least: float, unit: str, ways: Sequence[tuple[str
 def twin_camera() -> CameraPose:
     """Return the pose of the twin's front camera."""
     if SO101.front_camera is None:
-        raise AssertionError("the SO-101 has a front camera of its own")
+        raise AssertionError("the SO-101 has its own front camera")
     return mounted(SO101.front_camera)
 
 
@@ -275,7 +275,7 @@ def _trusted(
         raise InvalidInputError("sheet", problem, cure)
     if camera.error_px > MOST_ERROR_PX * shape[1] / WIDTH_PX:
         worst = max(residuals, key=lambda marker: residuals[marker])
-        problem = f"the markers are off by {camera.error_px:.1f} pixels, the most marker {worst}"
+        problem = f"the markers are off by {camera.error_px:.1f} pixels, and marker {worst} is off the most"
         cure = (
             "Lay the pages edge to edge and flat, as on the overview, check both rulers of each page, and give the "
             "camera's whole image"
@@ -377,7 +377,9 @@ def _markers(gray: np.ndarray) -> dict[int, np.ndarray]:
             continue
         if marker in found:
             problem = f"marker {marker} occurs twice in the image"
-            raise InvalidInputError("image", problem, "Leave one sheet on the table, and no mirror behind it")
+            raise InvalidInputError(
+                "image", problem, "Leave only one sheet on the table, and remove mirrors from the image"
+            )
         found[marker] = np.asarray(points, dtype=float).reshape(4, 2)
     return dict(sorted(found.items()))
 
@@ -389,7 +391,7 @@ def _too_few(gray: np.ndarray, count: int) -> InvalidInputError:
         return InvalidInputError(
             "image",
             "it is mirrored: the markers are found in its mirror image",
-            "Switch the mirroring off, of the camera or of the printer",
+            "Switch off mirroring in the camera or the printer",
         )
     if gray.shape[1] < SMALL_PX:
         problem = f"{says}; with {gray.shape[1]} x {gray.shape[0]} pixels, it is too small for them"
@@ -397,11 +399,11 @@ def _too_few(gray: np.ndarray, count: int) -> InvalidInputError:
     sharpest = _sharpest_edge(gray)
     if math.isinf(sharpest):
         cure = "Take the cap off the lens, and check light and exposure"
-        return InvalidInputError("image", f"{says}; it has nearly one brightness everywhere", cure)
+        return InvalidInputError("image", f"{says}; its brightness is nearly uniform", cure)
     if sharpest > MOST_BLUR_ANYWHERE_PX * gray.shape[1] / WIDTH_PX:
         problem = f"{says}; its sharpest edges are {sharpest:.0f} pixels wide, so it is blurred"
         return InvalidInputError("image", problem, "Focus the camera, hold it still, and give more light")
-    cure = "Point the camera at the sheet, clear objects and shadows off it, and fold the arm"
+    cure = "Point the camera at the sheet, remove objects and shadows from it, and fold the arm"
     return InvalidInputError("image", says, cure)
 
 

@@ -174,7 +174,7 @@ _ACROSS_MM = MARKERS_MM[2][1] - MARKERS_MM[6][1]
 _SAYS = (
     "1. Print pages 1 to 6 at 100 %, without fitting to the page. Both rulers of each page must be 100 mm long.",
     "2. Cut each page along its frame. Lay them edge to edge as above, seen from behind the arm. Tape them from below.",
-    f"3. Check: from the left edge of marker 2 to the left edge of marker 6 it is {_ACROSS_MM:.0f} mm.",
+    f"3. Check that the distance from the left edge of marker 2 to the left edge of marker 6 is {_ACROSS_MM:.0f} mm.",
     "4. Cut the gray field out and slide the sheet around the base, until the front of its foot touches the edge.",
     "    The sheet lies flat, and square to the arm.",
     "5. better real check-cameras measures the camera. Take the sheet away before demonstrations and trials.",

@@ -124,7 +124,9 @@ def modalities_named(names: Sequence[str]) -> tuple[Modality, ...]:
     """
     unknown = [name for name in names if name not in MODALITIES]
     if unknown:
-        raise InvalidInputError("--modality", f"{unknown[0]!r} is unknown", f"Give some of {', '.join(MODALITIES)}")
+        raise InvalidInputError(
+            "--modality", f"{unknown[0]!r} is unknown", f"Give one or more of {', '.join(MODALITIES)}"
+        )
     return tuple(name for name in MODALITIES if not names or name in names)
 
 

@@ -19,13 +19,13 @@ MODES_SHOWN = 6
 """Maximum number of failure modes per policy in the chart; the CSV file of trials has all of them."""
 
 HOLM_NOTE = (
-    " An interval may exclude zero although p is large: the interval is for this row only, while p is exact for few "
-    "pairs and corrected for the number of axes (Holm). Only a small p shows a gap."
+    " An interval may exclude zero although p is large. The interval is for this row only, while p is exact for few "
+    "pairs and is corrected for the number of axes (Holm). Only a small p shows a gap."
 )
 """Note below the gap chart for rows whose interval and p-value seem contradictory."""
 
 _PAIR = (("training", "Training twins"), ("variation", "Variations"))
-TWINS_NOTE = "Training twins: the training trials from which the variations are derived, one per pair."
+TWINS_NOTE = "Training twins are the training trials from which the variations are derived, one per pair."
 
 Keep = Callable[[TrialDiagnosis], bool]
 
@@ -109,8 +109,9 @@ def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     return Chart(
         "outcomes",
         "How the trials ended",
-        "Counts of trials. Reasoning: the policy went for the wrong object. Execution: correct target at the right "
-        "time, failed manipulation. System: the policy did not run.",
+        "Numbers of trials. Reasoning failure: the policy went for the wrong object. Execution failure: the policy "
+        "went for the correct target at the right time, but the manipulation failed. System failure: the policy did "
+        "not run.",
         tuple(groups),
         key=tuple(families_of(t for d in diagnoses for t in d.trials).items()),
     )
@@ -132,7 +133,7 @@ def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     return Chart(
         "modes",
         "Failure modes",
-        "Share of all variation trials that ended with each label, in percent, with its 95 % interval.",
+        "Percentage of all variation trials that ended with each label, with its 95 % interval.",
         tuple(groups),
         key=tuple((f, n) for f, n in FAMILIES.items() if any(r.style == f for g in groups for r in g.rows)),
     )
@@ -154,8 +155,8 @@ def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     return Chart(
         "grasps",
         "Distractor grasp rate",
-        "Grasp attempts at an object that was not requested, out of grasp attempts at any object, in percent, with the "
-        "95 % interval. Air grasps are not counted. Attempts within a trial are not independent.",
+        "Percentage of grasp attempts that were at an object that was not requested, with the 95 % interval. Air "
+        "grasps are not counted. Attempts within a trial are not independent.",
         tuple(groups),
     )
 

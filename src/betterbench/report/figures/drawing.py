@@ -62,7 +62,7 @@ class Bar:
 
     Attributes:
         name: Text on the left ("training", or a policy).
-        figure: The number; if it has no value, the row shows a note instead of a bar.
+        figure: The number. If it has no value, the row shows a note instead of a bar.
         style: Class of the bar: "training", "variation", "reasoning", "execution", "system"; "dot" draws a point.
     """
 
@@ -121,8 +121,8 @@ class Chart:
 def draw(chart: Chart, *, narrow: bool = False, style: str | None = None) -> str:
     """Return a chart as one SVG element with all texts escaped.
 
-    If ``narrow``, labels are above the bars, for a phone. A file includes a ``style`` sheet and a white background; the
-    page has its own style sheet.
+    If ``narrow``, labels are above the bars, for a phone. A file includes a ``style`` sheet and a white background,
+    whereas the page has its own style sheet.
     """
     width = NARROW_PX if narrow else WIDE_PX
     name = f"{chart.name}-{'narrow' if narrow else 'wide'}{'' if style is None else '-file'}"

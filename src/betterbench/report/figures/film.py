@@ -52,8 +52,8 @@ class Frame:
 class Film:
     """The frames of a trial ("fast_food/T1/3") and its counterfactual twin.
 
-    ``evidence_s`` is the beginning and end of the evidence [s]; frames inside this span are marked. ``clip`` is a film
-    of both episodes side by side (H.264 in MP4); browsers that cannot play it show the frames.
+    ``evidence_s`` is the beginning and end of the evidence [s]. Frames inside this span are marked. ``clip`` is a film
+    of both episodes side by side (H.264 in MP4). Browsers that cannot play it show the frames.
     """
 
     policy: str
@@ -74,7 +74,7 @@ class Film:
 class Showing:
     """A trial to show as a film, with the times to render [s], strictly increasing, and their captions.
 
-    ``twin`` is None if the run has no record of the twin; ``evidence_s`` is the time span of the evidence [s].
+    ``twin`` is None if the run has no record of the twin. ``evidence_s`` is the time span of the evidence [s].
     """
 
     policy: str
@@ -98,7 +98,7 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool =
     Every kind of failure of every variation is shown once before a second example of any kind. Each pair of variation
     and label is represented by the trial whose evidence is at the median time, preferably a trial whose twin succeeded.
     With ``repeats``, the other trials of the pairs follow. Reasoning failures come first, then execution failures, then
-    solved trials; within each group, the most frequent pairs come first. Trials without a record are left out.
+    solved trials. Within each group, the most frequent pairs come first. Trials without a record are left out.
     """
     if limit < 0:
         raise InvalidInputError("limit", f"{limit} is negative", "Give 0 or more")

@@ -33,9 +33,9 @@ def write_calibration_page(
 ) -> Path:
     """Write the page, the matrix as SVG and PNG and the tables as Markdown into a folder; return the page's path.
 
-    With a power matrix, the page also shows which variations can be solved without vision or instruction; otherwise it
-    shows the ``cure``, a command that measures it. ``strips`` are film strips (JPEG) of trials with a wrong label, by
-    policy and trial.
+    With a power matrix, the page also shows which variations can be solved without vision or instruction. Without it,
+    the page shows the ``cure``, a command that measures the matrix. ``strips`` are film strips (JPEG) of trials with a
+    wrong label, by policy and trial.
     """
     figure = confusion_figure(calibration)
     svg = _drawn(figure, "svg")
@@ -152,7 +152,7 @@ def calibration_summary(calibration: Calibration) -> str:
         found = f"{calibration.accused.k} of {plural(calibration.accused.n, 'trial')}"
         sentences.append(f"Trials of policies without a fault were labeled as reasoning failures in {found}.")
     if calibration.left_out:
-        sentences.append(f"{plural(calibration.left_out, 'trial')} do not show the habit and are left out.")
+        sentences.append(f"{plural(calibration.left_out, 'trial')} do not show the habit and are therefore left out.")
     return " ".join(sentences)
 
 

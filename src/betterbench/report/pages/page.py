@@ -316,8 +316,8 @@ def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headli
     if not all_of:
         return ""
     return (
-        f"It counts every training trial ({listed(all_of)}). Gaps, charts and tables of tasks count the training twins "
-        f"instead, one per pair ({listed(twins_of)}), which differ from the variations only by the variation itself."
+        f"It counts every training trial ({listed(all_of)}). Gaps, charts and task tables count only the training "
+        f"twins, one per pair ({listed(twins_of)}). A twin differs from its variation only by the variation itself."
     )
 
 
@@ -409,13 +409,13 @@ def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
         mixed = [setting.name for setting in _settings(values) if setting.mixed]
         if mixed:
             warnings.append(
-                f"The runs were made with different {what} ({listed(mixed[:6])}); they may be the cause of "
-                f"differences between the policies."
+                f"The runs were made with different {what} ({listed(mixed[:6])}). This may be the cause of differences "
+                f"between the policies."
             )
     plans = [{(t.task, t.variation or t.condition, t.seed) for t in d.even_trials} for d in diagnoses]
     if any(plan != plans[0] for plan in plans):
         warnings.append(
-            "The policies did not run the same trials; compare them only on conditions with numbers for both."
+            "The policies did not run the same trials. Compare them only on conditions with numbers for both."
         )
     return warnings
 

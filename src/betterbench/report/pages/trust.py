@@ -29,7 +29,8 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
     facts["Calibration"] = (
         f"This build contains no calibration; run better calibrate --family {CLAIMED}."
         if held_out is None
-        else "Measured on policies with other habits and another controller, on which the diagnosis was not developed. "
+        else "This was measured on policies with other habits and another controller. The diagnosis was not developed "
+        "on these policies. "
         f"{calibration_summary(held_out)} {_interval(held_out)} Command: better calibrate --family {CLAIMED}."
     )
     facts |= _blind({name for name, _ in trials})
@@ -38,7 +39,7 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
 
 def _interval(held_out: Calibration) -> str:
     low, high = map(points, held_out.failed.interval)
-    return f"The 95 % interval of the first of these rates is {low} to {high} %, if trials are independent."
+    return f"If trials are independent, the 95 % interval of the first rate is {low} to {high} %."
 
 
 def _blind(ran: set[str]) -> dict[str, str]:
@@ -66,7 +67,7 @@ def _blind(ran: set[str]) -> dict[str, str]:
     facts = {"Blind probes": " ".join(told)}
     alone = [name for name in redundant(cells) if name in ran]
     if alone:
-        facts["Instructions"] = f"Only one makes sense in the scene of {listed(alone)}, so it is redundant there."
+        facts["Instructions"] = f"Only one instruction fits the scene of {listed(alone)}, so it is redundant there."
     return facts
 
 
@@ -96,7 +97,7 @@ def _certified(trials: set[tuple[str, int]], looks: Sequence[str]) -> str:
     others = [name for name in looks if name != coverage.versions.looks]
     if others:
         return (
-            f"The certificate of the suite covers the {coverage.versions.looks} looks, not the {listed(others)} ones."
+            f"The certificate of the suite covers the {coverage.versions.looks} looks, not the {listed(others)} looks."
         )
     if coverage.versions.suite != SUITE_VERSION:
         return f"The certificate of the suite is for suite version {coverage.versions.suite}, not {SUITE_VERSION}."

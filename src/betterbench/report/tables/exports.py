@@ -72,7 +72,10 @@ def task_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
         "leading_failure", "leading_failure_trials", "paired_k", "pairs", "paired_success_rate",
     )  # fmt: skip
     return Table(
-        "tasks", "Success rates per task with 95 % intervals; training: the twins, one per pair.", columns, tuple(rows)
+        "tasks",
+        "Success rates per task with 95 % intervals. The training column counts the twins, one per pair.",
+        columns,
+        tuple(rows),
     )
 
 

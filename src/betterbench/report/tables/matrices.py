@@ -32,12 +32,18 @@ SHOWN = 4
 _HEADINGS = {
     Horizon.SHORT: (
         "Short horizon: one target and a distractor",
-        "One object is requested. Rows: its initial state; columns: the initial state of another object.",
+        (
+            "One object is requested. The rows are its initial states, and the columns are the initial states of "
+            "another object."
+        ),
         ("target", "distractor"),
     ),
     Horizon.LONG: (
         "Long horizon: two targets",
-        "Two objects are requested. Rows: initial state of the first object; columns: that of the second object.",
+        (
+            "Two objects are requested. The rows are the initial states of the first object, and the columns are "
+            "those of the second."
+        ),
         ("first target", "second target"),
     ),
 }
@@ -73,7 +79,7 @@ class Cell:
         note: Reason for an empty cell; otherwise an empty text.
         paper: Outcome in the paper, for reference.
         twins: Success rate of the training twins, which require the same motions with the same seeds in the unchanged
-            scene. It has no trials in the cell of the training conditions.
+            scene. In the cell of the training conditions, it has no trials.
     """
 
     row: State

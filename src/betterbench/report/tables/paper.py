@@ -1,4 +1,4 @@
-"""The paper's two tables in its layout: rows for runs with counts and intervals, and the paper's rows for reference."""
+"""The paper's two tables in its layout, with one row per run and the paper's rows for reference."""
 
 from __future__ import annotations
 

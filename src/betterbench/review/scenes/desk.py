@@ -222,7 +222,9 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
         category = placement.asset.category
         if category not in self.movable:
             self._say(
-                f"The frames of {category} are part of the library; only those of --asset-dir move.", problem=True
+                f"The frames of {category} are part of the library. Only the frames of assets from --asset-dir can be "
+                f"moved.",
+                problem=True,
             )
             return
         x, y, z = (round(v, 5) + 0.0 for v in local.position)
@@ -254,7 +256,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
         """Accept the scene, including the task changes that affect it, and show the next scene."""
         if self.keep():
             if self.problem:
-                self._say("The scene cannot be built; reject it, or undo the change.", problem=True)
+                self._say("The scene cannot be built. Reject it, or undo the change.", problem=True)
                 return
             self._judge(Verdict("fix" if self.is_changed else "accept"))
 

@@ -17,7 +17,7 @@ from betterbench.tasks import Condition, Task
 
 SAME_M, SAME_RAD = 1e-6, 1e-6
 """Tolerances for rounding of the values that a reviewer saw."""
-_OTHER_CURE = "Restore the reviewed task file, or review this one"
+_OTHER_CURE = "Restore the reviewed task file, or review the present one"
 
 
 def task_content(form: Mapping[str, Any]) -> str:
@@ -58,7 +58,7 @@ def changed_form(form: Mapping[str, Any], change: SceneChange, *, where: str = "
         raise InvalidInputError(where, str(unknown).rstrip("."), _OTHER_CURE)
     here = place_of(slot)
     if not _is_same_place(here, change.before):
-        problem = f"the review found the slot {change.slot!r} at {_at(change.before)}, and here it is at {_at(here)}"
+        problem = f"in the review, the slot {change.slot!r} was at {_at(change.before)}, but here it is at {_at(here)}"
         raise InvalidInputError(where, problem, _OTHER_CURE)
     slot.update(asdict(change.after))
     return new

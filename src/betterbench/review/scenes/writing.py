@@ -57,7 +57,8 @@ def reviewed_form(form: Mapping[str, Any], history: SceneHistory) -> ReviewedFor
     if missing:
         problem = f"{len(missing)} of {len(conditions)} conditions have no verdict: {', '.join(missing)}"
         cure = (
-            "Accept or reject them with better review scenes; a change of a slot withdraws the verdicts on its scenes"
+            "Accept or reject them with better review scenes. Moving a slot withdraws the verdicts on all scenes with "
+            "that slot"
         )
         raise InvalidInputError(name, problem, cure)
     for condition, verdict in verdicts.items():
@@ -66,7 +67,7 @@ def reviewed_form(form: Mapping[str, Any], history: SceneHistory) -> ReviewedFor
     trained = [condition for condition in rejected if condition in {c.name for c in task.changed(()).training}]
     if trained:
         problem = f"the training condition {trained[0]} was rejected: {rejected[trained[0]]}"
-        raise InvalidInputError(name, problem, "Variations are made from it: write the task anew")
+        raise InvalidInputError(name, problem, "Its variations are derived from it, so write a new task")
     new = patched(form, changes, where=name)
     new["variations"] = [variation for variation in new["variations"] if variation["name"] not in rejected]
     if rejected and new["version"] == form["version"]:
@@ -94,8 +95,8 @@ def reviewed_forms(path: Path) -> dict[str, ReviewedForm]:
         form = task_forms([name])[name]
         here = task_content(form)
         if here != content:
-            problem = f"it was reviewed with the content {content[:SHOWN]}, and here it is {here[:SHOWN]}"
-            raise InvalidInputError(name, problem, "Restore the reviewed task file, or review this one")
+            problem = f"it was reviewed with the content {content[:SHOWN]}, but its content is now {here[:SHOWN]}"
+            raise InvalidInputError(name, problem, "Restore the reviewed task file, or review the present one")
         found[name] = reviewed_form(form, history)
     if not found:
         raise InvalidInputError(str(path), "it has no active decision", "Review scenes first")
@@ -132,5 +133,5 @@ def write_moved_frames(found: Mapping[str, ReviewedForm], folders: Sequence[Path
             paths[-1].mkdir(parents=True, exist_ok=True)
             write_reviewed_folder(folder, paths[-1], changes)
     if moves:
-        raise InvalidInputError(next(iter(moves)), "it is in no folder of assets", "Give its folder with --asset-dir")
+        raise InvalidInputError(next(iter(moves)), "it is not in an asset folder", "Give its folder with --asset-dir")
     return paths

@@ -126,7 +126,7 @@ EGOPLAN2 = Benchmark(
         license="none stated",
         terms=(
             "The videos are Ego4D v1_288p. Ego4D has its own license agreement, which each user signs at "
-            "ego4d-data.org; videos and frames must not be passed on and are not downloaded here."
+            "ego4d-data.org. Videos and frames must not be passed on, so they are not downloaded here."
         ),
         layout=_LAYOUT,
     ),

@@ -103,7 +103,7 @@ REFSPATIAL = Benchmark(
         repository="BAAI/RefSpatial-Bench",
         files=tuple(DataFile(f"data/{split}-00000-of-00001.parquet") for split in SPLITS),
         license="see the card of the data set (the evaluation code is Apache-2.0)",
-        terms="About 43 MB in all: 100 items for location, 100 for placement, 77 unseen.",
+        terms="About 43 MB in total, with 100 location items, 100 placement items and 77 unseen items.",
         layout=_LAYOUT,
     ),
     headline=Headline("macro", "split", _SCORED),

@@ -64,7 +64,7 @@ class InternVl:
 
         Args:
             folder: Checkpoint folder, with config.json, tokenizer and weights.
-            most_tiles: Maximum number of tiles per image, without the thumbnail. A single tile shows the image
+            most_tiles: Maximum number of tiles per image, not counting the thumbnail. A single tile shows the image
                 squashed to a square.
             side: Side of a tile [pixel]; the checkpoint's own (448) if not given. With 224, a tile has 64 tokens
                 instead of 256, and the position embeddings are interpolated.

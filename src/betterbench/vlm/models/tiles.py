@@ -1,9 +1,9 @@
 """InternVL's tiling of an image into square tiles, and the resulting number of tokens.
 
-The rule of InternVL's ``dynamic_preprocess`` and of the image processor in transformers (GOT-OCR 2): of all grids with
-at most ``most`` tiles, the one with the nearest aspect ratio is used. Between two grids of the same aspect ratio, the
-larger one is used if the image has more than half as many pixels. The image is resized to the grid and cut. If
-there is more than one tile, a thumbnail of the complete image follows.
+The rule is that of InternVL's ``dynamic_preprocess`` and of the image processor in transformers (GOT-OCR 2). Of all
+grids with at most ``most`` tiles, the one with the nearest aspect ratio is used. Between two grids of the same aspect
+ratio, the larger one is used if the image has more than half as many pixels. The image is resized to the grid and cut.
+If there is more than one tile, a thumbnail of the complete image follows.
 """
 
 from __future__ import annotations

@@ -46,8 +46,8 @@ Shape = Point | Rectangle
 def tuples_of(text: str, width: int, height: int, *, absolute: bool = False) -> list[Shape]:
     """Return the points of ``(x, y)`` and the boxes of ``(x0, y0, x1, y1)``.
 
-    Without ``absolute``, a pair is scaled if one of its numbers has a decimal point; a pair of integers is taken as
-    pixels. A tuple with spaces inside its brackets, or with ".5", is not found.
+    Without ``absolute``, a pair is scaled if one of its numbers has a decimal point. A pair of integers is interpreted
+    as pixels. A tuple with spaces inside its brackets, or with ".5", is not found.
 
     Raises:
         DroppedError: If the program raises an error while it reads the text.
@@ -97,7 +97,7 @@ def tags_of(text: str, width: int, height: int) -> list[Shape]:
 
 
 def fenced_points_of(text: str, width: int, height: int) -> list[Shape]:
-    """Return the points of Gemini's JSON in a fence; JSON without a fence, or broken JSON, has none.
+    """Return the points of Gemini's JSON in a code fence. JSON without a fence, or broken JSON, has none.
 
     Raises:
         DroppedError: If the program raises an error, as for a single object instead of a list.

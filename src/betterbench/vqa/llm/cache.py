@@ -80,7 +80,7 @@ class ReplyCache:
         except OSError as error:
             with self._lock:
                 if not self._is_off:
-                    logger.warning("%s: replies are not stored for later runs (%s)", self.folder, one_line(error))
+                    logger.warning("%s: the replies cannot be stored for later runs (%s)", self.folder, one_line(error))
                 self._is_off = True
 
     def _file(self, key: str) -> Path:

@@ -1,6 +1,6 @@
 """Client for ``POST URL/chat/completions``, as served by vLLM, SGLang, llama.cpp, Ollama and OpenAI.
 
-It uses only the standard library. Many threads can send requests at the same time, each on a connection of its own.
+It uses only the standard library. Many threads can send requests at the same time, each on its own connection.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class ChatEndpoint:
             key_variable: Environment variable with the API key, if set.
             timeout_s: Maximum wait for the beginning of an answer and between its parts [s].
             deadline_s: Maximum wait for a whole answer [s], for servers that send it in many small parts.
-            tries: Maximum number of times that a request is sent if transient failures occur; at least ten if the
+            tries: Maximum number of times that a request is sent if transient failures occur. It is at least ten if the
                 server limits the request rate (HTTP 429).
             further: Further fields of each request, such as vLLM's ``mm_processor_kwargs``.
             cache: Stored replies of earlier requests, which are not sent again.
@@ -180,7 +180,9 @@ class ChatEndpoint:
             headers["Authorization"] = f"Bearer {key}"
         answer, reply = self._connections.post(self._path, body, headers, self._read)
         if len(reply) > MAX_REPLY_BYTES:
-            raise ModelError(f"{self._where}: the answer exceeds {MAX_REPLY_BYTES} bytes. Is it a chat endpoint?")
+            raise ModelError(
+                f"{self._where}: the answer exceeds {MAX_REPLY_BYTES} bytes. Check that the address is a chat endpoint."
+            )
         return answer, reply
 
     def _read(self, answer: http.client.HTTPResponse) -> bytes:

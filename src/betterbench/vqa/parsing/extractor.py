@@ -2,8 +2,8 @@
 
 The extractor gets the text and, for a choice, the options. It gets neither the question nor the image nor the correct
 answer, so it cannot answer the question itself. Each copied part must occur in the text word for word, and each number
-must be a complete number of the text; otherwise the extraction is "none". The copied parts are then read by the same
-parser as every other answer, in the declared convention of coordinates: the extractor neither scales nor swaps numbers.
+must be a complete number of the text. Otherwise, the extraction is "none". The copied parts are then read by the same
+parser as every other answer, in the declared convention of coordinates. The extractor neither scales nor swaps numbers.
 """
 
 from __future__ import annotations

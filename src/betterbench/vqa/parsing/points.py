@@ -1,7 +1,7 @@
 """Parsing of boxes and points in any notation.
 
 The declared convention determines order and scale. Another written form, such as a list instead of the declared JSON,
-is read as "tolerant" and never changes the order or the scale.
+is accepted in the stage "tolerant". It never changes the order or the scale.
 """
 
 from __future__ import annotations

@@ -72,7 +72,7 @@ def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
 
 
 def _looks_done(moment: Moment, g: int) -> bool:
-    """Return whether a step looks done: enough objects are at its goal; a drawer must be loaded before it is closed."""
+    """Return whether a step looks done. For a drawer that must be closed, its content must also be inside."""
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if int(trace.serves[moment.row, g, list(trace.meant[g])].sum()) < goals[g].count:
         return False

@@ -1,4 +1,4 @@
-"""Spatial relations: left and right in the image and for the robot, nearer and farther, and outermost objects."""
+"""Spatial relations: left and right (in the image and for the robot), nearer and farther, and outermost objects."""
 
 from __future__ import annotations
 
