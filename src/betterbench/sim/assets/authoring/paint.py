@@ -29,54 +29,49 @@ def unpainted() -> Iterator[None]:
 
 
 class Canvas:
-    """Texture with coordinates in meters or another unit, origin at the lower left."""
+    """Texture with coordinates in meters or another unit, origin at the lower left.
+
+    Attributes:
+        x: (1, width) horizontal coordinate of each column of samples.
+        y: (height, 1) vertical coordinate of each row of samples, upward. Expressions of ``x`` and ``y`` broadcast to
+            the size of the texture, so that masks and factors of rows or columns alone take almost no time.
+    """
 
     def __init__(self, width: float, height: float, pixels: tuple[int, int], color: Rgb) -> None:
         """Fill a canvas with a color; the finished texture has (width, height) ``pixels``, at most 256 a side."""
         columns, rows = (_OVERSAMPLING * side for side in ((1, 1) if _unpainted.get() else pixels))
-        self._across = (np.arange(columns) + 0.5) / columns * width
-        self._up = (rows - 0.5 - np.arange(rows)) / rows * height
+        self.x = ((np.arange(columns) + 0.5) / columns * width)[None, :]
+        self.y = ((rows - 0.5 - np.arange(rows)) / rows * height)[:, None]
         self.width, self.height = width, height
         # One plane for each channel: operations on an array whose last axis is the channel take five times as long.
         self._planes = np.empty((3, rows, columns))
         self._planes[:] = _by_plane(color)
 
     @functools.cached_property
-    def x(self) -> np.ndarray:
-        """(height, width) horizontal coordinate of each sample."""
-        return np.tile(self._across, (len(self._up), 1))
-
-    @functools.cached_property
-    def y(self) -> np.ndarray:
-        """(height, width) vertical coordinate of each sample, upward."""
-        return np.repeat(self._up[:, None], len(self._across), axis=1)
-
-    @functools.cached_property
     def radius(self) -> np.ndarray:
         """(height, width) distance of each sample from the center."""
-        away: np.ndarray = np.hypot(self._across - 0.5 * self.width, self._up[:, None] - 0.5 * self.height)
+        away: np.ndarray = np.hypot(self.x - 0.5 * self.width, self.y - 0.5 * self.height)
         return away
 
     def between(self, low: float, high: float) -> np.ndarray:
-        """Return the mask of the samples above ``low`` and below ``high``."""
-        return self._rows((self._up > low) & (self._up < high))
+        """Return the mask (height, 1) of the rows above ``low`` and below ``high``."""
+        return (self.y > low) & (self.y < high)
 
     def near(self, x: float, y: float, reach_x: float, reach_y: float) -> np.ndarray:
         """Return the mask of the rectangle around (x, y) with half extents ``reach_x`` and ``reach_y``."""
-        return (np.abs(self._up[:, None] - y) < reach_y) & (np.abs(self._across - x) < reach_x)
-
-    def _rows(self, wanted: np.ndarray) -> np.ndarray:
-        """Return a mask of whole rows."""
-        return np.broadcast_to(wanted[:, None], self._planes.shape[1:])
+        return (np.abs(self.y - y) < reach_y) & (np.abs(self.x - x) < reach_x)
 
     def paint(self, mask: np.ndarray, color: Rgb, *, strength: float = 1.0) -> None:
-        """Blend in a color where ``mask`` (boolean, or a weight in [0, 1]) is set."""
-        if mask.dtype != np.bool_:
-            window = (_run(mask.max(axis=1)), _run(mask.max(axis=0)))
-            self._blend(window, mask[window] * strength, color)
-            return
-        window = (_run(np.any(mask, axis=1)), _run(np.any(mask, axis=0)))
-        self._fill(window, mask[window], color, strength)
+        """Blend in a color where ``mask`` (boolean, or a weight in [0, 1]) is set; it broadcasts to the texture."""
+        wanted = mask if mask.dtype == np.bool_ else mask != 0.0
+        rows, columns = _run(wanted.any(axis=1)), _run(wanted.any(axis=0))
+        mask = mask[rows, columns]
+        # A side of length 1 stands for all rows or columns, unless nothing is wanted.
+        window = tuple(slice(None) if n == 1 and mask.size else run for n, run in zip(wanted.shape, (rows, columns), strict=True))
+        if mask.dtype == np.bool_:
+            self._fill(window, mask, color, strength)
+        else:
+            self._blend(window, mask * strength, color)
 
     def _fill(self, window: tuple[slice, slice], inside: np.ndarray, color: Rgb, strength: float = 1.0) -> None:
         """Blend in a color with one weight, where the mask of the window is set."""
@@ -100,26 +95,24 @@ class Canvas:
 
     def _window(self, center: tuple[float, float], reach_x: float, reach_y: float) -> tuple[slice, slice]:
         """Return the rows and columns of the samples within reach, which speeds up textures with hundreds of marks."""
-        return _run(np.abs(self._up - center[1]) <= reach_y), _run(np.abs(self._across - center[0]) <= reach_x)
+        return _run(np.abs(self.y[:, 0] - center[1]) <= reach_y), _run(np.abs(self.x[0] - center[0]) <= reach_x)
 
     def shade(self, factor: np.ndarray) -> None:
-        """Multiply all channels by ``factor``, an array of the shape of ``x``."""
+        """Multiply all channels by ``factor``, an array that broadcasts to (height, width)."""
         self._planes *= factor
 
     def brighten(self, dark: float, top: float) -> None:
         """Multiply by a factor that rises from ``dark`` at the lower edge to 1 at row ``top``."""
-        self.shade(dark + (1.0 - dark) * np.clip(self._up[:, None] / top, 0.0, 1.0))
+        self.shade(dark + (1.0 - dark) * np.clip(self.y / top, 0.0, 1.0))
 
     def shadow(self, start: float, end: float, light: float, loss: float) -> None:
         """Darken the area above row ``start``: brightness ``light`` at ``start``, lower by ``loss`` at row ``end``."""
-        up = self._up[:, None]
-        down = np.clip((up - start) / (end - start), 0.0, 1.0)
-        self.shade(np.where(up > start, light - loss * down, 1.0))
+        down = np.clip((self.y - start) / (end - start), 0.0, 1.0)
+        self.shade(np.where(self.y > start, light - loss * down, 1.0))
 
     def band(self, low: float, high: float, color: Rgb) -> None:
         """Paint a horizontal band from ``low`` to ``high``."""
-        rows = _run((self._up >= low) & (self._up < high))
-        self._planes[:, rows] = _by_plane(color)
+        self.paint((self.y >= low) & (self.y < high), color)
 
     def ellipse(self, center: tuple[float, float], radii: tuple[float, float], color: Rgb, turn: float = 0) -> None:
         """Paint a filled ellipse, rotated by ``turn`` [rad]."""
@@ -135,7 +128,7 @@ class Canvas:
     ) -> np.ndarray:
         """Return the mask of the samples of a window that are inside an ellipse."""
         c, s = math.cos(turn), math.sin(turn)
-        dx, dy = self._across[window[1]] - center[0], self._up[window[0], None] - center[1]
+        dx, dy = self.x[:, window[1]] - center[0], self.y[window[0]] - center[1]
         inside: np.ndarray = ((c * dx + s * dy) / radii[0]) ** 2 + ((c * dy - s * dx) / radii[1]) ** 2 <= 1.0
         return inside
 
@@ -146,7 +139,7 @@ class Canvas:
             length = (bx - ax) ** 2 + (by - ay) ** 2
             reach_x, reach_y = 0.5 * abs(bx - ax) + width, 0.5 * abs(by - ay) + width
             window = self._window((0.5 * (ax + bx), 0.5 * (ay + by)), reach_x, reach_y)
-            x, y = self._across[window[1]], self._up[window[0], None]
+            x, y = self.x[:, window[1]], self.y[window[0]]
             t = np.clip(((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / max(length, 1e-12), 0.0, 1.0)
             mask[window] |= np.hypot(x - ax - t * (bx - ax), y - ay - t * (by - ay)) <= 0.5 * width
         self.paint(mask, color, strength=strength)
@@ -155,8 +148,8 @@ class Canvas:
         """Multiply by smooth noise with mean 1, a standard deviation, and numbers of cells across and up."""
         columns, rows = cells
         grid = rng.standard_normal((rows + 1, columns + 1))
-        u = np.linspace(0.0, columns, len(self._across), endpoint=False)
-        v = np.linspace(0.0, rows, len(self._up), endpoint=False)
+        u = np.linspace(0.0, columns, self.x.size, endpoint=False)
+        v = np.linspace(0.0, rows, self.y.size, endpoint=False)
         i, j = np.floor(v).astype(int), np.floor(u).astype(int)
         fv, fu = (v - i)[:, None], (u - j)[None, :]
         fv, fu = fv * fv * (3.0 - 2.0 * fv), fu * fu * (3.0 - 2.0 * fu)
@@ -189,14 +182,16 @@ class Canvas:
 
     def pixels(self) -> np.ndarray:
         """Return the finished texture, (height, width, 3) uint8; its first row is the top."""
-        within = itertools.product(range(_OVERSAMPLING), repeat=2)
-        averaged = np.zeros_like(self._planes[:, ::_OVERSAMPLING, ::_OVERSAMPLING])
-        for i, j in within:
-            averaged += self._planes[:, i::_OVERSAMPLING, j::_OVERSAMPLING]
-        averaged /= _OVERSAMPLING**2
-        averaged.clip(0.0, 1.0, out=averaged)
-        averaged *= 255.0
-        return np.ascontiguousarray(averaged.round(out=averaged).astype(np.uint8).transpose(1, 2, 0))
+        height, width = (side // _OVERSAMPLING for side in self._planes.shape[1:])
+        pixels = np.empty((height, width, 3), dtype=np.uint8)
+        for channel, plane in enumerate(self._planes):
+            total = np.zeros((height, width))
+            for i, j in itertools.product(range(_OVERSAMPLING), repeat=2):
+                total += plane[i::_OVERSAMPLING, j::_OVERSAMPLING]
+            total.clip(0.0, _OVERSAMPLING**2, out=total)
+            total *= 255.0 / _OVERSAMPLING**2
+            pixels[..., channel] = np.rint(total, out=total)
+        return pixels
 
 
 def _by_plane(color: Rgb) -> np.ndarray:
@@ -206,7 +201,7 @@ def _by_plane(color: Rgb) -> np.ndarray:
 
 def _run(wanted: np.ndarray) -> slice:
     """Return the shortest slice that contains all wanted samples; it is empty if there are none."""
-    at = np.flatnonzero(wanted)
+    at = wanted.nonzero()[0]
     return slice(at[0], at[-1] + 1) if at.size else slice(0, 0)
 
 
