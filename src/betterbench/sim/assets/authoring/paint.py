@@ -53,6 +53,12 @@ class Canvas:
         away: np.ndarray = np.hypot(self.x - 0.5 * self.width, self.y - 0.5 * self.height)
         return away
 
+    @functools.cached_property
+    def angle(self) -> np.ndarray:
+        """(height, width) direction of each sample from the center [rad], from -pi to pi, 0 to the right."""
+        turn: np.ndarray = np.arctan2(self.y - 0.5 * self.height, self.x - 0.5 * self.width)
+        return turn
+
     def between(self, low: float, high: float) -> np.ndarray:
         """Return the mask (height, 1) of the rows above ``low`` and below ``high``."""
         return (self.y > low) & (self.y < high)
