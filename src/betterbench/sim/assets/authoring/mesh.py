@@ -225,7 +225,8 @@ def mirrored_u(n: int, *, start: int = 0) -> np.ndarray:
 
 def circle(radius: float, z: float, segments: int, *, phase: float = 0.0) -> np.ndarray:
     """Return (segments, 3) points of a horizontal circle, counter-clockwise from the x axis."""
-    return _circles([(radius, z)], segments, phase)[0]
+    points: np.ndarray = _circles([(radius, z)], segments, phase)[0]
+    return points
 
 
 def _circles(profile: Sequence[tuple[float, float]], segments: int, phase: float) -> np.ndarray:

@@ -43,7 +43,7 @@ class Canvas:
         self.x = ((np.arange(columns) + 0.5) / columns * width)[None, :]
         self.y = ((rows - 0.5 - np.arange(rows)) / rows * height)[:, None]
         self.width, self.height = width, height
-        # One plane for each channel: operations on an array whose last axis is the channel take five times as long.
+        # one plane for each channel: operations on an array whose last axis is the channel take five times as long.
         self._planes = np.empty((3, rows, columns))
         self._planes[:] = _by_plane(color)
 
@@ -69,11 +69,13 @@ class Canvas:
 
     def paint(self, mask: np.ndarray, color: Rgb, *, strength: float = 1.0) -> None:
         """Blend in a color where ``mask`` (boolean, or a weight in [0, 1]) is set; it broadcasts to the texture."""
-        wanted = mask if mask.dtype == np.bool_ else mask != 0.0
-        rows, columns = _run(wanted.any(axis=1)), _run(wanted.any(axis=0))
+        wanted: np.ndarray = mask.astype(bool, copy=False)
+        rows, columns = _run(np.any(wanted, axis=1)), _run(np.any(wanted, axis=0))
         mask = mask[rows, columns]
-        # A side of length 1 stands for all rows or columns, unless nothing is wanted.
-        window = tuple(slice(None) if n == 1 and mask.size else run for n, run in zip(wanted.shape, (rows, columns), strict=True))
+        if not mask.size:
+            return
+        # a side of length 1 stands for all rows or columns
+        window = (rows if wanted.shape[0] > 1 else slice(None), columns if wanted.shape[1] > 1 else slice(None))
         if mask.dtype == np.bool_:
             self._fill(window, mask, color, strength)
         else:
@@ -94,10 +96,10 @@ class Canvas:
         self._blend(window, inside * weight[window[1]], color)
 
     def _blend(self, window: tuple[slice, slice], weight: np.ndarray, color: Rgb) -> None:
-        kept = 1.0 - weight
-        for plane, value in zip(self._planes[:, *window], color, strict=True):
-            plane *= kept
-            plane += value * weight
+        planes = self._planes[:, *window]
+        planes *= 1.0 - weight
+        for channel, value in enumerate(color):
+            planes[channel] += value * weight
 
     def _window(self, center: tuple[float, float], reach_x: float, reach_y: float) -> tuple[slice, slice]:
         """Return the rows and columns of the samples within reach, which speeds up textures with hundreds of marks."""
