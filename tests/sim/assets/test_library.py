@@ -183,6 +183,10 @@ def test_every_process_makes_the_same_bits():
     assert elsewhere.strip() == str([build(c, look=3).content_hash() for c in categories()])
 
 
+def test_an_asset_of_each_category_keeps_its_bytes(golden):
+    golden("content_hashes.txt", "".join(f"{c} {build(c).content_hash()}\n" for c in categories()))
+
+
 def test_unknown_names_are_answered_with_the_closest_known_ones():
     with pytest.raises(UnknownNameError, match="burger"):
         build("burgers")

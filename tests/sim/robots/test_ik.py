@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import itertools
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -202,3 +204,23 @@ def test_the_control_step_takes_the_same_error_and_jacobian_as_mink():
         ours = np.linalg.lstsq(jacobian, error, rcond=None)[0]
         theirs = np.linalg.lstsq(theirs_jacobian, theirs_error, rcond=None)[0]
         assert min(np.abs(ours - theirs).max(), np.abs(ours + theirs).max()) < 5e-3
+
+
+def test_a_search_loads_no_scipy_and_minks_own_solver_still_finds_it() -> None:
+    code = """
+import sys
+from betterbench.geometry import Pose
+from betterbench.sim.robots import PANDA, ArmIK
+ik = ArmIK(PANDA)
+assert ik.reach(ik.home, ik.forward(ik.home)).converged
+print(*{"qpsolvers", "scipy"} & set(sys.modules), "none")
+import mink
+configuration = mink.Configuration(ik._model)
+task = mink.FrameTask(PANDA.tcp_site, "site", position_cost=1.0, orientation_cost=1.0)
+task.set_target_from_configuration(configuration)
+print(mink.solve_ik(configuration, [task], 0.1, "daqp").shape, mink.build_ik(configuration, [task], 0.1).P.shape)
+import qpsolvers
+print(qpsolvers.Problem.__module__)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.splitlines() == ["none", "(7,) (7, 7)", "qpsolvers.problem"], done.stderr

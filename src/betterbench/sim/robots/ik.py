@@ -18,9 +18,13 @@ and displaces the tool by micrometers. Results depend only on the arguments: the
 from __future__ import annotations
 
 import functools
+import importlib
 import math
 import operator
-from collections.abc import Sequence
+import sys
+import types
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import daqp  # type: ignore[import-not-found]
@@ -394,8 +398,9 @@ class _FrameProblem:
     """
 
     def __init__(self, model: mujoco.MjModel, site: str, orientation_cost: float) -> None:
-        # imported here, because it takes a quarter of a worker's start-up time and only planning needs it
-        import mink  # noqa: PLC0415
+        # imported here, because only planning needs it
+        with _loaded_when_used("qpsolvers", annotation="Problem"):
+            import mink  # noqa: PLC0415
 
         self._configuration = mink.Configuration(model)
         self._task = mink.FrameTask(site, "site", position_cost=POSITION_COST, orientation_cost=orientation_cost)
@@ -413,6 +418,37 @@ class _FrameProblem:
         self._configuration.update(q)
         jacobian, error, _ = self._task.compute_qp_residual(self._configuration)
         return jacobian, error
+
+
+@contextmanager
+def _loaded_when_used(name: str, *, annotation: str) -> Iterator[None]:
+    """Context manager in which an import of a module gives a stand-in that loads the module at its first use.
+
+    ``annotation`` is an attribute that importing code reads for an annotation of a function, which is no use.
+
+    mink imports qpsolvers, which imports scipy.sparse: 0.2 s of CPU in each worker, and twice as much where Python
+    writes no bytecode. Only mink's own solver, which is not called here, uses qpsolvers.
+    """
+    if name in sys.modules:
+        yield
+        return
+    stand_in = types.ModuleType(name)
+
+    def leave() -> None:
+        if sys.modules.get(name) is stand_in:
+            del sys.modules[name]
+
+    def load(attribute: str) -> object:
+        leave()
+        return getattr(importlib.import_module(name), attribute)
+
+    stand_in.__dict__.update({"__getattr__": load, annotation: None})
+    sys.modules[name] = stand_in
+    try:
+        yield
+    finally:
+        delattr(stand_in, annotation)
+        leave()
 
 
 def largest_step(moved: Sequence[float], q: Sequence[float]) -> float:

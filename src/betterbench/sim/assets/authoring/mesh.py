@@ -98,22 +98,41 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=-1)
 
 
-def _welded(mesh: Mesh) -> Mesh:
-    """Merge vertices with equal position and texture coordinate, and drop triangles that have lost their area."""
+def _welded(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
+    """Merge vertices with equal position and texture coordinate, and drop triangles that have lost their area.
+
+    Also returns the :func:`face_normals` of the result.
+    """
+    # numpy.unique with an axis takes three times as long as this sort, with the same result
     key = np.round(np.hstack([mesh.vertices, mesh.uv]), _DECIMALS) + 0.0
-    unique, inverse = np.unique(key, axis=0, return_inverse=True)
-    faces = inverse.reshape(-1)[mesh.faces]
-    faces = faces[np.linalg.norm(face_normals(unique[:, :3], faces), axis=1) > 1e-10]
-    used, renumbered = np.unique(faces, return_inverse=True)
-    return Mesh(unique[used, :3], renumbered.reshape(-1, 3).astype(np.int32), unique[used, 3:])
+    order = np.lexsort(key.T[::-1])
+    key = key[order]
+    first = np.ones(len(key), dtype=bool)
+    (key[1:] != key[:-1]).any(axis=1, out=first[1:])
+    unique, inverse = key[first], np.empty(len(key), dtype=np.intp)
+    inverse[order] = np.cumsum(first) - 1
+    faces = inverse[mesh.faces]
+    normals = face_normals(unique[:, :3], faces)
+    kept = np.linalg.norm(normals, axis=1) > 1e-10
+    faces, normals = faces[kept], normals[kept]
+    used, faces = _renumbered(faces, len(unique))
+    return Mesh(unique[used, :3], faces.astype(np.int32), unique[used, 3:]), normals
+
+
+def _renumbered(numbers: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sorted unique elements of an array of numbers below ``count``, and the rank of each number in them."""
+    used = np.zeros(count, dtype=bool)
+    used[numbers] = True
+    return np.flatnonzero(used), (np.cumsum(used) - 1)[numbers]
 
 
 def creased(mesh: Mesh, degrees: float = 40.0) -> Mesh:
     """Weld a mesh, and split it along sharp edges, at which faces meet at an angle above ``degrees``."""
-    mesh = _welded(mesh)
+    mesh, normals = _welded(mesh)
     # corner c is vertex c % 3 of face c // 3; corners at one vertex are merged again if smooth edges connect them
     corners = mesh.faces.reshape(-1)
-    last, group = np.unique(_last_joined(mesh, math.cos(math.radians(degrees))), return_inverse=True)
+    joined = _last_joined(mesh, normals, math.cos(math.radians(degrees)))
+    last, group = _renumbered(joined, len(corners))
     order = np.lexsort((last, corners[last]))
     number = np.empty(len(last), dtype=np.int32)
     number[order] = np.arange(len(last), dtype=np.int32)
@@ -121,41 +140,42 @@ def creased(mesh: Mesh, degrees: float = 40.0) -> Mesh:
     return Mesh(mesh.vertices[source], number[group].reshape(-1, 3), mesh.uv[source])
 
 
-def _last_joined(mesh: Mesh, limit: float) -> np.ndarray:
+def _last_joined(mesh: Mesh, normals: np.ndarray, limit: float) -> np.ndarray:
     """Return the last corner at the same vertex connected to each corner by smooth edges, shape (3 m,).
 
-    An edge is smooth if the cosine between its faces is above ``limit``.
+    An edge is smooth if the cosine between its faces, which have these ``normals``, is above ``limit``.
     """
-    normals = face_normals(mesh.vertices, mesh.faces)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     # each face edge is a pair of corners, smaller vertex first; sorting makes equal edges adjacent
-    ends = np.arange(mesh.faces.size).reshape(-1, 3)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    vertices = mesh.faces.reshape(-1)[ends]
-    ends = np.take_along_axis(ends, np.argsort(vertices, axis=1), axis=1)
-    vertices.sort(axis=1)
-    order = np.lexsort((vertices[:, 1], vertices[:, 0]))
-    ends, vertices = ends[order], vertices[order]
-    joined = [np.empty((0, 2), dtype=int)]
-    for away in range(1, len(ends)):
-        one = np.flatnonzero((vertices[:-away] == vertices[away:]).all(axis=1))
-        if not one.size:
+    corners = np.arange(mesh.faces.size).reshape(-1, 3)
+    here, there = corners.reshape(-1), corners[:, [1, 2, 0]].reshape(-1)
+    vertices = mesh.faces.reshape(-1).astype(np.int64)
+    one, other = vertices[here], vertices[there]
+    ends = np.where(one <= other, (here, there), (there, here))
+    edge = np.minimum(one, other) * len(mesh.vertices) + np.maximum(one, other)
+    order = np.argsort(edge, kind="stable")
+    ends, edge = ends[:, order], edge[order]
+    joined = [np.empty((2, 0), dtype=int)]
+    for away in range(1, len(edge)):
+        equal = np.flatnonzero(edge[:-away] == edge[away:])
+        if not equal.size:
             break
-        a, b = ends[one], ends[one + away]
-        smooth = np.sum(normals[a[:, 0] // 3] * normals[b[:, 0] // 3], axis=1) > limit
-        joined.append(np.stack([a[smooth], b[smooth]], axis=2).reshape(-1, 2))
-    pairs = np.concatenate(joined)
+        a, b = ends[:, equal], ends[:, equal + away]
+        smooth = np.sum(normals[a[0] // 3] * normals[b[0] // 3], axis=1) > limit
+        joined += [np.stack([a[0, smooth], b[0, smooth]]), np.stack([a[1, smooth], b[1, smooth]])]
+    first, second = np.concatenate(joined, axis=1)
     last = np.arange(mesh.faces.size)
     while True:
-        reached = last[pairs]
-        if (reached[:, 0] == reached[:, 1]).all():
+        one, other = last[first], last[second]
+        if (one == other).all():
             return last
-        np.maximum.at(last, reached.min(axis=1), reached.max(axis=1))
-        while (last != last[last]).any():
-            last = last[last]
+        np.maximum.at(last, np.minimum(one, other), np.maximum(one, other))
+        while ((further := last[last]) != last).any():
+            last = further
 
 
 def loft(
-    rings: Sequence[np.ndarray],
+    rings: Sequence[np.ndarray] | np.ndarray,
     *,
     u: np.ndarray | None = None,
     v: Sequence[float] | None = None,
@@ -170,7 +190,7 @@ def loft(
         v: Vertical texture coordinate of each ring; 0.5 everywhere if not given.
         caps: Whether to close the first and the last ring by a fan around its center.
     """
-    points = np.stack([np.asarray(r, dtype=float) for r in rings])
+    points = np.asarray(rings, dtype=float)
     n_rings, n = points.shape[:2]
     columns = np.full(n, 0.5) if u is None else np.asarray(u, dtype=float)
     rows = np.full(n_rings, 0.5) if v is None else np.asarray(v, dtype=float)
@@ -178,11 +198,8 @@ def loft(
     uv = [np.stack([np.tile(columns, n_rings), np.repeat(rows, n)], axis=1)]
     i = np.arange(n)
     j = (i + 1) % n
-    faces = []
-    for ring in range(n_rings - 1):
-        a, b = ring * n, (ring + 1) * n
-        faces.append(np.stack([a + i, a + j, b + j], axis=1))
-        faces.append(np.stack([a + i, b + j, b + i], axis=1))
+    strip = np.array([(i, j, n + j), (i, n + j, n + i)]).transpose(0, 2, 1).reshape(-1, 3)
+    faces = [(n * np.arange(n_rings - 1)[:, None, None] + strip).reshape(-1, 3)]
     count = n_rings * n
     for ring, wanted in ((0, caps[0]), (n_rings - 1, caps[1])):
         if not wanted:
@@ -208,8 +225,17 @@ def mirrored_u(n: int, *, start: int = 0) -> np.ndarray:
 
 def circle(radius: float, z: float, segments: int, *, phase: float = 0.0) -> np.ndarray:
     """Return (segments, 3) points of a horizontal circle, counter-clockwise from the x axis."""
+    points: np.ndarray = _circles([(radius, z)], segments, phase)[0]
+    return points
+
+
+def _circles(profile: Sequence[tuple[float, float]], segments: int, phase: float) -> np.ndarray:
+    """Return the :func:`circle` of each point (radius, height) of a profile, shape (n, segments, 3)."""
     angle = phase + 2.0 * math.pi * np.arange(segments) / segments
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(segments, z)], axis=1)
+    radii, heights = np.asarray(profile, dtype=float).T[:, :, None]
+    points = np.empty((len(profile), segments, 3))
+    points[..., 0], points[..., 1], points[..., 2] = radii * np.cos(angle), radii * np.sin(angle), heights
+    return points
 
 
 def lathe(
@@ -226,7 +252,7 @@ def lathe(
     the columns of :func:`mirrored_u`.
     """
     length = profile_length(profile)
-    rings = [circle(r, z, segments, phase=phase) for r, z in profile]
+    rings = _circles(profile, segments, phase)
     u = mirrored_u(segments) if wrap else None
     return creased(loft(rings, u=u, v=length / length[-1], caps=(False, False)), crease_degrees)
 

@@ -1,5 +1,6 @@
 """Procedural textures for visual parts, drawn with NumPy: bands, discs, waves and noise."""
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -31,50 +32,59 @@ class Canvas:
     """Texture with coordinates in meters or another unit, origin at the lower left.
 
     Attributes:
-        x: (height, width) horizontal coordinate of each sample.
-        y: (height, width) vertical coordinate of each sample, upward.
+        x: (1, width) horizontal coordinate of each column of samples.
+        y: (height, 1) vertical coordinate of each row of samples, upward. Expressions of ``x`` and ``y`` broadcast to
+            the size of the texture, so that masks and factors of rows or columns alone take almost no time.
     """
 
     def __init__(self, width: float, height: float, pixels: tuple[int, int], color: Rgb) -> None:
         """Fill a canvas with a color; the finished texture has (width, height) ``pixels``, at most 256 a side."""
         columns, rows = (_OVERSAMPLING * side for side in ((1, 1) if _unpainted.get() else pixels))
-        x = (np.arange(columns) + 0.5) / columns * width
-        y = (rows - 0.5 - np.arange(rows)) / rows * height
-        self.x, self.y = np.meshgrid(x, y)
+        self.x = ((np.arange(columns) + 0.5) / columns * width)[None, :]
+        self.y = ((rows - 0.5 - np.arange(rows)) / rows * height)[:, None]
         self.width, self.height = width, height
-        self._image = np.empty((rows, columns, 3))
-        self._image[:] = color
+        # one plane for each channel: operations on an array whose last axis is the channel take five times as long.
+        self._planes = np.empty((3, rows, columns))
+        self._planes[:] = _by_plane(color)
 
-    @property
+    @functools.cached_property
     def radius(self) -> np.ndarray:
         """(height, width) distance of each sample from the center."""
         away: np.ndarray = np.hypot(self.x - 0.5 * self.width, self.y - 0.5 * self.height)
         return away
 
+    @functools.cached_property
+    def angle(self) -> np.ndarray:
+        """(height, width) direction of each sample from the center [rad], from -pi to pi, 0 to the right."""
+        turn: np.ndarray = np.arctan2(self.y - 0.5 * self.height, self.x - 0.5 * self.width)
+        return turn
+
     def between(self, low: float, high: float) -> np.ndarray:
-        """Return the mask of the samples above ``low`` and below ``high``."""
-        return self._rows((self.y[:, 0] > low) & (self.y[:, 0] < high))
+        """Return the mask (height, 1) of the rows above ``low`` and below ``high``."""
+        return (self.y > low) & (self.y < high)
 
     def near(self, x: float, y: float, reach_x: float, reach_y: float) -> np.ndarray:
         """Return the mask of the rectangle around (x, y) with half extents ``reach_x`` and ``reach_y``."""
-        return (np.abs(self.y[:, :1] - y) < reach_y) & (np.abs(self.x[:1] - x) < reach_x)
-
-    def _rows(self, wanted: np.ndarray) -> np.ndarray:
-        """Return a mask of whole rows."""
-        return np.broadcast_to(wanted[:, None], self.x.shape)
+        return (np.abs(self.y - y) < reach_y) & (np.abs(self.x - x) < reach_x)
 
     def paint(self, mask: np.ndarray, color: Rgb, *, strength: float = 1.0) -> None:
-        """Blend in a color where ``mask`` (boolean, or a weight in [0, 1]) is set."""
-        if mask.dtype != np.bool_:
-            window = (_run(mask.max(axis=1)), _run(mask.max(axis=0)))
-            self._blend(window, mask[window] * strength, color)
+        """Blend in a color where ``mask`` (boolean, or a weight in [0, 1]) is set; it broadcasts to the texture."""
+        wanted: np.ndarray = mask.astype(bool, copy=False)
+        rows, columns = _run(np.any(wanted, axis=1)), _run(np.any(wanted, axis=0))
+        mask = mask[rows, columns]
+        if not mask.size:
             return
-        window = (_run(np.any(mask, axis=1)), _run(np.any(mask, axis=0)))
-        image, inside = self._image[window], mask[window]
-        if strength == 1.0:
-            image[inside] = color
+        # a side of length 1 stands for all rows or columns
+        window = (rows if wanted.shape[0] > 1 else slice(None), columns if wanted.shape[1] > 1 else slice(None))
+        if mask.dtype == np.bool_:
+            self._fill(window, mask, color, strength)
         else:
-            image[inside] = image[inside] * (1.0 - strength) + np.asarray(color) * strength
+            self._blend(window, mask * strength, color)
+
+    def _fill(self, window: tuple[slice, slice], inside: np.ndarray, color: Rgb, strength: float = 1.0) -> None:
+        """Blend in a color with one weight, where the mask of the window is set."""
+        planes, new = self._planes[:, *window], _by_plane(color)
+        np.copyto(planes, new if strength == 1.0 else planes * (1.0 - strength) + new * strength, where=inside)
 
     def paint_rectangle(self, rows: np.ndarray, columns: np.ndarray, weight: np.ndarray, color: Rgb) -> None:
         """Blend in a color where the row mask (height,) and the column mask (width,) are both set.
@@ -86,18 +96,18 @@ class Canvas:
         self._blend(window, inside * weight[window[1]], color)
 
     def _blend(self, window: tuple[slice, slice], weight: np.ndarray, color: Rgb) -> None:
-        image = self._image[window]
-        image *= 1.0 - weight[..., None]
-        image += np.asarray(color) * weight[..., None]
+        planes = self._planes[:, *window]
+        planes *= 1.0 - weight
+        for channel, value in enumerate(color):
+            planes[channel] += value * weight
 
     def _window(self, center: tuple[float, float], reach_x: float, reach_y: float) -> tuple[slice, slice]:
         """Return the rows and columns of the samples within reach, which speeds up textures with hundreds of marks."""
-        rows = np.abs(self.y[:, 0] - center[1]) <= reach_y
-        return _run(rows), _run(np.abs(self.x[0] - center[0]) <= reach_x)
+        return _run(np.abs(self.y[:, 0] - center[1]) <= reach_y), _run(np.abs(self.x[0] - center[0]) <= reach_x)
 
     def shade(self, factor: np.ndarray) -> None:
-        """Multiply all channels by ``factor``, an array of the shape of ``x``."""
-        self._image *= np.asarray(factor)[..., None]
+        """Multiply all channels by ``factor``, an array that broadcasts to (height, width)."""
+        self._planes *= factor
 
     def brighten(self, dark: float, top: float) -> None:
         """Multiply by a factor that rises from ``dark`` at the lower edge to 1 at row ``top``."""
@@ -110,26 +120,34 @@ class Canvas:
 
     def band(self, low: float, high: float, color: Rgb) -> None:
         """Paint a horizontal band from ``low`` to ``high``."""
-        self.paint(self._rows((self.y[:, 0] >= low) & (self.y[:, 0] < high)), color)
+        self.paint((self.y >= low) & (self.y < high), color)
 
     def ellipse(self, center: tuple[float, float], radii: tuple[float, float], color: Rgb, turn: float = 0) -> None:
         """Paint a filled ellipse, rotated by ``turn`` [rad]."""
         window = self._window(center, max(radii), max(radii))
-        inside = _in_ellipse(self.x[window], self.y[window], center, radii, turn)
-        self._image[window][inside] = color
+        self._fill(window, self._in_ellipse(window, center, radii, turn), color)
 
     def inside_ellipse(self, center: tuple[float, float], radii: tuple[float, float], turn: float = 0.0) -> np.ndarray:
         """Return the mask of a filled ellipse."""
-        return _in_ellipse(self.x, self.y, center, radii, turn)
+        return self._in_ellipse((slice(None), slice(None)), center, radii, turn)
+
+    def _in_ellipse(
+        self, window: tuple[slice, slice], center: tuple[float, float], radii: tuple[float, float], turn: float
+    ) -> np.ndarray:
+        """Return the mask of the samples of a window that are inside an ellipse."""
+        c, s = math.cos(turn), math.sin(turn)
+        dx, dy = self.x[:, window[1]] - center[0], self.y[window[0]] - center[1]
+        inside: np.ndarray = ((c * dx + s * dy) / radii[0]) ** 2 + ((c * dy - s * dx) / radii[1]) ** 2 <= 1.0
+        return inside
 
     def line(self, points: Sequence[tuple[float, float]], width: float, color: Rgb, strength: float = 1) -> None:
         """Paint a polyline of the given width."""
-        mask = np.zeros_like(self.x, dtype=bool)
+        mask = np.zeros(self._planes.shape[1:], dtype=bool)
         for (ax, ay), (bx, by) in itertools.pairwise(points):
             length = (bx - ax) ** 2 + (by - ay) ** 2
             reach_x, reach_y = 0.5 * abs(bx - ax) + width, 0.5 * abs(by - ay) + width
             window = self._window((0.5 * (ax + bx), 0.5 * (ay + by)), reach_x, reach_y)
-            x, y = self.x[window], self.y[window]
+            x, y = self.x[:, window[1]], self.y[window[0]]
             t = np.clip(((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / max(length, 1e-12), 0.0, 1.0)
             mask[window] |= np.hypot(x - ax - t * (bx - ax), y - ay - t * (by - ay)) <= 0.5 * width
         self.paint(mask, color, strength=strength)
@@ -138,13 +156,19 @@ class Canvas:
         """Multiply by smooth noise with mean 1, a standard deviation, and numbers of cells across and up."""
         columns, rows = cells
         grid = rng.standard_normal((rows + 1, columns + 1))
-        u = np.linspace(0.0, columns, self.x.shape[1], endpoint=False)
-        v = np.linspace(0.0, rows, self.x.shape[0], endpoint=False)
+        u = np.linspace(0.0, columns, self.x.size, endpoint=False)
+        v = np.linspace(0.0, rows, self.y.size, endpoint=False)
         i, j = np.floor(v).astype(int), np.floor(u).astype(int)
         fv, fu = (v - i)[:, None], (u - j)[None, :]
         fv, fu = fv * fv * (3.0 - 2.0 * fv), fu * fu * (3.0 - 2.0 * fu)
         across = grid[:, j] * (1.0 - fu) + grid[:, j + 1] * fu
-        self.shade(1.0 + amount * (across[i] * (1.0 - fv) + across[i + 1] * fv))
+        noise, above = across[i], across[i + 1]
+        noise *= 1.0 - fv
+        above *= fv
+        noise += above
+        noise *= amount
+        noise += 1.0
+        self.shade(noise)
 
     def spots(
         self,
@@ -166,30 +190,27 @@ class Canvas:
 
     def pixels(self) -> np.ndarray:
         """Return the finished texture, (height, width, 3) uint8; its first row is the top."""
-        within = itertools.product(range(_OVERSAMPLING), repeat=2)
-        averaged = np.zeros_like(self._image[::_OVERSAMPLING, ::_OVERSAMPLING])
-        for i, j in within:
-            averaged += self._image[i::_OVERSAMPLING, j::_OVERSAMPLING]
-        averaged /= _OVERSAMPLING**2
-        averaged.clip(0.0, 1.0, out=averaged)
-        averaged *= 255.0
-        return averaged.round(out=averaged).astype(np.uint8)
+        height, width = (side // _OVERSAMPLING for side in self._planes.shape[1:])
+        pixels = np.empty((height, width, 3), dtype=np.uint8)
+        for channel, plane in enumerate(self._planes):
+            total = np.zeros((height, width))
+            for i, j in itertools.product(range(_OVERSAMPLING), repeat=2):
+                total += plane[i::_OVERSAMPLING, j::_OVERSAMPLING]
+            total.clip(0.0, _OVERSAMPLING**2, out=total)
+            total *= 255.0 / _OVERSAMPLING**2
+            pixels[..., channel] = np.rint(total, out=total)
+        return pixels
+
+
+def _by_plane(color: Rgb) -> np.ndarray:
+    """Return a color as an array of shape (3, 1, 1)."""
+    return np.array(color, dtype=float).reshape(3, 1, 1)
 
 
 def _run(wanted: np.ndarray) -> slice:
     """Return the shortest slice that contains all wanted samples; it is empty if there are none."""
-    at = np.flatnonzero(wanted)
+    at = wanted.nonzero()[0]
     return slice(at[0], at[-1] + 1) if at.size else slice(0, 0)
-
-
-def _in_ellipse(
-    x: np.ndarray, y: np.ndarray, center: tuple[float, float], radii: tuple[float, float], turn: float
-) -> np.ndarray:
-    """Return a mask of the samples at ``x`` and ``y`` that are inside an ellipse."""
-    c, s = math.cos(turn), math.sin(turn)
-    dx, dy = x - center[0], y - center[1]
-    inside: np.ndarray = ((c * dx + s * dy) / radii[0]) ** 2 + ((c * dy - s * dx) / radii[1]) ** 2 <= 1.0
-    return inside
 
 
 def uniforms(rng: np.random.Generator, *ranges: tuple[float, float]) -> list[float]:

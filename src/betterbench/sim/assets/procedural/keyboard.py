@@ -113,7 +113,7 @@ def draw_keys(
                 shade = edges
             if accent is not None and (row, index) in ((last, 0), (2, len(units) - 1)):
                 shade = accent
-            x, y = canvas.x[:1] - left, canvas.y[:, :1] - low
+            x, y = canvas.x - left, canvas.y - low
             cap = ((x > gap) & (x < share - gap)) & ((y > gap) & (y < pitch - gap))
             canvas.paint(cap, shaded(shade, 0.80))
             inner = ((x > 2.0 * gap) & (x < share - 2.0 * gap)) & ((y > 2.6 * gap) & (y < pitch - 1.6 * gap))

@@ -60,7 +60,7 @@ def place_plate(rng: np.random.Generator, color: str) -> Draft:
 def _glaze(rng: np.random.Generator, glaze: Rgb, ink: Rgb, *, decoration: str, well: float) -> Canvas:
     """Draw the plate from above: a print on the rim, a faint shadow where the well begins."""
     canvas = Canvas(2.0, 2.0, (256, 256), glaze)
-    r, angle = canvas.radius, np.arctan2(canvas.y - 1.0, canvas.x - 1.0)
+    r = canvas.radius
     middle = 0.5 * (well + 0.97)
     # Nearer the ink at the edge, where the glaze runs thin.
     canvas.paint(r > 0.965, ink, strength=0.9)
@@ -68,10 +68,10 @@ def _glaze(rng: np.random.Generator, glaze: Rgb, ink: Rgb, *, decoration: str, w
         canvas.paint((r > middle - 0.055) & (r < middle + 0.055), ink)
         canvas.paint(np.abs(r - middle + 0.095) < 0.012, ink)
     elif decoration == "dots":
-        around = (angle / (2.0 * math.pi) * 18.0) % 1.0 - 0.5
+        around = (canvas.angle / (2.0 * math.pi) * 18.0) % 1.0 - 0.5
         canvas.paint(np.hypot(around * 2.0 * math.pi / 18.0 * r, r - middle) < 0.065, ink)
     elif decoration == "leaves":
-        around = (angle / (2.0 * math.pi) * 14.0) % 1.0 - 0.5
+        around = (canvas.angle / (2.0 * math.pi) * 14.0) % 1.0 - 0.5
         along = around * 2.0 * math.pi / 14.0 * r
         slant = (r - middle) - 0.55 * along
         canvas.paint((along / 0.135) ** 2 + (slant / 0.042) ** 2 < 1.0, ink)
@@ -79,11 +79,12 @@ def _glaze(rng: np.random.Generator, glaze: Rgb, ink: Rgb, *, decoration: str, w
     elif decoration == "wide":
         canvas.paint(r > well + 0.06, mixed(glaze, ink, 0.6))
     elif decoration == "center":
-        canvas.paint((r < 0.30) & (np.cos(6.0 * angle) + 1.6 > 8.0 * r), ink)
+        canvas.paint((r < 0.30) & (np.cos(6.0 * canvas.angle) + 1.6 > 8.0 * r), ink)
         canvas.paint(r < 0.07, glaze)
     else:
-        canvas.paint(np.abs(r - middle - 0.085 * np.cos(12.0 * angle)) < 0.022, ink)
-        canvas.paint(np.abs(r - middle + 0.085 * np.cos(12.0 * angle)) < 0.022, mixed(glaze, ink, 0.55))
+        wave = 0.085 * np.cos(12.0 * canvas.angle)
+        canvas.paint(np.abs(r - middle - wave) < 0.022, ink)
+        canvas.paint(np.abs(r - middle + wave) < 0.022, mixed(glaze, ink, 0.55))
     canvas.shade(1.0 - 0.16 * np.exp(-(((r - well) / 0.03) ** 2)))
     canvas.paint(np.exp(-(((r - well - 0.055) / 0.02) ** 2)), shaded(glaze, 1.3), strength=0.25)
     canvas.grain(rng, cells=(8, 8), amount=0.010)

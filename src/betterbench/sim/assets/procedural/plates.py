@@ -168,7 +168,7 @@ class _Glaze:
     def from_above(self, reach: float, well: float, lip: float) -> Canvas:
         """Draw a plate as seen from above; ``reach`` is the radius at the edge of the texture [m]."""
         canvas = Canvas(2.0, 2.0, (160, 160), self.color)
-        r, angle = canvas.radius, np.arctan2(canvas.y - 1.0, canvas.x - 1.0)
+        r = canvas.radius
         inner, edge, ink = well / reach, lip / reach, self._ink
         middle = 0.5 * (inner + edge)
         if self.design == "wide band":
@@ -178,10 +178,10 @@ class _Glaze:
         elif self.design == "pale middle":
             canvas.paint(r < inner, mixed(self.color, (0.97, 0.96, 0.93), 0.40))
         elif self.design == "dots":
-            around = (angle / (2.0 * math.pi) * 12.0) % 1.0 - 0.5
+            around = (canvas.angle / (2.0 * math.pi) * 12.0) % 1.0 - 0.5
             canvas.paint(np.hypot(around * 2.0 * math.pi / 12.0 * r, r - middle) < 0.34 * (edge - inner) + 0.02, ink)
         elif self.design == "rays":
-            canvas.paint((np.cos(16.0 * angle) > 0.35) & (r > inner + 0.03) & (r < edge - 0.02), ink)
+            canvas.paint((np.cos(16.0 * canvas.angle) > 0.35) & (r > inner + 0.03) & (r < edge - 0.02), ink)
         elif self.design == "broad rings":
             canvas.paint((np.abs(r - 0.30) < 0.055) | (np.abs(r - middle) < 0.055), ink)
         elif self.design == "speckled":

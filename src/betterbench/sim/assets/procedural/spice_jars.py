@@ -133,7 +133,7 @@ class _Wrap(Canvas):
 
     Attributes:
         solid: The body.
-        height_on_wall: (height, width) height of each sample above the foot [m], as far as the wall is upright.
+        height_on_wall: (height, 1) height of each row of samples above the foot [m], as far as the wall is upright.
     """
 
     def __init__(self, radii: Sequence[float], heights: Sequence[float], color: Rgb, *, sides: int = _SIDES) -> None:

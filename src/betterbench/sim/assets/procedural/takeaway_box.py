@@ -134,12 +134,12 @@ def _print(
 def _sign(canvas: Canvas, sign: str, center: tuple[float, float], ink: Rgb, kraft: Rgb) -> None:
     """Draw the printed sign, seven tenths of the board high: a burger, a sun, or a leaf."""
     dx, dy = (canvas.x - center[0]) / 1.15, (canvas.y - center[1]) / 1.15
-    r, angle = np.hypot(dx, dy), np.arctan2(dy, np.abs(dx) + 1e-12)
     if sign == "burger":
         canvas.paint(((dx / 0.034) ** 2 + ((dy - 0.003) / 0.027) ** 2 < 1.0) & (dy > 0.006), ink)
         canvas.paint((np.abs(dx) < 0.037) & (np.abs(dy + 0.001) < 0.0040), ink)
         canvas.paint((np.abs(dx) < 0.033) & (dy < -0.009) & (dy > -0.021), ink)
     elif sign == "sun":
+        r, angle = np.hypot(dx, dy), np.arctan2(dy, np.abs(dx) + 1e-12)
         canvas.paint((r > 0.020) & (r < 0.031) & (np.cos(10.0 * angle) > 0.1), ink)
         canvas.paint(r < 0.016, ink)
         canvas.paint(r < 0.009, mixed(kraft, ink, 0.1))
