@@ -1,4 +1,4 @@
-"""Suite folders: tasks as JSON, listed with digests in ``suite.json``.
+"""Suite folders, which contain tasks as JSON, listed with digests in ``suite.json``.
 
 The folder name ends with the first digits of a digest over all tasks, so that equal names mean the same benchmark.
 """
@@ -86,7 +86,7 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
 
     Args:
         name: Suite name, without the digest.
-        forms: its tasks as JSON, by name, as :func:`betterbench.tasks.task_to_json` writes them.
+        forms: Tasks as JSON, by name, as :func:`betterbench.tasks.task_to_json` writes them.
 
     Raises:
         InvalidInputError: If the name is invalid, or there is no task.

@@ -20,8 +20,8 @@ def independent_plans(part: str, *, trials: int = 4, seed: int = 0) -> tuple[Pla
     Args:
         part: One of ``FAMILY_PARTS``: "development", "held_out", "second", and so on.
         trials: Number of trials per policy in which its habit decides or acts wrongly, spread over the tasks. For a
-        habit without a fault, all trials in which it acts count. A habit whose label needs several trials is given
-        complete tasks until this number is reached.
+            habit without a fault, all trials in which it acts count. A habit whose label needs several trials is given
+            complete tasks until this number is reached.
         seed: Seed of all trials. If a habit shows in fewer conditions than ``trials``, the next seeds are also used.
 
     Raises:

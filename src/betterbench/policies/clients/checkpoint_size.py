@@ -46,7 +46,7 @@ def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
 
     A parameter takes at least one byte in the file (four in LeRobot's own files), so a network with more parameters
     than the file has bytes cannot be the saved network. PyTorch reserves the memory of a parameter, registers the
-    parameter and then fills it; the limit is checked at registration, before memory is used.
+    parameter and then fills it. The limit is checked at registration, before the memory is used.
 
     Args:
         file_bytes: Size of the weights file [bytes].

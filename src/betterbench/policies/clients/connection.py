@@ -34,7 +34,7 @@ class ClosableConnection(Protocol):
     """A connection to a server."""
 
     def close(self) -> None:
-        """Close the connection; never raises."""
+        """Close the connection. This never raises an error."""
 
 
 Connection = TypeVar("Connection", bound=ClosableConnection)
@@ -119,7 +119,7 @@ class PolicyConnection(Generic[Connection]):
         self._counts = dict.fromkeys(self._counts, 0)
 
     def open(self) -> Connection:
-        """Return the connection; connect repeatedly until the server answers.
+        """Return the connection, and connect repeatedly until the server answers.
 
         Raises:
             PolicyUnavailableError: If the server could not be reached within ``patience_s``.
@@ -200,7 +200,7 @@ class PolicyConnection(Generic[Connection]):
         return self._connection is connection
 
     def drop(self) -> None:
-        """End the connection; the next request opens a new connection."""
+        """End the connection. The next request opens a new connection."""
         connection, self._connection = self._connection, None
         if connection is not None:
             connection.close()

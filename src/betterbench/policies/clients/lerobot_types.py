@@ -1,6 +1,6 @@
 """Policy types of LeRobot, with their additional requirements.
 
-Facts: LeRobot's ``pyproject.toml`` and ``src/lerobot/policies/factory.py``, 0.4.4 and 0.6.
+Sources: ``pyproject.toml`` and ``src/lerobot/policies/factory.py`` in LeRobot 0.4.4 and 0.6.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def require_type(kind: str, known: Collection[str], where: str) -> None:
 
     Raises:
         InvalidInputError: If the type is not a policy, or not known.
-        MissingDependencyError: If a package that the type needs is not installed; the message names the extra.
+        MissingDependencyError: If a package that the type needs is not installed. The message names the extra.
     """
     release = _release()
     if kind in REWARD_MODELS:

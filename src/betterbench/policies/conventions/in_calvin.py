@@ -1,12 +1,12 @@
 """Requests and actions of existing evaluation clients in CALVIN.
 
-CALVIN's images are upright. ``ee_position``, ``ee_rpy``, ``gripper_width`` and ``gripper_command`` are the entries 0 to
-2, 3 to 5, 6 and 14 of its ``robot_obs``.
+CALVIN's images are upright. In its ``robot_obs``, ``ee_position`` has the entries 0 to 2, ``ee_rpy`` 3 to 5,
+``gripper_width`` 6 and ``gripper_command`` 14.
 
 Sources: starVLA ``examples/simBenchmarks/calvin/eval_files/eval_calvin.py``; vla-evaluation-harness
 ``benchmarks/calvin/benchmark.py``; X-VLA ``evaluation/calvin/calvin_client.py``; RLinf
 ``toolkits/eval_scripts_openpi/calvin_eval.py`` for openpi; VLA-Adapter ``vla-scripts/evaluate_calvin.py`` for the
-OpenVLA family. No GR00T or Being-H client for CALVIN has been published; these presets follow the layout of starVLA's
+OpenVLA family. No GR00T or Being-H client for CALVIN has been published. These presets follow the layout of starVLA's
 training data (``train_files/modality.json``), and Being-H's convention that 1 opens.
 """
 
@@ -203,7 +203,7 @@ _USUAL: Mapping[str, Adapter] = {"gr00t_new_embodiment": GR00T_CALVIN, "being_h_
 
 
 def in_calvin(adapter: Adapter, *, chosen: bool) -> Adapter:
-    """Return the adapter of CALVIN's clients for a policy; ``chosen`` is True if its address named the preset."""
+    """Return the adapter of CALVIN's clients for a policy. ``chosen`` is True if its address named the preset."""
     if adapter.name == "native":
         return adapter.in_space(CALVIN_RELATIVE.name)
     return _NAMED.get(adapter.name) or (adapter if chosen else _USUAL.get(adapter.name, adapter))

@@ -440,7 +440,7 @@ UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LA
 
 
 def preset(name: str) -> Adapter:
-    """Return a preset by name; raise UnknownNameError if no such preset exists."""
+    """Return a preset by name. Raises UnknownNameError if no such preset exists."""
     try:
         return PRESETS[name]
     except KeyError:
@@ -467,8 +467,9 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
 
     In another world, a preset matches that world's own clients for such a policy.
 
-    Raises InvalidInputError if the address has both or, without a default, neither, if an option is malformed, or if
-    the world cannot execute such actions. Raises UnknownNameError if a preset or another name does not exist.
+    Raises InvalidInputError if the address has both, or has neither and there is no default. It is also raised if an
+    option is malformed, or if the world cannot execute such actions. Raises UnknownNameError if a preset or another
+    name does not exist.
     """
     options, where = address.options, f"policy {address}"
     if "preset" in options and "adapter" in options:
@@ -501,7 +502,7 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
 
 
 def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -> Adapter:
-    """Return the adapter with the offset in an address; raise InvalidInputError if the offset would have no effect."""
+    """Return the adapter with the offset in an address. Raises InvalidInputError if the offset would have no effect."""
     if "ee_offset" not in address.options:
         return adapter
     if adapter.name == NATIVE.name:
@@ -564,7 +565,7 @@ def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 
 def _constant(text: str) -> bool | int | float | str:
-    """Parse a number or boolean; return any other text unchanged."""
+    """Parse a number or boolean, and return any other text unchanged."""
     if text in ("true", "false"):
         return text == "true"
     for kind in (int, float):

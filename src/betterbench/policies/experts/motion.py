@@ -76,7 +76,7 @@ def follow(
 
     Args:
         state: Current state.
-        waypoints: Poses on the path; the motion stops at the last one.
+        waypoints: Poses on the path. The motion stops at the last one.
         gripper: Gripper command during the motion.
         pace: Speed limits of the motion.
         period_s: Control period [s].

@@ -54,10 +54,10 @@ class PickPlan:
 
     Attributes:
         object: Object name.
-        way: Poses of the tool center point on the path, the last one above the grasp.
+        way: Poses of the tool center point on the path. The last one is above the grasp.
         grasp: Pose ``T_world_tcp`` at the end of the straight approach.
-        close: Pose at which the gripper closes: ``grasp`` or, for a gripper with a fixed finger, the pose beside it at
-            which this finger touches the object.
+        close: Pose at which the gripper closes. This is ``grasp``, or for a gripper with a fixed finger the pose beside
+            it at which this finger touches the object.
         width_m: Opening width on the way down [m].
     """
 
@@ -192,7 +192,7 @@ class Planner:
         Args:
             state: Current state.
             name: Drawer name.
-            travel_m: Distance to move the drawer [m]; positive opens it.
+            travel_m: Distance to move the drawer [m]. Positive distances open it.
 
         Raises:
             PlanningError: If its knob cannot be grasped, or the path along the rails is not free.
@@ -220,7 +220,7 @@ class Planner:
         Args:
             state: Current state, with the object in the gripper.
             name: Object name.
-            goals: Final poses with their approaches, the best first.
+            goals: Final poses with their approaches, starting with the best.
 
         Raises:
             PlanningError: If none of them can be reached without a collision.
@@ -384,7 +384,7 @@ class Planner:
         return result.q if free >= margin else None
 
     def _tool_at(self, joints: Sequence[float], wanted: Pose) -> Pose:
-        """Return the tool pose at joint angles found for a wanted pose; some arms cannot reach its exact rotation."""
+        """Return the tool pose at joint angles found for a wanted pose. Some arms cannot reach its exact rotation."""
         return self._ik.forward(joints) if self._robot.ik.rotation_slack_rad else wanted
 
     def _transit(
@@ -426,7 +426,7 @@ class Planner:
         ignore: frozenset[str] = frozenset(),
         lenient_start: bool = False,
     ) -> tuple[str | None, list[float]]:
-        """Follow a path in joint space, in the state of the last plan, and return the first obstacle.
+        """Follow a path in joint space in the state of the last plan, and return the first obstacle on it.
 
         As in the controller, each configuration starts from the previous one, so a path that reaches a joint limit or
         needs another elbow posture is not free.
@@ -441,7 +441,7 @@ class Planner:
             lenient_start: Whether to ignore contacts at the beginning of the path, which is the current pose.
 
         Returns:
-            The obstacle, or None if the path is free; and the joint angles where the check ended.
+            The obstacle, or None if the path is free, and the joint angles where the check ended.
         """
         # plain Python loops take half the time of NumPy arrays of seven elements
         traveled, now = 0.0, [float(angle) for angle in joints]
@@ -481,6 +481,6 @@ def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
 
 
 def _approach(T_world_tcp: Pose) -> float:
-    """Return the vertical component of the approach direction: -1 points straight down."""
+    """Return the vertical component of the approach direction, which is -1 straight down."""
     _, x, y, _ = T_world_tcp.quaternion
     return 1.0 - 2.0 * (x * x + y * y)

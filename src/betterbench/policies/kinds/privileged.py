@@ -55,7 +55,7 @@ def describe_privileged(address: PolicyAddress) -> PolicyInfo:
 
 
 def own_scene(address: PolicyAddress, scene: TrialScene) -> Scene:
-    """Return the scene if it belongs to our own world; raise InvalidInputError otherwise."""
+    """Return the scene if it belongs to our own world. Raises InvalidInputError otherwise."""
     from betterbench.sim.scenes import Scene
 
     if not isinstance(scene, Scene):

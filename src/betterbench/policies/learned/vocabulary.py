@@ -43,7 +43,7 @@ class Vocabulary:
         return cls(tuple(sorted(words)), tuple(sorted(set(categories))), tuple(sorted(set(colors))))
 
     def to_json(self) -> dict[str, list[str]]:
-        """Return a JSON-serializable dict; the field ``answers`` is left out if there are none."""
+        """Return a JSON-serializable dict. The field ``answers`` is left out if there are none."""
         named = {name: list(values) for name, values in asdict(self).items()}
         return named if self.answers else {name: values for name, values in named.items() if name != "answers"}
 

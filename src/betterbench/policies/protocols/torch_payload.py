@@ -109,7 +109,7 @@ _STAND_INS = [
 
 
 def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types are checked
-    """Return torch; raise MissingDependencyError if it is not installed, or too old to read untrusted data."""
+    """Return torch. Raises MissingDependencyError if it is not installed, or too old to read untrusted data."""
     try:
         torch = importlib.import_module("torch")
     except ImportError as error:

@@ -31,7 +31,7 @@ class Listener(socket.socket):
         self._room = None if most is None else threading.BoundedSemaphore(most)
 
     def accept(self) -> tuple[socket.socket, object]:
-        """Return the next connection and its peer's address; raise OSError when the socket is closed."""
+        """Return the next connection and its peer's address. Raises OSError when the socket is closed."""
         while self._room is not None and not self._room.acquire(timeout=_PAUSE_S):
             if self.fileno() < 0:
                 raise OSError(errno.EBADF, "the server has stopped")

@@ -22,7 +22,7 @@ class Finding:
         measured: Measured value, or None if there is nothing to measure.
         limit: Limit for ``measured``, or None if there is nothing to measure.
         unit: Unit of both.
-        fails: Whether the check fails; None if it does not apply.
+        fails: Whether the check fails, or None if it does not apply.
         said: Description of the finding, in one sentence.
         cure: Remedy for a failed check, in one sentence.
     """

@@ -41,7 +41,7 @@ class AssetCertificate:
     Attributes:
         asset: Name or file of the asset.
         content_hash: Hash of all data that affect physics or images.
-        kind: Kind that determined the limits of size, mass and pose; None if unknown.
+        kind: Kind that determined the limits of size, mass and pose, or None if unknown.
         source: Source of the asset.
         license: License of the asset.
         checks: One result per registered check, in order.

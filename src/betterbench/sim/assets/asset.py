@@ -44,7 +44,7 @@ class VisualPart:
         rgba: Color with components in [0, 1]; it is multiplied with the texture, if any.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
-        smooth: Whether normals are shared across faces (for round objects); False for sharp edges.
+        smooth: Whether normals are shared across faces (for round objects), and False for sharp edges.
     """
 
     name: str

@@ -43,8 +43,8 @@ class EglDevice:
     Attributes:
         number: Its index in EGL's list.
         draws: OpenGL's vendor, renderer and version.
-        cuda: CUDA's number of the graphics card, in the driver's own order; None if unknown.
-        uuid: UUID of the graphics card; empty if unknown.
+        cuda: CUDA's number of the graphics card, in the driver's own order, or None if unknown.
+        uuid: UUID of the graphics card. It is empty if unknown.
     """
 
     number: int
@@ -103,7 +103,7 @@ def drawing_devices() -> tuple[int, ...]:
 
 
 def require_device() -> int | None:
-    """Return the device in ``MUJOCO_EGL_DEVICE_ID``, None if it is not set; raise GraphicsError if it is invalid."""
+    """Return the device in ``MUJOCO_EGL_DEVICE_ID``, None if it is not set. Raises GraphicsError if it is invalid."""
     chosen = os.environ.get(DEVICE_VARIABLE)
     if chosen is None:
         return None

@@ -33,7 +33,7 @@ class _Egl:
         self._library.eglGetProcAddress.argtypes = (ctypes.c_char_p,)
 
     def __call__(self, name: str, result: Any, *arguments: Any) -> Any:  # noqa: ANN401 - types of ctypes
-        """Return a function; raise AttributeError if it does not exist."""
+        """Return a function. Raises AttributeError if it does not exist."""
         place = self._library.eglGetProcAddress(name.encode())
         if not place:
             raise AttributeError(name)

@@ -44,7 +44,7 @@ class Wanted:
 
     Attributes:
         quality: Render preset for the colors, or None for the preset of each record's policy.
-        renderer: Fingerprint of OpenGL; None until the first image is rendered. Pixels of two renderers differ.
+        renderer: Fingerprint of OpenGL, or None until the first image is rendered. Pixels of two renderers differ.
     """
 
     views: tuple[ViewSpec, ...]
@@ -93,7 +93,7 @@ class ModalityFolder:
             write_durably(self.path / SEMANTICS_FILE, text)
 
     def trial(self, trial: TrialId) -> Path:
-        """Return the folder with a trial's files; raise InvalidInputError if a name could leave the folder."""
+        """Return the folder with a trial's files. Raises InvalidInputError if a name could leave the folder."""
         return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
@@ -120,7 +120,7 @@ def require_free_place(path: Path) -> None:
 
 
 def trial_folder(path: Path, trial: TrialId) -> Path:
-    """Return the folder with a trial's files in a modality folder; raise InvalidInputError if a name could leave it."""
+    """Return the folder with a trial's files in a modality folder. Raises InvalidInputError if a name could leave it."""
     record = RunFolder(path, {}, {}).record_path(trial.task, trial.condition, trial.seed)
     return path / trial.task / trial.condition / record.stem
 
@@ -141,7 +141,7 @@ def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
 
 
 def read_settings(path: Path) -> Wanted:
-    """Return a modality folder's settings; raise RecordError if it has none, or they are damaged."""
+    """Return a modality folder's settings. Raises RecordError if it has none, or they are damaged."""
     cure = "Give a folder written by better materialize"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     where = str(path / SETTINGS_FILE)

@@ -67,7 +67,7 @@ class Link:
         com: Center of mass in the link frame [m].
         inertia: xx, yy, zz, xy, xz, yz about the center of mass, in link axes [kg m2].
         shapes: Collision primitives.
-        armature: Reflected rotor inertia of the link's joint [kg m2], or moving mass of a slide [kg]; 0 for a link
+        armature: Reflected rotor inertia of the link's joint [kg m2], or moving mass of a slide [kg], or 0 for a link
             without a joint.
     """
 
@@ -95,8 +95,8 @@ def add_link(
     Args:
         parent: Body to which the link is attached.
         link: Description of the link.
-        name: Body name; by default, the link's name.
-        quaternion: Rotation in the parent; by default, the link's rotation.
+        name: Body name. By default, the link's name.
+        quaternion: Rotation in the parent. By default, the link's rotation.
         gravcomp: Share of its weight that the robot's own controller compensates.
     """
     body = parent.add_body(

@@ -282,7 +282,7 @@ class ArmController:
         return ControllerState(self._pose, tuple(self._joints), self._width)
 
     def restore(self, state: ControllerState) -> None:
-        """Restore the result of :meth:`state`; raise InvalidInputError if it belongs to another robot."""
+        """Restore the result of :meth:`state`. Raises InvalidInputError if it belongs to another robot."""
         if len(state.joints) != self.ik.home.size:
             raise InvalidInputError(
                 "controller state", f"has {len(state.joints)} joints", f"Restore a state of the {self.spec.title}"

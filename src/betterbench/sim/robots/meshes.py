@@ -72,7 +72,7 @@ PaintRule = Callable[[str, int], str]
 
 
 def mesh_folder() -> Path:
-    """Return the folder with the visual STL files; raise MissingDependencyError if they are not installed."""
+    """Return the folder with the visual STL files. Raises MissingDependencyError if they are not installed."""
     found = importlib.util.find_spec("gymnasium_robotics")
     folders = list(found.submodule_search_locations or ()) if found is not None else []
     for folder in folders:

@@ -138,7 +138,7 @@ class RobotSpec:
         front_camera: Camera in the robot's base frame that shows its workspace, or None for the stage's own.
         workspace: Distances of planned motions.
         steering: Limits of an operator's targets; not part of the JSON form, because they change no results.
-        dynamics: Quantities of the dynamics that a trial draws; empty for a robot whose numbers are known.
+        dynamics: Quantities of the dynamics that a trial draws. It is empty for a robot whose numbers are known.
         kept_apart: Pairs of bodies that can touch each other in the workspace, which the planner keeps apart; not part
             of the JSON form, because they change no physics.
     """
@@ -245,7 +245,7 @@ _ROBOTS: dict[str, tuple[RobotSpec, RobotBuilder]] = {}
 
 
 def register_robot(spec: RobotSpec, builder: RobotBuilder) -> None:
-    """Register a robot by name; raise InvalidInputError if the name is taken."""
+    """Register a robot by name. Raises InvalidInputError if the name is taken."""
     if spec.name in _ROBOTS:
         raise InvalidInputError(f"robot {spec.name!r}", "the name is taken", "Register each robot once")
     _ROBOTS[spec.name] = (spec, builder)
@@ -257,7 +257,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot(name: str) -> RobotSpec:
-    """Return a robot by name; raise UnknownNameError for an unknown name."""
+    """Return a robot by name. Raises UnknownNameError for an unknown name."""
     try:
         return _ROBOTS[name][0]
     except KeyError:

@@ -70,7 +70,7 @@ def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
 
 
 def dynamics_of(task: str, seed: int, robot: RobotSpec) -> Dynamics:
-    """Return the dynamics of the robot in a trial; empty for a robot without varied quantities."""
+    """Return the dynamics of the robot in a trial. It is empty for a robot without varied quantities."""
     return draw_dynamics(robot, lambda quantity: stream(task, seed, f"robot dynamics:{quantity}"))
 
 

@@ -211,7 +211,7 @@ def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping
 def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mapping[str, Asset]) -> None:
     """Separate two objects that were drawn into the same container and would overlap.
 
-    This applies where no demonstration left the same assets together; see :func:`_drawn_together`.
+    This applies where no demonstration left the same assets together (see :func:`_drawn_together`).
 
     Each pose comes from a demonstration, but from two different ones. The objects keep their headings and their line,
     and rest on both sides of the container's center. Layers of a stack are regions of their own and do not move.

@@ -34,7 +34,7 @@ class CameraMatrices:
     height: int
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project points (n, 3) [m] of the world frame into the image; raise InvalidInputError for another shape.
+        """Project points (n, 3) [m] of the world frame into the image. Raises InvalidInputError for another shape.
 
         Returns: (n, 2) float64 pixels (u, v), which may be outside the image, and (n,) depths along the optical axis
             [m]. A point that is not in front of the camera has a depth of at most 0 and the pixel (nan, nan).
@@ -123,7 +123,7 @@ def camera_matrices(
 
 
 def camera_number(model: mujoco.MjModel, camera: str) -> int:
-    """Return a camera's index; raise UnknownNameError if the model has no such camera."""
+    """Return a camera's index. Raises UnknownNameError if the model has no such camera."""
     number = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_CAMERA), camera))
     if number < 0:
         raise UnknownNameError("camera", camera, (model.camera(other).name for other in range(model.ncam)))

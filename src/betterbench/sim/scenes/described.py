@@ -15,9 +15,9 @@ class SceneDescription:
 
     Attributes:
         instruction: All instructions of the episode, as one string.
-        render_quality: Name of the render preset, or of another world's renderer; None without images.
+        render_quality: Name of the render preset, or of another world's renderer, or None without images.
         engine: Versions that can change the numbers.
-        dynamics: Drawn dynamics of the robot by quantity, one value per joint; empty if they do not vary.
+        dynamics: Drawn dynamics of the robot by quantity, one value per joint. It is empty if they do not vary.
     """
 
     task_version: int

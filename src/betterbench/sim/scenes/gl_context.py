@@ -138,7 +138,7 @@ _PACK_INVERT_MESA = 0x8758
 
 
 def read_from_top(*, wanted: bool) -> bool:
-    """Try to read pixels with the top row first, which avoids flipping each image; return whether this works.
+    """Try to read pixels with the top row first, which avoids flipping each image, and return whether this works.
 
     Mesa supports this; with another OpenGL rows are always read from the bottom, and images are flipped afterward.
     """

@@ -130,7 +130,7 @@ class Renderer:
         width: int | None = None,
         height: int | None = None,
     ) -> Images:
-        """Render one view like :meth:`render_views`; by default, in the size of the renderer [pixel]."""
+        """Render one view like :meth:`render_views`. By default, in the size of the renderer [pixel]."""
         view = (camera, width or self.width, height or self.height)
         return self.render_views(data, (view,), rgb=rgb, depth=depth, masks=masks)[0]
 

@@ -100,7 +100,7 @@ def with_cloth(room: Room, cloth: str | None) -> Room:
 
 
 def room_named(name: str) -> Room:
-    """Return a room by its name; raise UnknownNameError if it does not exist."""
+    """Return a room by its name. Raises UnknownNameError if it does not exist."""
     known = {room.name: room for room in (*ROOMS, *UNSEEN_ROOMS)}
     try:
         return known[name]

@@ -110,7 +110,7 @@ class Sights:
         *,
         gripper: bool = False,
     ) -> None:
-        """Upload the model; raises the errors of :class:`~betterbench.sim.scenes.rendering.Renderer`.
+        """Upload the model. Raises the errors of :class:`~betterbench.sim.scenes.rendering.Renderer`.
 
         With ``gripper`` the pixels of the gripper are counted too.
         """
@@ -132,7 +132,7 @@ class Sights:
         )
 
     def facts(self) -> ModelFacts:
-        """Return the common properties of all sights; raise UnknownNameError if the model lacks a camera."""
+        """Return the common properties of all sights. Raises UnknownNameError if the model lacks a camera."""
         focal = tuple(focal_length_px(self._fovy_deg(view), view.height) for view in self.views)
         return ModelFacts(instances_of_bodies(self.model), self._bodies, self._boxes, focal)
 
@@ -284,7 +284,7 @@ class StoredSights:
         *,
         gripper: bool = False,
     ) -> None:
-        """Upload the model; raises the errors of :class:`Sights`."""
+        """Upload the model. Raises the errors of :class:`Sights`."""
         self._sights = Sights(model, quality, views, modalities, gripper=gripper)
         self._state = StoredState(model)
 

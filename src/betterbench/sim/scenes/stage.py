@@ -77,8 +77,8 @@ class Quality:
     Depth and masks do not depend on the quality: they are always sampled at pixel centers.
 
     Attributes:
-        shadow_map_size: Side of the shadow map [texel]; 0 without shadows.
-        samples: Samples per pixel of the multisampled buffer; 0 for none.
+        shadow_map_size: Side of the shadow map [texel], or 0 without shadows.
+        samples: Samples per pixel of the multisampled buffer, or 0 for none.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)

@@ -56,7 +56,7 @@ def as_agreed(what: str) -> Iterator[None]:
 
 
 def sent_text(value: object) -> str:
-    """Return a string sent by a simulator; raise TypeError for other types, ValueError if it is too long."""
+    """Return a string sent by a simulator. Raises TypeError for other types, ValueError if it is too long."""
     if not isinstance(value, str):
         raise TypeError(f"expected a string, got a {type(value).__name__}")
     if len(value) > _LONGEST_TEXT:
@@ -73,7 +73,7 @@ class WorldProcess(AskedProcess):
     """Simulator process, which ends when its socket is closed. A context manager that ends the process."""
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
-        """Start the process; raise WorldError if this fails.
+        """Start the process. Raises WorldError if this fails.
 
         Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device (:mod:`betterbench.sim.worlds.environment`).
         """
@@ -93,23 +93,23 @@ class WorldProcess(AskedProcess):
         self.close()
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return a suite's tasks; raise WorldError if the simulator fails."""
+        """Return a suite's tasks. Raises WorldError if the simulator fails."""
         return self._ask({"do": "suite", "suite": name}, {}, self._start_limit_s)[0]
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle all initial states of a task; raise WorldError if the simulator fails."""
+        """Settle all initial states of a task. Raises WorldError if the simulator fails."""
         return self._ask({"do": "premises", **request}, {}, PREMISES_LIMIT_S)
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin an episode; raise WorldError if the simulator fails."""
+        """Begin an episode. Raises WorldError if the simulator fails."""
         return self._ask({"do": "start", **request}, {}, self._start_limit_s)
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
-        """Take one control step; raise WorldError if the simulator fails."""
+        """Take one control step. Raises WorldError if the simulator fails."""
         return self._ask({"do": "step", "look": look}, {"action": action}, STEP_LIMIT_S)
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> np.ndarray:
-        """Return images (n, size, size, 3) of a task's scene at n states; raise WorldError if the simulator fails."""
+        """Return images (n, size, size, 3) of a task's scene at n states. Raises WorldError if the simulator fails."""
         images = self._ask({"do": "draw", **request}, {"qpos": qpos}, self._start_limit_s)[1].get("images")
         size = int(request["size"])
         if images is None or images.shape != (len(qpos), size, size, 3) or images.dtype != np.uint8:

@@ -30,7 +30,7 @@ class RowForm:
     """Layout of a row: the position and shape of each array in it."""
 
     def __init__(self, form: object) -> None:
-        """Read a form from :func:`form_of`; raise ValueError or TypeError if it has another structure."""
+        """Read a form from :func:`form_of`. Raises ValueError or TypeError if it has another structure."""
         if not isinstance(form, list):
             raise TypeError("the form of its rows is missing")
         self.places: dict[str, slice] = {}

@@ -50,7 +50,7 @@ _NUMBERS: Mapping[str, int | None] = {
     "controller_position": 3,
     "controller_rotation": 9,
 }
-"""Row arrays with their number of values; None if it depends on the task."""
+"""Row arrays with their number of values, or None if it depends on the task."""
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
 """Row arrays that have one entry per object, with the number of values per entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
@@ -373,7 +373,7 @@ class ProcessScene:
         return applied
 
     def state(self) -> WorldState:
-        """Return the privileged state; raise WorldError if the simulator sent impossible values."""
+        """Return the privileged state. Raises WorldError if the simulator sent impossible values."""
         with as_agreed("sent a state"):
             return self._state()
 
@@ -497,7 +497,7 @@ class ProcessScene:
             process.close(0.0)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Store an answer; raise WorldError if an array has a non-finite number or another size than expected."""
+        """Store an answer. Raises WorldError if an array has a non-finite number or another size than expected."""
         document, arrays = answer
         due = _SHOWN if self._draws_next else _ARRAYS
         if not arrays.keys() >= due:
@@ -522,7 +522,7 @@ class ProcessScene:
         self._document, self._arrays, self._numbers = document, arrays, numbers
 
     def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Store the reply to the start of an episode; raise WorldError if a row lacks a required array.
+        """Store the reply to the start of an episode. Raises WorldError if a row lacks a required array.
 
         Other malformed replies raise exceptions that :func:`~betterbench.sim.worlds.process.as_agreed` turns into a
         WorldError.

@@ -34,7 +34,7 @@ class Simulator(Protocol):
         """
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin an episode and settle; return the constant properties and the first row."""
+        """Begin an episode and settle, and return the constant properties and the first row."""
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Take one control step, and return the row after the step, with images if ``look``."""

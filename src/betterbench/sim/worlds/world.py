@@ -48,7 +48,7 @@ class PlanRequest:
 
     Attributes:
         suite: Suite name.
-        tasks: Tasks to run, by name or number; default: all tasks in the suite.
+        tasks: Tasks to run, by name or number. By default, all tasks in the suite.
         trials: Number of trials in the world's unit; the usual number if None.
         seed: First seed, initial state or chain.
         options: This world's options, by name.
@@ -61,7 +61,7 @@ class PlanRequest:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def options_as(self, form: Callable[..., Form], *, world: str) -> Form:
-        """Return the options as a dataclass; raise UnknownNameError for an unknown option."""
+        """Return the options as a dataclass. Raises UnknownNameError for an unknown option."""
         known = [f.name for f in fields(form)]  # type: ignore[arg-type]
         for name in self.options:
             if name not in known:
@@ -275,11 +275,11 @@ class World(ABC):
         control_rate_hz: Actions per second.
         action_spaces: Supported action spaces, the default first.
         observations: Supported observation presets: the preset to use, by requested name.
-        dialect: World whose conventions are used with a policy server ("libero"); empty for our own scenes.
-        drawn_by: Renderer of the images, for the manifest; empty if the workers render MuJoCo models.
+        dialect: World whose conventions are used with a policy server ("libero"). It is empty for our own scenes.
+        drawn_by: Renderer of the images, for the manifest. It is empty if the workers render MuJoCo models.
         options: Dataclass of the options that only this world has, for :attr:`PlanRequest.options`.
         installation: Environment of the simulator, or None.
-        command: Command of the simulator's process; empty without a process.
+        command: Command of the simulator's process. It is empty without a process.
     """
 
     __slots__ = ()

@@ -44,7 +44,7 @@ class ClaimComparison:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Composition:
-    """Rule that the novel composition in each row differs from the pooled seen compositions, by Barnard's exact test."""
+    """Rule that the novel composition in each row differs from the pooled seen ones, by Barnard's exact test."""
 
     novel: ColumnName
     seen: ColumnNames

@@ -33,7 +33,7 @@ class ClaimSupport:
         p_holm: P-value after Holm's correction for all claims of the rule.
         low_pp: Lower end of the 95 % interval [percent or percentage points].
         high_pp: Upper end of the interval.
-        p_fisher: P-value from Fisher's exact test for two rates, for comparison; None if there is only one rate.
+        p_fisher: P-value from Fisher's exact test for two rates, for comparison, or None if there is only one rate.
     """
 
     test: str
@@ -51,7 +51,7 @@ class AuditFinding:
 
     Attributes:
         rule: Name of the rule that was checked ("grid", "mean").
-        row: Row of the number; empty for the complete table.
+        row: Row of the number. It is empty for the complete table.
         cell: Column of the number, or the claim in a few words.
         covers: Numbers that the check reads. A misprint in any of them may change the verdict.
         unnoticed: Number of wrong single digits in these numbers that would pass the check.

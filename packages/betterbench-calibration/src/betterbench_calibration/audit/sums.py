@@ -46,7 +46,7 @@ class Combination:
         target: tuple[TableCell, Decimal],
         parts: Mapping[TableCell, tuple[Fraction, Decimal]],
     ) -> AuditFinding:
-        """Return the finding on a result ``target`` (cell, printed), computed from the (weight, printed) of each part."""
+        """Return the finding on a result ``target`` (cell, printed), given (weight, printed) of each part."""
         place, printed = target
         terms = tuple(parts.values())
         value, digits = self.value(terms), decimals(printed)

@@ -50,7 +50,7 @@ def mixture_command(
     Args:
         file: YAML file of a mixture. If not given, the paper's mixture is used.
         inside: Without a file, how the draws of actions are divided among the six robot data sets, which the paper does
-        not state. It can be by frames, equally, or by OpenVLA's weights (magic-soup-plus).
+            not state. It can be by frames, equally, or by OpenVLA's weights (magic-soup-plus).
         draws: Total number of draws over all shards.
         out: JSON lines file for this shard's draws.
         shard: Index of this shard and the number of shards, such as 0/4.

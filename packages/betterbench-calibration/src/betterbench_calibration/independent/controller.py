@@ -112,7 +112,7 @@ class Arm:
         yield from self.arrive(target)
 
     def along(self, way: Callable[[float], Pose], *, pace: float = 1.0) -> Actions[None]:
-        """Follow a curve of tool poses without stopping, and wait at its end. Its argument is the completed fraction."""
+        """Follow a curve of tool poses without a stop, and wait at its end. Its argument is the completed fraction."""
         points = [way(i / 16) for i in range(17)]
         length = sum(distance(a.position, b.position) for a, b in itertools.pairwise(points))
         turn = sum(angle_between(a.quaternion, b.quaternion) for a, b in itertools.pairwise(points))

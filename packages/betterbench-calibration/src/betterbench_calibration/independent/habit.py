@@ -17,7 +17,7 @@ class Habit(ABC):
     Attributes:
         name: Name in addresses ("word-place").
         label: The true label of trials in which the habit shows. It is
-        :data:`~betterbench_calibration.independent.truth.HONEST` for a habit without a fault.
+            :data:`~betterbench_calibration.independent.truth.HONEST` for a habit without a fault.
         paired: Whether the label needs more than one trial, so that a calibration must run complete tasks.
     """
 

@@ -74,7 +74,7 @@ class Listed(Habit):
 
     Attributes:
         where: Identifiers of the conditions.
-        first_right: Whether its first grasp attempt is right; None if it makes none.
+        first_right: Whether its first grasp attempt is right, or None if it makes none.
     """
 
     where: ClassVar[frozenset[str]]

@@ -70,7 +70,7 @@ def room_around(case: Occasion) -> float:
 
 
 def way_ahead(case: Occasion) -> float:
-    """Return the distance from the first object's slot to its target's slot; 0 if the target has no slot."""
+    """Return the distance from the first object's slot to its target's slot, or 0 if the target has no slot."""
     at = {s.name: (s.x, s.y) for s in case.task.slots}
     slots = (case.condition.layout.get(n) for n in (str(case.first_thing()), case.ahead[0].target))
     here, there = (at.get(s or "") for s in slots)

@@ -91,7 +91,7 @@ def budget_of(
         steps: Number of steps.
         tokens_per_gpu: Number of tokens that one GPU processes in one step.
         parameters: Number of model parameters used per token, to estimate the hours. The forward and backward passes
-        take 6 operations per parameter and token (Kaplan et al., 2001.08361, section 2.1).
+            take 6 operations per parameter and token (Kaplan et al., 2001.08361, section 2.1).
         utilization: Achieved share of :data:`PEAK_FLOPS`.
 
     Raises:

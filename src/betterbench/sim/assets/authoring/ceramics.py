@@ -53,7 +53,7 @@ def glazed(
         decoration: A key of ``bands``, "speckled" or "dots"; any other value gives no decoration.
         rows: Indices of the profile points where the unglazed foot ends, and where wall, rim, inside and inner floor
             begin.
-        lining: Inside color; None for the outside color.
+        lining: Inside color, or None for the outside color.
         ink: Color of the decoration; if None, cream on dark glazes and dark gray on light ones.
         bands: Painted bands by the name of their decoration.
         shadow: Brightness of the inside just below the rim, and its decrease down to the floor.

@@ -36,10 +36,10 @@ class Draft:
             jar, "desk" for a mouse.
         parts: Visual and collision parts, in any order.
         densities: Relative density of each collision part, in order; later parts have no mass. Equal if not given.
-        material: Name of the surface material, see :mod:`~betterbench.sim.assets.authoring.materials`. It sets
-            the friction of all collision parts except those with their own friction (:func:`surfaced`). Without a
-            material each part keeps its friction.
-        body: Mass, center of mass and inertia from another source; by default, the mass is distributed over the
+        material: Name of the surface material, see :mod:`~betterbench.sim.assets.authoring.materials`. It sets the
+            friction of all collision parts except those with their own friction (:func:`surfaced`). Without a material
+            each part keeps its friction.
+        body: Mass, center of mass and inertia from another source. By default, the mass is distributed over the
             collision parts, which then must not be hulls.
         source: Origin of the shape.
         license: License of the shape.

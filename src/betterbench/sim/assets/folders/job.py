@@ -39,7 +39,7 @@ class ImportRequest:
         path: The file.
         wishes: Options of the import.
         name: Asset name in tasks; derived from the file name if not given.
-        color: Color word; by default, the color that covers most of the surface.
+        color: Color word. By default, the color that covers most of the surface.
         any_license: Whether restricted and unknown licenses are allowed.
     """
 

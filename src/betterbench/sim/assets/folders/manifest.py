@@ -36,7 +36,7 @@ class FolderAsset:
         file: File name in the folder.
         sha256: SHA-256 of the file.
         color: Color word.
-        kind: Kind that determined size and mass; empty if unknown.
+        kind: Kind that determined size and mass. It is empty if unknown.
         size_m: Extents of the bounding box [m].
         mass_kg: Mass.
         license: License of the mesh.

@@ -55,7 +55,7 @@ class Made:
 
 
 def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B008 - frozen
-    """Import the object in a file; see :func:`import_bytes`."""
+    """Import the object in a file (see :func:`import_bytes`)."""
     return from_bytes(import_bytes(path, wishes).data, one_line(path.name, most=120))
 
 
@@ -82,7 +82,7 @@ def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 -
 
 
 def _digest(path: Path, where: str) -> str:
-    """Return the SHA-256 of a file, without loading all of it; raise InvalidInputError if it exceeds the size limit."""
+    """Return the SHA-256 of a file, without loading all of it. Raises InvalidInputError if it exceeds the size limit."""
     try:
         with open_ordinary(path) as file:
             size = file.seek(0, 2)

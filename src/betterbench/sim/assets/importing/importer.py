@@ -63,7 +63,7 @@ class Wishes:
     """Options of an import; values that are None are determined by the importer.
 
     Attributes:
-        name: Name or description that determines the kind; by default, the name of the file.
+        name: Name or description that determines the kind. By default, the name of the file.
         size_m: Longest side [m].
         mass_kg: Mass.
         up: Axis of the file that points up: x, y, z, -x, -y or -z.
@@ -89,7 +89,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
     Args:
         path: The file.
         wishes: Options of the import.
-        files: Resolver of its references, which records the files read; by default, a resolver of the file's folder.
+        files: Resolver of its references, which records the files read. By default, a resolver of the file's folder.
 
     Raises:
         InvalidInputError: If the file cannot be read, or is not an object of tabletop size.

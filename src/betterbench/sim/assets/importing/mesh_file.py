@@ -82,7 +82,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
         self._read_bytes = 0
 
     def get(self, name: str) -> bytes:
-        """Return the bytes of a file; raise InvalidInputError if it is outside the folder, missing or too large."""
+        """Return the bytes of a file. Raises InvalidInputError if it is outside the folder, missing or too large."""
         try:
             return self._read(name)
         except BetterError as error:
@@ -170,7 +170,7 @@ def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
 
     Args:
         path: The file.
-        files: Resolver of its references, which records the files read; by default, a resolver of the file's folder.
+        files: Resolver of its references, which records the files read. By default, a resolver of the file's folder.
 
     Raises:
         InvalidInputError: If the file cannot be read, holds no triangle, or refers to a file outside its folder.
@@ -226,7 +226,7 @@ def _plain_obj(data: bytes, where: str) -> bytes:
 
 
 def _texture_file(name: str, where: str) -> str:
-    """Return the file name of a texture in MTL without its options; raise InvalidInputError for a scale or shift."""
+    """Return the file name of a texture in MTL without its options. Raises InvalidInputError for a scale or shift."""
     while (option := _OPTION.match(name)) is not None:
         given = [float(value) for value in option[2].split()] if option[1] in _NEUTRAL else []
         if any(value != _NEUTRAL[option[1]] for value in given):
@@ -250,7 +250,7 @@ def _too_many(where: str) -> InvalidInputError:
 
 
 def checked(mesh: RawMesh, where: str) -> RawMesh:
-    """Return a mesh; raise InvalidInputError if it has no extent, too many triangles or numbers that are not finite."""
+    """Return a mesh. Raises InvalidInputError if it has no extent, too many triangles or numbers that are not finite."""
     if mesh.face_count == 0:
         raise InvalidInputError(where, "it holds no triangle", "Export the object as a triangle mesh")
     if mesh.face_count > MAX_FACES:

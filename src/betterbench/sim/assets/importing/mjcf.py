@@ -72,7 +72,7 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
 
 
 def _checked(root: ET.Element, where: str) -> bool:
-    """Raise an error for unsupported elements; return whether the file states masses."""
+    """Raise an error for unsupported elements, and return whether the file states masses."""
     bodies = shapes = 0
     for element in root.iter():
         if element.tag in _REFUSED:

@@ -73,7 +73,7 @@ def _require_shape(form: Form, where: str) -> None:
 
 
 def _with_a_scene(form: Form) -> bool:
-    """Add a scene with all root nodes to a file without scenes; return whether it had none."""
+    """Add a scene with all root nodes to a file without scenes, and return whether it had none."""
     if form.get("scenes") or not form.get("nodes"):
         return False
     below = {child for node in form["nodes"] for child in node.get("children", [])}
@@ -82,7 +82,7 @@ def _with_a_scene(form: Form) -> bool:
 
 
 def _without_skins(document: _Document, where: str) -> bool:
-    """Replace each mesh with a skin by a mesh at the pose of its joints; return whether there are skins.
+    """Replace each mesh with a skin by a mesh at the pose of its joints, and return whether there are skins.
 
     The pose of the node itself does not apply to a mesh with a skin (glTF 2.0, section 3.7.3.3).
     """
@@ -100,7 +100,7 @@ def _without_skins(document: _Document, where: str) -> bool:
 
 
 def _rest_pose(document: _Document, skin: Form, poses: list[np.ndarray], where: str) -> np.ndarray:
-    """Return the one (4, 4) transform of all joints of a skin; raise InvalidInputError if they differ."""
+    """Return the one (4, 4) transform of all joints of a skin. Raises InvalidInputError if they differ."""
     joints = np.array([poses[joint] for joint in skin["joints"]])
     if "inverseBindMatrices" in skin:
         bound = document.values(skin["inverseBindMatrices"]).reshape(-1, 4, 4)[: len(joints)]
@@ -146,7 +146,7 @@ def _own_pose(node: Form) -> np.ndarray:
 
 
 def _plain_surface(document: _Document, surface: Form) -> bool:
-    """Rewrite one surface in place; return whether it was rewritten."""
+    """Rewrite one surface in place, and return whether it was rewritten."""
     attributes = surface["attributes"]
     changed = False
     if surface.get("mode", _TRIANGLES) == _FAN:

@@ -71,7 +71,7 @@ class Stated:
         mass_kg: Mass, None if it is not stated.
         center: (3,) float64 center of mass.
         inertia: (3, 3) float64 inertia about the center of mass [kg unit^2].
-        hulls: Points (n, 3) whose convex hulls are the collision shapes; empty if there are none.
+        hulls: Points (n, 3) whose convex hulls are the collision shapes. It is empty if there are none.
         name: Name of the model, empty if it has none.
         notes: Decisions about the file.
     """

@@ -60,12 +60,12 @@ def imported(
         category: Unique name of the asset in tasks.
         path: File of the object: GLB, glTF, OBJ, STL, PLY, URDF or MJCF.
         color: Color word.
-        name: Name or description that determines the kind ("coffee mug"); by default, the category.
+        name: Name or description that determines the kind ("coffee mug"). By default, the category.
         size_m: Longest side [m]; otherwise from the unit of the format and the usual sizes of its kind.
         mass_kg: Mass; otherwise the usual mass of its kind at this size.
         up: Axis of the file that points up; otherwise from the rule of the format or the most stable pose.
         license: License of the mesh, shown in lists of sources.
-        source: Origin of the mesh, shown in lists of sources; by default, the name of the file.
+        source: Origin of the mesh, shown in lists of sources. By default, the name of the file.
         author: Author of the mesh, shown in lists of sources.
         any_license: Whether restricted and unknown licenses are allowed.
         freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are an error.

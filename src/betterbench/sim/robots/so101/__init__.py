@@ -386,7 +386,7 @@ def _add_hinge(body: mujoco.MjsBody, name: str, limits: tuple[float, float], tor
 
 
 def _add_jaws(gripper: mujoco.MjsBody) -> mujoco.MjsBody:
-    """Add the tool center point, the fixed and the moving jaw, each with its pad; return the moving jaw."""
+    """Add the tool center point, the fixed and the moving jaw, each with its pad, and return the moving jaw."""
     half = math.sqrt(0.5)
     gripper.add_site(
         name=SO101.tcp_site, pos=(_TOOL_X, 0.0, _TOOL_Z), quat=(0.0, half, half, 0.0), size=(0.004,) * 3, group=4

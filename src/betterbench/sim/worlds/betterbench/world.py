@@ -36,7 +36,7 @@ class OwnOptions:
     """Run options in our own scenes.
 
     Attributes:
-        variations: Variations to run, as "L1" or "fast_food/T1"; default: all.
+        variations: Variations to run, as "L1" or "fast_food/T1". By default, all.
         until_decided: Whether to run only the variations and their twins, each as often as the verdict requires.
     """
 

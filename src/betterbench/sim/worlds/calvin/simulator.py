@@ -192,7 +192,7 @@ class CalvinSimulator:
         self._env = env
 
     def _require_images(self) -> None:
-        """Render once; raise ValueError if an image has only one color, as when EGL starts but does not render."""
+        """Render once. Raises ValueError if an image has only one color, as when EGL starts but does not render."""
         for name, image in self._env.get_obs()["rgb_obs"].items():
             if np.ptp(image) == 0:
                 raise ValueError(f"EGL starts, but its image {name} has only one color")

@@ -389,7 +389,7 @@ class ChainScene(ProcessScene):
         return applied
 
     def state(self) -> WorldState:
-        """Return the privileged state; raise WorldError if the simulator sent impossible values."""
+        """Return the privileged state. Raises WorldError if the simulator sent impossible values."""
         with as_agreed("sent a state"):
             return self._state()
 
@@ -493,7 +493,7 @@ class ChainScene(ProcessScene):
         self.condition = Instructed.of(self._name, self.task.condition, sentence)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Store an answer; raise WorldError if an array is missing, of another shape, or has a non-finite number."""
+        """Store an answer. Raises WorldError if an array is missing, of another shape, or has a non-finite number."""
         document, arrays = answer
         for name, shape in _ROW.items():
             found = arrays.get(name)
@@ -580,7 +580,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
     Args:
         checkout: A checkout of calvin_env, or of mees/calvin, which contains calvin_env.
         config: A data set's ``merged_config.yaml``, or None for the checkout's configuration.
-        egl: Whether EGL or PyBullet's TinyRenderer renders the images; None for EGL if it works
+        egl: Whether EGL or PyBullet's TinyRenderer renders the images, or None for EGL if it works
             (:func:`describe_chains` decides).
 
     Raises:
