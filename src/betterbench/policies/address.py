@@ -18,7 +18,7 @@ from betterbench.interface.policy import Execution
 Word = TypeVar("Word", bound=str)
 
 Transport = Literal["websocket", "zeromq", "http"]
-"""Transport protocol of a server. Websocket and HTTP addresses may have a path; ZeroMQ addresses do not."""
+"""Transport protocol of a server. Websocket and HTTP addresses may have a path. ZeroMQ addresses do not."""
 
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 

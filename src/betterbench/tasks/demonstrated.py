@@ -132,7 +132,7 @@ class LeaningPose(NamedTuple):
 
 
 class FinalPose(NamedTuple):
-    """Final pose of one object among several at a target, with the object's kind, the identity of its asset and the pose."""
+    """Final pose of one object among several at a target, with its kind and the identity of its asset."""
 
     kind: str
     asset: str
@@ -326,7 +326,7 @@ def final_pose(task: Task, seed: int, *, kind: str, region: str, poses: Sequence
 
 
 def joint_index(task: Task, seed: int, *, kinds: Sequence[str], region: str, count: int) -> int:
-    """Return the index of the demonstration, out of ``count``, from which the pre-placed objects of one place are taken.
+    """Return the index, out of ``count``, of the demonstration from which pre-placed objects are taken.
 
     It is drawn from the trial's random stream.
     """

@@ -11,7 +11,7 @@ SUITE_VERSION = "2.0"
 """Version of the suite, incremented if the meaning of a seed changes for all tasks."""
 
 FIRST_DEMONSTRATION_SEED = 1_000_000
-"""First seed of demonstrations; smaller seeds are for evaluation and certificates."""
+"""First seed of demonstrations. Smaller seeds are for evaluation and certificates."""
 
 
 def stream(task: str, seed: int, purpose: str) -> np.random.Generator:

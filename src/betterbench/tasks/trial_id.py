@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, order=True)
 class TrialId:
-    """Identifier of a trial, with a task ("fast_food"), a training condition ("train1") or variation ("L3"), and a seed."""
+    """Identifier of a trial, with a task ("fast_food"), a condition ("train1") or variation ("L3"), and a seed."""
 
     task: str
     condition: str

@@ -35,7 +35,7 @@ VARIABLE = "BETTERBENCH_TASK_FILES"
 """Environment variable with the paths of task files, separated as in PATH."""
 
 GROUP = "betterbench.plugins"
-"""Group of entry points; each names a module that registers tasks or assets when it is imported."""
+"""Group of entry points. Each names a module that registers tasks or assets when it is imported."""
 
 COMPANION_SUFFIX = ".demonstrations.json"
 """Suffix (instead of ".py") of the file with a task file's demonstration measurements, in the same folder."""
@@ -131,7 +131,7 @@ class TaskFile:
 
 @dataclass(frozen=True, slots=True)
 class Companion:
-    """File with the measured demonstrations of a user's task, given by its path and its text (None if there is none)."""
+    """File with the measured demonstrations of a user's task, with its path and its text (None if missing)."""
 
     path: Path
     text: str | None
@@ -387,7 +387,7 @@ def _companion_text(path: Path) -> str | None:
 
 
 def options_for(tasks: Iterable[str]) -> str:
-    """Return the options that load the files of tasks, with a leading space. The result is empty if all are built in."""
+    """Return the options that load the files of tasks, with a leading space, or "" if all are built in."""
     return loading_options() if origins_of(tasks).get("task_files") else ""
 
 

@@ -43,6 +43,6 @@ def agreeing(kind: str, one: str, many: str) -> str:
 
 
 def place_words(kind: str, region: str) -> str:
-    """Return the text for a region of a target, such as "the laptop (upper right)", "the white plate (layer 1)" or "the box"."""
+    """Return the text for a region of a target, such as "the laptop (upper right)" or "the box"."""
     name = f"layer {region}" if region.isdigit() else region.replace("_", " ")
     return f"the {kind} ({name})" if name else f"the {kind}"

@@ -14,14 +14,14 @@ from betterbench.errors import InvalidInputError, one_line
 
 _STEPS = ("chunk_size", "action_chunk_size", "horizon", "n_action_steps", "n_obs_steps", "n_action_pred_token")
 _MOST_STEPS = 4096
-"""Maximum length of a chunk or history [steps]; LeRobot's own configurations use at most 100."""
+"""Maximum length of a chunk or history [steps]. LeRobot's own configurations use at most 100."""
 
 _ALWAYS_ALLOWED = 16_000_000
 """Number of parameters always allowed, because LeRobot first builds a backbone that it then replaces."""
 
 
 _MOST_TENSORS = 100_000
-"""Maximum number of weight and bias tensors of a network; LeRobot's largest network has a few thousand."""
+"""Maximum number of weight and bias tensors of a network. LeRobot's largest network has a few thousand."""
 
 
 def require_short_horizons(config: object, where: str) -> None:

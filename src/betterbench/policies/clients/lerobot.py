@@ -38,7 +38,7 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
     "ee": ("ee_position", "ee_axis_angle", "gripper_fingers"),
     "joints": ("joint_positions", "gripper_width"),
 }
-"""State layouts of betterbench's LeRobot environment; if actions are motor positions, the state has the same units."""
+"""State layouts of betterbench's LeRobot environment. If actions are motor positions, the state has the same units."""
 
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}

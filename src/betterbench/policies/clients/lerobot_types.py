@@ -44,7 +44,7 @@ POLICY_TYPES: Mapping[str, Needs] = {
     "vla_jepa": Needs("vla_jepa", ("transformers", "diffusers", "qwen_vl_utils")),
     "lingbot_va": Needs("lingbot_va", ("transformers", "diffusers", "accelerate")),
 }
-"""Policy types by name; the installed release of LeRobot decides which of them are available."""
+"""Policy types by name. The installed release of LeRobot decides which of them are available."""
 
 REWARD_MODELS = ("reward_classifier", "sarm", "robometer", "topreward")
 """Reward models of LeRobot, which are listed among its policies but do not return actions."""

@@ -308,7 +308,7 @@ class Adapter:
         return replace(self, answer=self.answer.in_space(space))
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict with every default. Keys with one name become strings, others become lists."""
+        """Return a JSON-serializable dict with every default. Keys with one name become strings, others lists."""
         form: dict[str, Any] = _shorter(_ADAPTER.dump_python(self, mode="json"))
         return form
 

@@ -18,7 +18,7 @@ QuarterTurn = Annotated[Literal[0, 90, 180, 270], NO_TRUTH]
 """Degrees, counter-clockwise."""
 
 EVERY_CAMERA = "*"
-"""Camera name for all cameras of the observation; the key then contains ``{camera}``."""
+"""Camera name for all cameras of the observation. The key then contains ``{camera}``."""
 
 _LARGEST_SIDE = 4096
 

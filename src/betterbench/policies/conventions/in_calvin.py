@@ -66,7 +66,7 @@ VLA_EVAL_CALVIN = Adapter(
 )
 """vla-evaluation-harness in CALVIN: deltas in meters and radians, accumulated to absolute poses.
 
-The harness scales images to [-1, 1] and back, which can change a value by 1 of 255; here they are sent unchanged.
+The harness scales images to [-1, 1] and back, which can change a value by 1 of 255. Here they are sent unchanged.
 """
 
 VLA_EVAL_CALVIN_ABSOLUTE = replace(
@@ -106,9 +106,7 @@ X_VLA_CALVIN = Adapter(
     constants=(ConstantRule(("domain_id",), 2), ConstantRule(("steps",), 10)),
     feedback=Feedback(("proprio",), ("action",), 10),
 )
-"""X-VLA's CALVIN client: absolute poses, 25 actions per chunk, domain 2; after the first answer, its state is the
-last commanded pose. X-VLA's own loop gives each instruction 720 steps and executes the rest of a chunk under the next
-instruction. Here, an instruction has CALVIN's 360 steps and begins with a new chunk."""
+"""X-VLA's CALVIN client: absolute poses, 25 actions per chunk, domain 2. After the first answer, its state is the last commanded pose. X-VLA's own loop gives each instruction 720 steps and executes the rest of a chunk under the next instruction. Here, an instruction has CALVIN's 360 steps and begins with a new chunk."""
 
 _AXES: tuple[tuple[str, AnswerKind], ...] = (
     ("x", "translation_x"),

@@ -44,7 +44,7 @@ BASES_M: Mapping[str, tuple[float, float, float]] = {
 }
 """Position of the robot's base in LIBERO's world [m], by suite, and by scene if it differs within the suite.
 
-LIBERO-10 and LIBERO-90 contain kitchens, living rooms and studies; the position in the kitchens is used for both.
+LIBERO-10 and LIBERO-90 contain kitchens, living rooms and studies. The position in the kitchens is used for both.
 """
 
 

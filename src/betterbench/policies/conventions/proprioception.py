@@ -64,11 +64,11 @@ StatePart = Literal[
 
 ``ee_rpy_from_down`` is the tool's rotation relative to pointing straight down, as angles about the fixed axes of the
 base (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions [m] of two finger joints, the second
-negated, as in robosuite and LIBERO; the fractions are of the full opening. ``zero`` fills an entry that the policy does
+negated, as in robosuite and LIBERO. The fractions are of the full opening. ``zero`` fills an entry that the policy does
 not use. ``ee_axis_angle_short`` has a length of at most pi, so it may jump between two steps.
 
 Some parts come from other simulators. ``controller_position`` and its rotations are the pose measured by robosuite's
-controller in LIBERO, one physics step earlier; elsewhere they are the pose of the tool. ``gripper_command`` is the last
+controller in LIBERO, one physics step earlier. Elsewhere they are the pose of the tool. ``gripper_command`` is the last
 gripper command in CALVIN, 1 to open and -1 to close, and ``gripper_command_closed`` is 1 after a command to close.
 """
 

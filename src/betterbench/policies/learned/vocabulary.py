@@ -16,7 +16,7 @@ UNKNOWN = 1
 """Index for a word that is not in the training data."""
 _FIRST = 2
 MOST_WORDS = 40
-"""Maximum number of words used from an instruction; later words are ignored."""
+"""Maximum number of words used from an instruction. Later words are ignored."""
 
 _WORD = re.compile(r"[a-z0-9]+(?:'[a-z]+)?")
 

@@ -101,7 +101,7 @@ class PolicyProcess:
         self.ready_at = time.perf_counter()
 
     def reset(self, start: EpisodeStart) -> None:
-        """Tell the policy that an episode begins; raises the same errors as :meth:`act`.
+        """Tell the policy that an episode begins. Raises the same errors as :meth:`act`.
 
         If the call fails in a process that has run other episodes, it is repeated in a new process.
         """
@@ -238,7 +238,7 @@ class BatchPolicyProcess(PolicyProcess):
 
 
 def start_policy(address: str, *, world: str = "", load_s: float = LOAD_S) -> PolicyProcess:
-    """Return an address's policy, loaded in a separate process; raises the same errors as :class:`PolicyProcess`."""
+    """Return an address's policy, loaded in a separate process. Raises the same errors as :class:`PolicyProcess`."""
     started = _loaded(address, world, load_s)
     kind = BatchPolicyProcess if started[1].batches else PolicyProcess
     return kind(address, world=world, load_s=load_s, started=started)

@@ -17,7 +17,7 @@ from betterbench.interface import Execution, PolicyInfo
 from betterbench.jobs.frames import MAX_ARRAY_BYTES, FrameContent
 
 MAX_ANSWER_BYTES = 64 << 20
-"""Largest answer [bytes]; a chunk of 1,000 actions with 7 numbers takes 56,000 bytes."""
+"""Largest answer [bytes]. A chunk of 1,000 actions with 7 numbers takes 56,000 bytes."""
 
 
 @dataclass(frozen=True, slots=True)

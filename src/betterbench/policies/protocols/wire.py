@@ -36,7 +36,7 @@ MAX_DEPTH = 32
 """Deepest nesting of lists and maps in a frame."""
 
 MAX_DECLARED_BYTES = 4 * 1024 * 1024
-"""Largest server declaration [byte]; statistics of many data sets take about 100 kB."""
+"""Largest server declaration [byte]. Statistics of many data sets take about 100 kB."""
 
 MAX_DECLARED_DEPTH = 16
 """Deepest nesting of lists and maps in a declaration."""

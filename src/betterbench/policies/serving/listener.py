@@ -25,7 +25,7 @@ class Listener(socket.socket):
     """
 
     def __init__(self, bound: socket.socket, *, most: int | None, budget: FrameBudget | None = None) -> None:
-        """Store the listening socket; the budget, if given, counts the received data."""
+        """Store the listening socket. The budget, if given, counts the received data."""
         super().__init__(bound.family, bound.type, bound.proto, fileno=bound.detach())
         self._budget = budget
         self._room = None if most is None else threading.BoundedSemaphore(most)

@@ -40,7 +40,7 @@ MAX_CLIENTS = 128
 A connection takes four file descriptors and two threads, and most machines allow 1,024 descriptors per process.
 """
 MAX_REQUEST_BYTES = 64 * 1024 * 1024
-"""Largest request; an observation with three cameras of 448 x 448 pixels takes 2 MB."""
+"""Largest request. An observation with three cameras of 448 x 448 pixels takes 2 MB."""
 IDLE_S = 3600.0
 """Time limit for a silent client, after which its connection is closed and its resources are freed [s]."""
 IDLE_WHILE_FULL_S = 600.0

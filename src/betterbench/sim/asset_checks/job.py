@@ -34,8 +34,8 @@ class Target:
     Attributes:
         name: Name in the certificate.
         file: Mesh file, None for a registered asset.
-        wishes: Import options; ``name`` also determines the kind of a registered asset.
-        color: Color word; None selects the default color of a registered asset.
+        wishes: Import options. ``name`` also determines the kind of a registered asset.
+        color: Color word. None selects the default color of a registered asset.
         look: Look of a registered asset.
     """
 

@@ -32,9 +32,7 @@ ratio about the vertical for an object that lies on its side. A square has a rat
 FOOTING_RATIO = 1.6
 """Ratio of top to foot width above which an object of a standing kind is upside down."""
 END_SHARE, END_AREA_RATIO = 0.15, 1.3
-"""Height of each end as a share of the height of the object, and the largest ratio of the cross-sections of the upper
-and the lower end for kinds with a narrow top. A jam jar with a wide lid and a beveled base has 1.14; a jar on its lid,
-which is a fifth narrower than its body, has 1.54 (measured)."""
+"""Height of each end as a share of the height of the object, and the largest ratio of the cross-sections of the upper and the lower end for kinds with a narrow top. A jam jar with a wide lid and a beveled base has 1.14. A jar on its lid, which is a fifth narrower than its body, has 1.54 (measured)."""
 
 # ------------------------------------------------------------------------------------------------------------- at rest
 SETTLE_S, WATCH_S = 4.0, 1.5
@@ -42,8 +40,7 @@ SETTLE_S, WATCH_S = 4.0, 1.5
 [s]."""
 DROP_M = 0.001
 DRIFT_MM = 1.0
-"""Maximum displacement of the center of mass while the object must be at rest; a stack of good assets moves 0.03 mm in
-5 s (measured)."""
+"""Maximum displacement of the center of mass while the object must be at rest. A stack of good assets moves 0.03 mm in 5 s (measured)."""
 TILT_DEGREES = 20.0
 """Maximum rotation of the vertical axis between the described pose and rest, as in the importer: fruit rolls by 5 to 13
 degrees (measured), and a toppling object by 60 degrees or more."""
@@ -70,7 +67,7 @@ BALL_FREE_M = 0.005
 BALL_DEPTH_SHARE = 0.45
 """Maximum height of the resting ball above the floor as a share of the depth; on a closed opening, the share is 1."""
 BALL_BELOW_M = 0.004
-"""Maximum depth of the ball below the visible floor [m]; a deeper ball has fallen through."""
+"""Maximum depth of the ball below the visible floor [m]. A deeper ball has fallen through."""
 BLOCK_M, BLOCK_KG = 0.015, 0.05
 """Half side [m] and mass [kg] of the block that a support must carry."""
 CARRY_DRIFT_MM, CARRY_TILT_DEGREES = 6.0, 10.0
@@ -98,8 +95,7 @@ GRASPS_TRIED = 4
 
 # ------------------------------------------------------------------------------------------------------ mass and shape
 INERTIA_FACTOR = 3.0
-"""Allowed ratio of each principal moment to that of a uniform body of the visible shape; a hollow and a solid body
-differ by 1.7."""
+"""Allowed ratio of each principal moment to that of a uniform body of the visible shape. A hollow and a solid body differ by 1.7."""
 LEAST_FRICTION, MOST_FRICTION = 0.05, 2.0
 """Sliding friction of a collision part: oiled steel has 0.1, rubber on a dry rough surface up to 1.5."""
 CENTER_DEPTH_MM = 0.0
@@ -124,7 +120,7 @@ DEGENERATE_SHARE = 0.02
 DARK, DARK_SHARE = 8, 0.6
 """Brightness (of 255) below which a texture pixel is black, and maximum share of such pixels."""
 PLACEHOLDER_SHARE = 0.5
-"""Maximum share of magenta (255, 0, 255) in a texture; programs use this color to mark missing textures."""
+"""Maximum share of magenta (255, 0, 255) in a texture. Programs use this color to mark missing textures."""
 LEAST_ALPHA = 0.05
 """Minimum opacity of a visible part."""
 
@@ -148,7 +144,7 @@ FOOTED_KINDS = frozenset({"bottle", "jar", "vase", "pepper mill", "shaker"})
 NARROW_TOP_KINDS = frozenset({"bottle", "jar", "pepper mill", "shaker", "burger", "lid", "tajine", "pumpkin"})
 """Kinds with a neck, a cap, a knob, a stem or a domed top, which is hardly ever broader than their base."""
 HOLLOW_TOP_KINDS = frozenset({"plate", "spoon", "cooking spoon"})
-"""Kinds that are not open, but whose hollow, if they have one, is above; the same applies to open kinds."""
+"""Kinds that are not open, but whose hollow, if they have one, is above. The same applies to open kinds."""
 ALWAYS_LIFTED_KINDS = frozenset(
     {
         "fork", "spoon", "knife", "chopstick", "cooking fork", "cooking spoon", "cooking knife", "whisk",

@@ -41,7 +41,7 @@ class VisualPart:
     Attributes:
         vertices: (n, 3) float32 positions in the object frame [m].
         faces: (m, 3) int32 vertex indices, counter-clockwise seen from outside.
-        rgba: Color with components in [0, 1]; it is multiplied with the texture, if any.
+        rgba: Color with components in [0, 1]. It is multiplied with the texture, if any.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
         smooth: Whether normals are shared across faces (for round objects), and False for sharp edges.
@@ -85,12 +85,12 @@ class Grasp:
 
     Attributes:
         name: Grasped part ("handle", "body", "rim").
-        pose: Pose ``T_object_tcp`` of the tool center point when the gripper closes; its z axis is the approach
+        pose: Pose ``T_object_tcp`` of the tool center point when the gripper closes. Its z axis is the approach
             direction, its y axis the finger opening direction.
         width_m: Thickness of the object between the pads [m].
         clearance_m: Free space for the open jaw on each side [m].
         symmetric_yaw: Whether the grasp may be rotated freely about the object's vertical axis.
-        preference: Rank; lower values are tried first.
+        preference: Rank. Lower values are tried first.
     """
 
     name: str

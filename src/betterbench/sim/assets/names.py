@@ -30,7 +30,7 @@ def words_of(text: str) -> tuple[str, ...]:
 
 
 def named_by(file: Path, root: Path) -> tuple[Path, str | None]:
-    """Return the folder and the stem that name the object of a file; the stem is empty if only the folder names it.
+    """Return the folder and the stem that name the object of a file. The stem is empty if only the folder names it.
 
     The folder ``root`` and the folders above it never name an object.
     """

@@ -26,7 +26,7 @@ PLATFORMS = ("egl", "osmesa")
 def gl_backend() -> str | None:
     """Return the off-screen OpenGL back end for images ("egl", "osmesa", "glfw"), None without one.
 
-    The environment variable ``MUJOCO_GL`` decides if it names one of the three; "glfw" needs a display. Otherwise EGL
+    The environment variable ``MUJOCO_GL`` decides if it names one of the three. "glfw" needs a display. Otherwise EGL
     is preferred, which also finds graphics cards. Only the presence of the libraries is checked;
     :func:`betterbench.sim.scenes.renderer_fingerprint` tests them.
     """

@@ -132,7 +132,7 @@ def next_device_variables() -> dict[str, str]:
 
 
 def take_device(turn: int) -> None:
-    """Assign a device to this process by its index among the processes; call this before anything is rendered.
+    """Assign a device to this process by its index among the processes. Call this before anything is rendered.
 
     An invalid variable is reported only with the first image, because a run may render no images.
     """

@@ -32,7 +32,7 @@ from betterbench.sim.scenes.stage import quality_preset, require_cameras
 from betterbench.tasks import TrialId
 
 SETTINGS_VERSION: Literal[2] = 2
-"""Version of a folder's settings; the second has a seal."""
+"""Version of a folder's settings. The second has a seal."""
 SETTINGS_FILE, SEMANTICS_FILE = "materialize.json", "semantics.json"
 _MAX_BYTES = 1 << 20
 
@@ -65,7 +65,7 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """Modality folder. It can be resumed with the same settings; once it contains a file, other settings are rejected.
+    """Modality folder. It can be resumed with the same settings. Once it contains a file, other settings are rejected.
 
     Raises:
         RunConflictError: If it contains other modalities, or other files.
@@ -120,7 +120,7 @@ def require_free_place(path: Path) -> None:
 
 
 def trial_folder(path: Path, trial: TrialId) -> Path:
-    """Return the folder with a trial's files in a modality folder. Raises InvalidInputError if a name could leave it."""
+    """Return a trial's folder in a modality folder. Raises InvalidInputError if a name could leave the folder."""
     record = RunFolder(path, {}, {}).record_path(trial.task, trial.condition, trial.seed)
     return path / trial.task / trial.condition / record.stem
 

@@ -55,6 +55,6 @@ class LiveMaterializer:
         self._files.add(list(self._sights.draw(self._scene.data)), self._scene.state().time_s)
 
     def finish(self, record: Record, record_sha256: str) -> list[Path]:
-        """Move a record's files to their final paths and return them; the digest is that of the record file."""
+        """Move a record's files to their final paths and return them. The digest is that of the record file."""
         origin = TrialOrigin(record.metadata, record_sha256, self._scene.quality.name, self._fingerprint)
         return self._files.finish(origin)

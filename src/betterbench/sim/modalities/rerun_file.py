@@ -43,7 +43,7 @@ def write_rerun(
     quality: str,
     on_progress: OnCount | None = None,
 ) -> Path:
-    """Write a trial to an ``.rrd`` file and return its path; ``on_progress`` gets the rows done and planned.
+    """Write a trial to an ``.rrd`` file and return its path. ``on_progress`` gets the rows done and planned.
 
     Raises:
         MissingDependencyError: If Rerun is not installed, or no off-screen OpenGL works here.

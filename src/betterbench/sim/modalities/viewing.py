@@ -15,7 +15,7 @@ from betterbench.sim.modalities.values import ViewValues
 from betterbench.sim.scenes.limited import LimitedView
 
 MOST_CONTACTS = 24
-"""Maximum number of body pairs shown; pairs whose contact changes come first."""
+"""Maximum number of body pairs shown. Pairs whose contact changes come first."""
 
 _SHOWN: tuple[Modality, ...] = ("rgb", "depth", "instances", "boxes")
 

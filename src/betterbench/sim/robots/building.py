@@ -36,7 +36,7 @@ FIRM: dict[str, Any] = {
 """Contact of a finger pad: time constant [s] (three physics steps: firm rubber), damping ratio and impedance.
 
 MuJoCo's default time constant of 20 ms lets a pad sink 1.3 mm into an object at full force. ``solmix`` is the weight of
-the pad's parameters against the object's; unlike a higher priority it keeps the larger friction.
+the pad's parameters against the object's. Unlike a higher priority it keeps the larger friction.
 """
 
 
@@ -44,7 +44,7 @@ the pad's parameters against the object's; unlike a higher priority it keeps the
 class Shape:
     """A collision primitive in the frame of its link [m].
 
-    A "capsule" or "cylinder" goes from ``start`` to ``end``; a "box" has its center at ``start`` and ``end`` as its
+    A "capsule" or "cylinder" goes from ``start`` to ``end``. A "box" has its center at ``start`` and ``end`` as its
     half extents, and is rotated by ``turn``: an axis of the link and an angle [rad].
     """
 
@@ -62,7 +62,7 @@ class Link:
     Attributes:
         name: Body name.
         position: Joint origin in the parent link [m].
-        quaternion: Rotation of the link in its parent at zero joint angle; it need not have unit length.
+        quaternion: Rotation of the link in its parent at zero joint angle. It need not have unit length.
         mass: Mass [kg].
         com: Center of mass in the link frame [m].
         inertia: xx, yy, zz, xy, xz, yz about the center of mass, in link axes [kg m2].
@@ -117,7 +117,7 @@ def add_link(
 def add_shape(
     body: mujoco.MjsBody, shape: Shape, name: str, contact: Mapping[str, Any] = MappingProxyType({})
 ) -> mujoco.MjsGeom:
-    """Add one collision primitive to a body; ``contact`` are further attributes of the geom."""
+    """Add one collision primitive to a body. ``contact`` are further attributes of the geom."""
     if shape.kind == "box":
         axis, angle = shape.turn
         turn = about(axis, angle) if angle else (1.0, 0.0, 0.0, 0.0)

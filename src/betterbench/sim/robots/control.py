@@ -92,7 +92,7 @@ class ControllerState:
 class ArmController:
     """Controller that converts actions of one action space to servo references, once per control step.
 
-    The robot's base is at the world origin; ``prefix`` is the prefix of the robot's names in the scene. With
+    The robot's base is at the world origin. ``prefix`` is the prefix of the robot's names in the scene. With
     ``dynamics`` that contain a backlash, the servos hold the joints up to half of the play off their references, see
     :mod:`betterbench.sim.robots.dynamics`.
 
@@ -201,7 +201,7 @@ class ArmController:
         """Set the controls of the next control step in ``data`` and return the applied action.
 
         ``measured`` is ``T_base_tcp`` at the current joint angles, if the caller knows it. The returned action is
-        float64 and within the bounds, shape (dim,); applying it again gives the same bits.
+        float64 and within the bounds, shape (dim,). Applying it again gives the same bits.
 
         Raises:
             InvalidActionError: If the action has the wrong shape or type, or a non-finite number.
@@ -229,7 +229,7 @@ class ArmController:
         """Return the gripper command of an applied action, -1 to open and 1 to close.
 
         In an action space that sets the opening itself, the gripper closes while the commanded width is smaller than
-        the measured one by :data:`CLOSING_LEAD_M`, also while it presses on an object; it opens while the width is
+        the measured one by :data:`CLOSING_LEAD_M`, also while it presses on an object. It opens while the width is
         larger, and otherwise keeps its ``last`` command.
         """
         if not self._sets_width:
@@ -241,7 +241,7 @@ class ArmController:
     def own_action(self, action: np.ndarray) -> np.ndarray:
         """Return the action of this controller's action space that moves the arm like an ``ee_delta`` action.
 
-        Planned motions are sequences of ``ee_delta`` actions; this function expresses them in the action space of a
+        Planned motions are sequences of ``ee_delta`` actions. This function expresses them in the action space of a
         policy, for the state in which the controller was reset or last applied an action. It supports ``ee_delta``
         itself and the spaces of absolute joint angles.
 

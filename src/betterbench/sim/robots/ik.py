@@ -1,11 +1,10 @@
 """Inverse kinematics: one control step toward a pose, and joint angles for a pose.
 
-Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinematics from mink
-(:class:`mink.FrameTask`, :class:`mink.Configuration`) on a model of the arm alone. The control step
-(:meth:`ArmIK.solve`) runs 20 times per simulated second with cold caches; it takes the same Jacobian from MuJoCo
-directly, in the base frame, and a test compares the two. The quadratic program is assembled here and passed to DAQP
-with its limits as simple bounds: mink's own front end states them as 28 general inequalities, which takes about three
-times as long.
+Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinematics from mink (:class:`mink.FrameTask`,
+:class:`mink.Configuration`) on a model of the arm alone. The control step (:meth:`ArmIK.solve`) runs 20 times per
+simulated second with cold caches. It takes the same Jacobian from MuJoCo directly, in the base frame, and a test
+compares the two. The quadratic program is assembled here and passed to DAQP with its limits as simple bounds: mink's
+own front end states them as 28 general inequalities, which takes about three times as long.
 
 Each iteration minimizes over the joint step ``d``
 
@@ -36,7 +35,7 @@ POSITION_COST = 1.0
 """Weight of a position error [1/m]."""
 
 FOLLOW_ITERATIONS = 6
-"""Newton steps after which :meth:`ArmIK.follow` falls back to :meth:`ArmIK.reach`; it usually takes one or two."""
+"""Newton steps after which :meth:`ArmIK.follow` falls back to :meth:`ArmIK.reach`. It usually takes one or two."""
 
 LIMIT_MARGIN_RAD = 0.06
 """Distance of references from the joint limits [rad], larger than the overshoot of the moving arm."""
@@ -65,7 +64,7 @@ _Window = tuple[Sequence[float], Sequence[float], float]
 class IKResult:
     """Joint angles found for a pose: read-only, shape (n,) [rad], with the remaining errors.
 
-    ``converged`` tells whether both errors are within the requested tolerances; ``iterations`` counts over all
+    ``converged`` tells whether both errors are within the requested tolerances. ``iterations`` counts over all
     restarts.
     """
 
@@ -77,7 +76,7 @@ class IKResult:
 
 
 class ArmIK:
-    """Inverse kinematics of one robot's arm; all poses are ``T_base_tcp``."""
+    """Inverse kinematics of one robot's arm. All poses are ``T_base_tcp``."""
 
     def __init__(self, spec: RobotSpec) -> None:
         """Compile the arm (once per process and robot) and set up the tasks."""
@@ -206,9 +205,9 @@ class ArmIK:
     ) -> IKResult:
         """Return joint angles that reach ``T_base_tcp``, from the first start that converged, or the best result.
 
-        The search starts at ``q``, shape (n,) [rad], and with ``restarts`` continues from fixed postures around home;
-        it takes at most ``iterations`` per start. A rotation error within the robot's ``rotation_slack_rad`` counts as
-        reached; it is the smallest one for an exact position. Raises InvalidInputError if ``q`` has the wrong shape or
+        The search starts at ``q``, shape (n,) [rad], and with ``restarts`` continues from fixed postures around home.
+        It takes at most ``iterations`` per start. A rotation error within the robot's ``rotation_slack_rad`` counts as
+        reached. It is the smallest one for an exact position. Raises InvalidInputError if ``q`` has the wrong shape or
         is not finite.
         """
         start = np.asarray(q, dtype=np.float64)
@@ -312,7 +311,7 @@ class ArmIK:
         return self._jacobian
 
     def _factorize(self, weight: float) -> None:
-        """Prepare Newton steps at the current joint angles; ``weight`` is the cost of joint motion."""
+        """Prepare Newton steps at the current joint angles. ``weight`` is the cost of joint motion."""
         factor = self._factor
         mujoco.mju_sqrMatTD(factor, self._world_jacobian(), self._weights)
         numbers = self._factor_numbers

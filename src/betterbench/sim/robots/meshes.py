@@ -6,7 +6,7 @@ are decimated to a fixed triangle budget, distributed by need (:mod:`~betterbenc
 
 The cache file is named after the bytes of the sources, the budget and the recipe. The file is written under another
 name and renamed, so two simultaneous processes both succeed with the same file. The first line is the SHA-256 of the
-name and the rest; a changed or unreadable file is generated again.
+name and the rest. A changed or unreadable file is generated again.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _WELD_M = 1e-4
 """Grid size for merging vertices [m]: the files have open seams of some hundredths of a millimeter."""
 
 _CREASE_DEGREES = 38.0
-"""Angle above which an edge is drawn sharp; the arm's housings are round, with edges at flanges and covers."""
+"""Angle above which an edge is drawn sharp. The arm's housings are round, with edges at flanges and covers."""
 
 _CACHE_SUFFIX, _MOST_CACHE_BYTES = ".meshes", 1 << 26
 

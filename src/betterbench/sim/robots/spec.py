@@ -40,7 +40,7 @@ class IKWeights:
     """Costs of the inverse kinematics relative to a position error of 1 m, and the slack of the tool's rotation.
 
     An arm with fewer than six joints cannot take every pose: its rotation cost is small, so that positions are exact
-    and rotations as close as the arm allows; ``rotation_slack_rad`` is the accepted rotation error.
+    and rotations as close as the arm allows. ``rotation_slack_rad`` is the accepted rotation error.
 
     Attributes:
         orientation: Cost of a rotation error [1/rad].
@@ -89,7 +89,7 @@ class SteeringLimits:
         back_m: Distance behind the tool center point, against its approach, of the point whose reach is limited [m]:
             the length of the gripper for an arm that keeps the rotation of its tool, 0 for an arm that tilts it.
         longest_m: Largest distance of that point from the center [m].
-        nearest_m: Smallest horizontal distance of the tool from the center [m]; closer, the arm would hit itself.
+        nearest_m: Smallest horizontal distance of the tool from the center [m]. Closer, the arm would hit itself.
         highest_m: Largest height of the tool [m].
     """
 

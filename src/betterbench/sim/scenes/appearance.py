@@ -1,7 +1,7 @@
 """Seeded variation that is independent of slots: looks, room, camera poses, light direction, arm start and dynamics.
 
 A trial and its twin share this variation, because it does not depend on the condition. Looks and room change the
-compiled model, so a trial draws one of a limited number of sets of looks and rooms; the rest does not change the model.
+compiled model, so a trial draws one of a limited number of sets of looks and rooms. The rest does not change the model.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ START_TURN_RAD = math.radians(5.0)
 
 
 def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") -> int:
-    """Return an object's look in a trial; equal objects have the same look in every scene.
+    """Return an object's look in a trial. Equal objects have the same look in every scene.
 
     Over the sets, every look of an object kind occurs equally often, and independently of the looks of other kinds and
     of the room. Categories of one family and color share their look, for example a cabinet and its drawers.

@@ -70,7 +70,7 @@ class ViewPlacement:
     """Placement of a model's cameras and key light for a trial, offset from their nominal poses by its jitter."""
 
     def __init__(self, model: mujoco.MjModel, jitter: ViewJitter) -> None:
-        """Store the nominal poses; jitter of cameras that the model lacks is ignored."""
+        """Store the nominal poses. Jitter of cameras that the model lacks is ignored."""
         self._model = model
         self._bodies = model.cam_bodyid
         # Camera poses in the frames of their bodies. The engine does not update the cameras of static bodies at every

@@ -27,9 +27,9 @@ class Clearance:
     """
 
     def __init__(self, scene: Scene, *, margin_m: float = 0.004, penetration_m: float = 0.002) -> None:
-        """Copy the scene's model; the robot must keep a distance of ``margin_m`` from all bodies.
+        """Copy the scene's model. The robot must keep a distance of ``margin_m`` from all bodies.
 
-        ``penetration_m`` is the allowed overlap between the held object and others; it must exceed the depth of a
+        ``penetration_m`` is the allowed overlap between the held object and others. It must exceed the depth of a
         resting contact.
         """
         self._compiled = scene.compiled
@@ -89,7 +89,7 @@ class Clearance:
     ) -> tuple[str, ...]:
         """Return the contacts at these joint angles [rad]: one string "a-b" per pair, empty without contact.
 
-        ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); contacts with ``ignore`` are allowed.
+        ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``). Contacts with ``ignore`` are allowed.
         """
         data = self._data
         for address, angle in zip(self._arm, joints, strict=True):

@@ -27,7 +27,7 @@ _Vector = tuple[float, float, float]
 class Culling:
     """Visibility test for a perspective camera with its optical axis in the center of the image.
 
-    The scene is the same one that is used for rendering; it is filled again for each image.
+    The scene is the same one that is used for rendering. It is filled again for each image.
     """
 
     def __init__(self, model: mujoco.MjModel, scene: mujoco.MjvScene) -> None:

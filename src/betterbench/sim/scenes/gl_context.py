@@ -78,7 +78,7 @@ class _ProcessContext:
 CONTEXT = _ProcessContext()
 """The context of this process."""
 RENDERERS: weakref.WeakSet[Closable] = weakref.WeakSet()
-"""Objects with buffers in the context; they are closed before the context is freed at exit."""
+"""Objects with buffers in the context. They are closed before the context is freed at exit."""
 
 
 def make_current() -> None:
@@ -109,7 +109,7 @@ def make_current() -> None:
 
 @functools.cache
 def _egl_current_context() -> Callable[[], int | None]:
-    """Return EGL's own function; PyOpenGL's wrapper is slower than the time it would save."""
+    """Return EGL's own function. PyOpenGL's wrapper is slower than the time it would save."""
     function = ctypes.CDLL("libEGL.so.1").eglGetCurrentContext
     function.restype = ctypes.c_void_p
     function.argtypes = ()

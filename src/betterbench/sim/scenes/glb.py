@@ -65,7 +65,7 @@ def _look(model: mujoco.MjModel, geom: int) -> tuple[tuple[float, ...], int]:
 
 
 def _surface(model: mujoco.MjModel, geom: int) -> Surface:
-    """Return a shape in its own frame; shapes other than meshes and planes are drawn as their bounding box."""
+    """Return a shape in its own frame. Shapes other than meshes and planes are drawn as their bounding box."""
     kind = int(model.geom_type[geom])
     if kind == int(mujoco.mjtGeom.mjGEOM_MESH):
         return _mesh(model, int(model.geom_dataid[geom]))

@@ -4,7 +4,7 @@ MuJoCo does not validate such files, so a forged file can crash or hang the proc
 therefore has limits for memory and time, and returns only pixels or strings, never Python objects.
 
 A process can also end for other reasons: a renderer crashes, or the system is short of memory. The request during which
-a process ended is therefore repeated once in a new process; it is rejected only if the new process ends too.
+a process ended is therefore repeated once in a new process. It is rejected only if the new process ends too.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class LimitedView:
     """Renderer for recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
 
     def __init__(self, *, quality: str, size: int = 256) -> None:
-        """Start the process; ``size`` is the side length of the images from :meth:`draw` [pixel].
+        """Start the process. ``size`` is the side length of the images from :meth:`draw` [pixel].
 
         Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device.
         """
@@ -250,7 +250,7 @@ class LimitedView:
         return self._process.is_closed
 
     def stop(self) -> None:
-        """End the process from another thread; a waiting thread then gets a RecordError."""
+        """End the process from another thread. A waiting thread then gets a RecordError."""
         self._told_to_end = True
         self._process.stop()
 
@@ -267,7 +267,7 @@ class LimitedView:
             self._process.send(request, data, within_s=REQUEST_S)
 
     def _receive(self, most: int) -> bytes | bytearray:
-        """Return an answer of at most ``most`` bytes; raise the error that it describes, if any."""
+        """Return an answer of at most ``most`` bytes. Raise the error that it describes, if any."""
         with self._told_plainly():
             return self._process.receive(most=most, within_s=REQUEST_S)
 

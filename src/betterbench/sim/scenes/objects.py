@@ -55,10 +55,10 @@ def add_asset(
     slide: DrawerRail | None = None,
     visuals: bool = True,
 ) -> mujoco.MjsBody:
-    """Add an asset to a model and return its new body; meshes, materials and geometries are named after the body.
+    """Add an asset to a model and return its new body. Meshes, materials and geometries are named after the body.
 
-    ``pose`` is its fixed ``T_world_object``, or None for an object that moves freely; ``slide`` is the rail along which
-    an object slides from that pose. Without ``visuals`` the object cannot be seen; its physics is the same.
+    ``pose`` is its fixed ``T_world_object``, or None for an object that moves freely. ``slide`` is the rail along which
+    an object slides from that pose. Without ``visuals`` the object cannot be seen. Its physics is the same.
     """
     body = spec.worldbody.add_body(name=name)
     if pose is None:
@@ -146,7 +146,7 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
 def rest_pose(asset: Asset) -> Pose:
     """Return the pose ``T_surface_object`` of an asset at rest on a flat surface through the origin of its frame.
 
-    The asset settles alone from its nominal pose; this changes the pose by a contact depth below a millimeter and a
+    The asset settles alone from its nominal pose. This changes the pose by a contact depth below a millimeter and a
     tilt below a tenth of a degree. The result depends only on the asset, not on neighbors.
     """
     spec = mujoco.MjSpec()

@@ -2,7 +2,7 @@
 
 A *color pass* renders lights, textures and shadows into the multisampled buffer. A *geometry pass* renders every
 visible shape in a flat color that encodes its index into the plain buffer, with one sample at each pixel's center, and
-gives both depth and masks; ids are never blended with neighbors. Color with depth takes one pass if that gives the same
+gives both depth and masks. Ids are never blended with neighbors. Color with depth takes one pass if that gives the same
 depth (no multisampling, nothing transparent), otherwise two. Depth and masks therefore never depend on the quality.
 
 All images are upright: row 0 is the top. Every returned array belongs to the caller.
@@ -45,13 +45,13 @@ _FONT_SCALE = 50
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Images:
-    """Images of one view of a scene; images that were not requested are None.
+    """Images of one view of a scene. Images that were not requested are None.
 
     Attributes:
         rgb: (height, width, 3) uint8 colors.
-        depth: (height, width) float32 distances along the optical axis [m], infinite without a hit;
+        depth: (height, width) float32 distances along the optical axis [m], infinite without a hit.
             ``CameraMatrices.unproject`` gives the points.
-        masks: (height, width) int32 body ids; ``Renderer.body_names`` has their names. 0 is the world itself (the
+        masks: (height, width) int32 body ids. ``Renderer.body_names`` has their names. 0 is the world itself (the
             floor), -1 is the sky.
     """
 
@@ -65,7 +65,7 @@ class Renderer:
 
     Creation uploads the model's meshes and textures (5 to 50 ms here; a process's first renderer also makes the OpenGL
     context, 0.1 to 0.3 s), so keep a renderer as long as its model. Poses, colors and materials may change between
-    images; meshes and textures may not. The quality overrides the model's own visual settings.
+    images. Meshes and textures may not. The quality overrides the model's own visual settings.
 
     Raises:
         MissingDependencyError: If no off-screen OpenGL works here.
@@ -239,7 +239,7 @@ class Renderer:
         return np.asarray(self._bodies_of(scene)[_segments(colors, scene.ngeom)])
 
     def close(self) -> None:
-        """Free the buffers; the renderer cannot be used afterward. Closing twice does nothing."""
+        """Free the buffers. The renderer cannot be used afterward. Closing twice does nothing."""
         context, self._context = self._context, None
         if context is None:
             return
@@ -310,7 +310,7 @@ class Renderer:
         return np.asarray(self._segment_table()[_segments(colors, self._scene.ngeom)])
 
     def _segment_table(self) -> np.ndarray:
-        """Return the (n,) int32 body id by segment index plus one; entry 0 is the background.
+        """Return the (n,) int32 body id by segment index plus one. Entry 0 is the background.
 
         MuJoCo numbers the rendered geoms in model order and skips invisible geoms, so the table depends only on which
         geoms have an opacity of zero.
@@ -390,12 +390,12 @@ class Renderers:
     """Cache of the renderers for the most recent models, because creating a renderer takes tens of milliseconds."""
 
     def __init__(self, most: int) -> None:
-        """Prepare the cache; ``most`` is the number of cached renderers, one per model."""
+        """Prepare the cache. ``most`` is the number of cached renderers, one per model."""
         self._most = max(1, most)
         self._kept: OrderedDict[str, Renderer] = OrderedDict()
 
     def of(self, key: str, model: mujoco.MjModel, *, width: int, height: int, quality: Quality) -> Renderer:
-        """Return the renderer of the model named ``key``; width and height are the size of its largest image."""
+        """Return the renderer of the model named ``key``. Width and height are the size of its largest image."""
         if key in self._kept:
             self._kept.move_to_end(key)
             return self._kept[key]

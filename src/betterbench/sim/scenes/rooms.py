@@ -19,7 +19,7 @@ class Light:
     """Light of a room, from two directions and uniformly from all directions.
 
     Attributes:
-        key_direction: Direction of the light that casts the shadow; it need not have length 1.
+        key_direction: Direction of the light that casts the shadow. It need not have length 1.
         key: Color (r, g, b) of that light, each in [0, 1].
         ambient: Color of the uniform light.
         fill: Brightness of the second light, from the other side without a shadow.
@@ -85,7 +85,7 @@ CLOTHS: Mapping[str, Vector] = {"blue": (0.24, 0.36, 0.60), "green": (0.27, 0.48
 
 
 def with_cloth(room: Room, cloth: str | None) -> Room:
-    """Return a room with a tablecloth; None leaves the table bare.
+    """Return a room with a tablecloth. None leaves the table bare.
 
     Wall, floor and light are those of the room, so that conditions of one seed differ in the cloth alone.
 

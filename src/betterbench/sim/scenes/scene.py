@@ -373,7 +373,7 @@ class Scene:
         )
 
     def _tool_pose(self) -> Pose:
-        """Return the measured pose of the tool center point; positions are updated after a reset and a step."""
+        """Return the measured pose of the tool center point. Positions are updated after a reset and a step."""
         if self._tool is None:
             mujoco.mju_mat2Quat(self._quaternion, self._tool_matrix)
             self._tool = Pose(self._tool_position(), unit_quaternion(self._tool_quaternion()))
@@ -382,7 +382,7 @@ class Scene:
 
 @functools.lru_cache(maxsize=4)
 def _with_dynamics(compiled: CompiledScene, dynamics: tuple[tuple[str, tuple[float, ...]], ...]) -> mujoco.MjModel:
-    """Return the model of a scene with the dynamics of a trial; trials with the same objects and seed share it."""
+    """Return the model of a scene with the dynamics of a trial. Trials with the same objects and seed share it."""
     return with_dynamics(compiled.model, compiled.robot, dict(dynamics), prefix=ROBOT_PREFIX)
 
 

@@ -37,7 +37,7 @@ GRIPPER_INSTANCES = tuple(1 + STAGE.index(name) for name in sorted(GRIPPER_BODIE
 def sight_type(
     view: ViewSpec, modalities: Collection[str], *, bodies: int, objects: int, gripper: bool = False
 ) -> np.dtype[np.void]:
-    """Return the array type of one rendered view; the byte layout is the same in every process.
+    """Return the array type of one rendered view. The byte layout is the same in every process.
 
     Fields: ``rgb`` (height, width, 3), ``depth`` (height, width) [m], ``bodies`` (height, width) body id plus one, 0
     for the sky; ``camera`` (7,) position [m] and quaternion (w, x, y, z) ``T_world_camera``; ``poses`` (bodies, 7)
@@ -139,7 +139,7 @@ class Sights:
     def draw(self, data: mujoco.MjData) -> Iterator[np.ndarray]:
         """Yield the sight of each view, a scalar of its type in :attr:`types`, in view order.
 
-        Poses of bodies, cameras and lights must be up to date; raises the same errors as ``Renderer.render``.
+        Poses of bodies, cameras and lights must be up to date. Raises the same errors as ``Renderer.render``.
         """
         for number, view in enumerate(self.views):
             yield self._sight(data, number, view)
@@ -155,7 +155,7 @@ class Sights:
 
     @contextmanager
     def _camera_of(self, data: mujoco.MjData, view: ViewSpec) -> Iterator[str]:
-        """Return the model's camera for a view; a custom camera temporarily replaces another one."""
+        """Return the model's camera for a view. A custom camera temporarily replaces another one."""
         placed, slot = view.placed, self._slot
         if placed is None:
             yield view.camera

@@ -39,7 +39,7 @@ def _to_pixels(color: np.ndarray, brightness: np.ndarray) -> np.ndarray:
 
 
 def _staves(color: np.ndarray, size: int, staves: int, contrast: float, seed: int) -> np.ndarray:
-    """Return glued wooden staves along the texture's columns; their tones differ by ``contrast``."""
+    """Return glued wooden staves along the texture's columns. Their tones differ by ``contrast``."""
     rng = np.random.default_rng(seed)
     stave = np.arange(size) * staves // size
     tone = (contrast * rng.uniform(-1.0, 1.0, staves))[stave]
@@ -104,7 +104,7 @@ def _stripes(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _tiles(color: np.ndarray, size: int) -> np.ndarray:
-    """Return glazed tiles of fifteen centimeters with darker joints; their tones differ a little."""
+    """Return glazed tiles of fifteen centimeters with darker joints. Their tones differ a little."""
     rng = np.random.default_rng(20_018)
     number = np.arange(size) * 8 // size
     tone = 0.06 * rng.uniform(-1.0, 1.0, (8, 8))[number][:, number]

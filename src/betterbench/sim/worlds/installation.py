@@ -21,7 +21,7 @@ from betterbench.jobs.places import open_in_place
 from betterbench.sim.worlds.environment import python_environment
 
 INSTALL_LIMIT_S = 3600.0
-"""Maximum duration of one installation step [s]; LIBERO's packages have 360 MB."""
+"""Maximum duration of one installation step [s]. LIBERO's packages have 360 MB."""
 
 _COMPLETE = "complete"
 _PACKAGE = Path(__file__).resolve().parent
@@ -44,7 +44,7 @@ _STAND_INS = (
     "betterbench.tasks",
     "betterbench.tasks.worlds",
 )
-"""Packages that contain the modules imported by a simulator; the packages' own code is not run."""
+"""Packages that contain the modules imported by a simulator. The packages' own code is not run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ class Installation:
         process is installing, the function calls ``waits`` and waits for its end.
 
         Raises:
-            MissingDependencyError: If a step fails; the message has its last output.
+            MissingDependencyError: If a step fails. The message has its last output.
         """
         if self.is_installed:
             return self.folder

@@ -120,7 +120,7 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
 
 @dataclass(frozen=True, slots=True)
 class _AskedTask:
-    """A task in a suite, as described by its world; ``variant`` and ``needs`` are specific to LIBERO-Plus."""
+    """A task in a suite, as described by its world. ``variant`` and ``needs`` are specific to LIBERO-Plus."""
 
     number: int
     instruction: str

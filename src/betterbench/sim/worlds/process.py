@@ -28,7 +28,7 @@ PREMISES_LIMIT_S = 1800.0
 """Maximum wait for all initial states of a task to settle [s]; LIBERO's 50 states take half a minute."""
 
 STEP_LIMIT_S = 120.0
-"""Maximum wait for one control step [s]; LIBERO takes 0.15 to 0.5 s without a graphics card."""
+"""Maximum wait for one control step [s]. LIBERO takes 0.15 to 0.5 s without a graphics card."""
 
 _END_S = 5.0
 _LONGEST_TEXT = 10_000
@@ -165,7 +165,7 @@ class WorldProcesses:
     """
 
     def __init__(self, command: Sequence[str]) -> None:
-        """Prepare; processes are started on demand."""
+        """Prepare. Processes are started on demand."""
         self._command = tuple(command)
         self._idle: list[tuple[object, WorldProcess]] = []
         self._next: WorldProcess | None = None

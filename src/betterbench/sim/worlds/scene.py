@@ -163,7 +163,7 @@ class ProcessWorld(World):
 
     @property
     def simulator(self) -> str:
-        """Simulator name; records of different simulators are not compared."""
+        """Simulator name. Records of different simulators are not compared."""
         return self.name
 
     def step_limit(self, task: WorldTask) -> int:
@@ -194,7 +194,7 @@ class ProcessWorld(World):
         return ProcessScene
 
     def environments(self, usual: int) -> int:
-        """Return a worker's initial number of environments; each is a process with a slow simulator."""
+        """Return a worker's initial number of environments. Each is a process with a slow simulator."""
         del usual
         return PROCESSES
 
@@ -241,7 +241,7 @@ class ProcessScene:
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare the scene; nothing is simulated before :meth:`reset`. ``seed`` is the index of the initial state.
+        """Prepare the scene. Nothing is simulated before :meth:`reset`. ``seed`` is the index of the initial state.
 
         ``instructed_anew`` is set by a step after which the policy gets another instruction.
         """

@@ -246,10 +246,10 @@ class TrialScene(Protocol):
         """Return the judge of an episode, after the reset."""
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return the scene's description for the record; ``images`` is True if images are rendered."""
+        """Return the scene's description for the record. ``images`` is True if images are rendered."""
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> Mapping[str, Images]:
-        """Return the current images by camera; ``renderers`` are the worker's renderers for MuJoCo models."""
+        """Return the current images by camera. ``renderers`` are the worker's renderers for MuJoCo models."""
 
     def native(self) -> Mapping[str, np.ndarray]:
         """Return the state as read by the world's own clients, by the names of our state parts.
@@ -260,7 +260,7 @@ class TrialScene(Protocol):
         """
 
     def close(self, *, well: bool) -> None:
-        """Free the resources of the trial; ``well`` is True if its record was written."""
+        """Free the resources of the trial. ``well`` is True if its record was written."""
 
 
 class World(ABC):
@@ -360,7 +360,7 @@ class World(ABC):
         return {}
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return a description of the world's conventions; ``robot`` is the name of the run's robot."""
+        """Return a description of the world's conventions. ``robot`` is the name of the run's robot."""
         del robot
         return {"control_rate_hz": self.control_rate_hz, "units": "m, kg, s, rad"}
 

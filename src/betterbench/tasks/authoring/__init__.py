@@ -1,4 +1,4 @@
-"""Building blocks of a task file, which are typed values for objects, slots, instructions, conditions and operations."""
+"""Building blocks of a task file: typed values for objects, slots, instructions, conditions and operations."""
 
 from collections.abc import Iterable, Mapping, Sequence
 

@@ -167,7 +167,7 @@ class _Closing(NamedTuple):
 
 
 class _Travel(NamedTuple):
-    """Finger travel during a closing, given by the row at which the fingers rest and the row before which they are judged."""
+    """Finger travel during a closing, with the row at which the fingers rest and the end of the judged rows."""
 
     settled: int
     limit: int

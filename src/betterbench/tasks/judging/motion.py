@@ -19,7 +19,7 @@ Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion of an episode, or its beginning, as arrays with ``T`` rows and ``n`` objects (world frame, meters, seconds).
+    """Motion of an episode, or its beginning, as arrays with ``T`` rows and ``n`` objects (world frame, m, s).
 
     Attributes:
         tool: (T, 3) tool center point.
@@ -96,7 +96,7 @@ class Motion:
         return distances
 
     def within_reach(self, row: int, point: Floats) -> Bools:
-        """Return a mask (n,) of objects that a gripper at a point could close on, because it is near the box or the center."""
+        """Return a mask (n,) of objects that a gripper at a point could close on, near the box or above the center."""
         boxes, centers = self.box_distances(row, point), self.center_distances(row, point)
         return in_reach(boxes, centers)
 

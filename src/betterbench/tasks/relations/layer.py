@@ -10,7 +10,7 @@ from betterbench.tasks.relations.relation import PlaceGoal, Relation, register, 
 from betterbench.tasks.thresholds import threshold
 
 LAYERS = ("1", "2", "3", "4")
-"""Possible layers of a base; the longest stack of the suite has three."""
+"""Possible layers of a base. The longest stack of the suite has three."""
 
 OFFSET = threshold(
     "layer_offset",

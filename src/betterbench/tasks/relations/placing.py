@@ -15,7 +15,7 @@ SLIM_M, SLIM_OPENING_M = 0.05, 0.022
 
 
 def foot_offset(info: ObjectInfo) -> Vector:
-    """Return the base center in the object frame [m], which is the center of the region "base" or of the bounding box."""
+    """Return the center of the region "base", or else of the bounding box's bottom, in the object frame [m]."""
     for region in info.regions:  # cached: computing this took a third of the time of next() at every control step
         if region.name == "base":
             return region.position

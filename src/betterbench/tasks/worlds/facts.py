@@ -22,7 +22,7 @@ Reading = Literal["conditions", "goals", "outcomes", "chains"]
 """How the diagnosis evaluates the records of a world.
 
 "conditions" uses the conditions of our own tasks, "goals" the goals and starts in LIBERO's files, and "outcomes" only
-success. "chains" get no labels; success rates of their subtasks are counted instead.
+success. "chains" get no labels. Success rates of their subtasks are counted instead.
 """
 
 

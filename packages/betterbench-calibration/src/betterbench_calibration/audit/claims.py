@@ -33,7 +33,7 @@ _barnard = functools.lru_cache(maxsize=256)(barnard_p)
 
 @dataclass(frozen=True, slots=True)
 class ClaimComparison:
-    """Comparison of two rates from different trials; a positive difference means that the first is higher."""
+    """Comparison of two rates from different trials. A positive difference means that the first is higher."""
 
     row: str
     claim: str
@@ -125,7 +125,7 @@ class Differences:
 def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimComparison]) -> Iterator[AuditFinding]:
     """Yield one finding per comparison, with p-values corrected for all comparisons together.
 
-    The rule "composition" uses Barnard's test; "differences" uses Fisher's, which is slightly stricter and fast with
+    The rule "composition" uses Barnard's test. "differences" uses Fisher's, which is slightly stricter and fast with
     thousands of trials.
     """
     outcomes = max(((c.first.n + 1) * (c.second.n + 1) for c in compared), default=0)

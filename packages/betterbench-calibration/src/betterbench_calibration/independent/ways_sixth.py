@@ -20,7 +20,7 @@ from betterbench_calibration.independent.routines import CAREFUL, LIFT_M, NO_SHI
 from betterbench_calibration.independent.ways_fifth import keep_to, rise_free, straddle
 
 NEW_PART = 0.4
-"""Weight of the latest command in a lagging arm's motion; the rest is the previous step's motion."""
+"""Weight of the latest command in a lagging arm's motion. The rest is the previous step's motion."""
 CHUNK_STEPS, STALL_STEPS = 16, 5
 NOD_RAD, NOD_GAP_M = 0.28, 0.07
 FIST_GAP_M = 0.14

@@ -141,7 +141,7 @@ def grip(
 
 
 def grip_across(height: float, radius: float, *, clearance: float | None = None) -> Grasp:
-    """Return a top-down grasp at ``height`` across a body with this ``radius`` there [m]; the yaw is free.
+    """Return a top-down grasp at ``height`` across a body with this ``radius`` there [m]. The yaw is free.
 
     By default, the clearance on each side is 12 mm, limited by a jaw opening of 79 mm.
     """
@@ -152,7 +152,7 @@ def grip_across(height: float, radius: float, *, clearance: float | None = None)
 def zone(
     name: str, half_x: float, half_y: float, z: float = 0.0, *, x: float = 0.0, y: float = 0.0, half_z: float = 0.001
 ) -> Region:
-    """Return a rectangular region with half extents and a center [m]; it is flat unless ``half_z`` is given."""
+    """Return a rectangular region with half extents and a center [m]. It is flat unless ``half_z`` is given."""
     return Region(name, (x, y, z), (half_x, half_y, half_z))
 
 

@@ -46,7 +46,7 @@ class Mesh:
         return Mesh(self.vertices * np.stack([factor, factor, np.ones_like(factor)], axis=1), self.faces, self.uv)
 
     def seen_from_above(self, radius: float, share: np.ndarray | float = 0.5) -> Mesh:
-        """Return the mesh with a texture projected from above; the edge of the texture is at ``radius`` [m].
+        """Return the mesh with a texture projected from above. The edge of the texture is at ``radius`` [m].
 
         The texture is stretched per vertex by ``share`` (n,), 0.5 for none.
         """
@@ -161,7 +161,7 @@ def loft(
     v: Sequence[float] | None = None,
     caps: tuple[bool, bool] = (True, True),
 ) -> Mesh:
-    """Connect closed rings of points by triangle strips; the result is neither welded nor creased.
+    """Connect closed rings of points by triangle strips. The result is neither welded nor creased.
 
     Args:
         rings: Arrays (n, 3) of points [m], all of the same length; seen from outside, the direction of the ring crossed
@@ -222,7 +222,7 @@ def lathe(
 ) -> Mesh:
     """Revolve a profile about the vertical axis and crease the mesh; for the arguments see :class:`Turned`.
 
-    The texture row ``v`` is the relative length along the profile, see :func:`profile_length`; a wrapped texture has
+    The texture row ``v`` is the relative length along the profile, see :func:`profile_length`. A wrapped texture has
     the columns of :func:`mirrored_u`.
     """
     length = profile_length(profile)
@@ -240,7 +240,7 @@ def profile_length(profile: Sequence[tuple[float, float]]) -> np.ndarray:
 def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, steps: int = 1) -> np.ndarray:
     """Return the (n, 3) points of a horizontal rectangle at height ``z``, counter-clockwise [m].
 
-    Corners of a radius above 0 are rounded by ``steps`` segments each; 1 gives a chamfer.
+    Corners of a radius above 0 are rounded by ``steps`` segments each. 1 gives a chamfer.
     """
     if corner <= 0.0:
         corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
@@ -336,7 +336,7 @@ def rod(
     y: float = 0.0,
     crease_degrees: float = 32.0,
 ) -> Mesh:
-    """Return the closed loft of upright rectangles along x; the center of each is at ``y`` [m].
+    """Return the closed loft of upright rectangles along x. The center of each is at ``y`` [m].
 
     A station is the position along x, half the width, the bottom and the top of a rectangle [m]. Its corners are cut by
     ``chamfer``, or less in small rectangles.

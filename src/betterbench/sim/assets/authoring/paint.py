@@ -36,7 +36,7 @@ class Canvas:
     """
 
     def __init__(self, width: float, height: float, pixels: tuple[int, int], color: Rgb) -> None:
-        """Fill a canvas with a color; the finished texture has (width, height) ``pixels``, at most 256 a side."""
+        """Fill a canvas with a color. The finished texture has (width, height) ``pixels``, at most 256 a side."""
         columns, rows = (_OVERSAMPLING * side for side in ((1, 1) if _unpainted.get() else pixels))
         x = (np.arange(columns) + 0.5) / columns * width
         y = (rows - 0.5 - np.arange(rows)) / rows * height
@@ -165,7 +165,7 @@ class Canvas:
             self.ellipse((u * self.width, rows[0] + v * (rows[1] - rows[0])), (stretch * r, r), color)
 
     def pixels(self) -> np.ndarray:
-        """Return the finished texture, (height, width, 3) uint8; its first row is the top."""
+        """Return the finished texture, (height, width, 3) uint8. Its first row is the top."""
         within = itertools.product(range(_OVERSAMPLING), repeat=2)
         averaged = np.zeros_like(self._image[::_OVERSAMPLING, ::_OVERSAMPLING])
         for i, j in within:
@@ -177,7 +177,7 @@ class Canvas:
 
 
 def _run(wanted: np.ndarray) -> slice:
-    """Return the shortest slice that contains all wanted samples; it is empty if there are none."""
+    """Return the shortest slice that contains all wanted samples. It is empty if there are none."""
     at = np.flatnonzero(wanted)
     return slice(at[0], at[-1] + 1) if at.size else slice(0, 0)
 

@@ -15,7 +15,7 @@ class Turned:
     """Profile that is revolved about the vertical axis.
 
     Attributes:
-        radii: Radius at each profile point [m], from the bottom on the outside upward; a radius of zero closes the
+        radii: Radius at each profile point [m], from the bottom on the outside upward. A radius of zero closes the
             surface.
         heights: Height of each point [m].
         crease_degrees: Angle above which an edge is drawn sharp.

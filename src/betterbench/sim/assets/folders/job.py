@@ -80,7 +80,7 @@ def import_assets(
     overwrite: bool = False,
     on_progress: Callable[[JobProgress[object]], None] | None = None,
 ) -> ImportReport:
-    """Import files into a folder of assets; existing assets are kept, and files that fail are reported and skipped.
+    """Import files into a folder of assets. Existing assets are kept, and files that fail are reported and skipped.
 
     Args:
         requests: The files.

@@ -42,7 +42,7 @@ class FolderAsset:
         license: License of the mesh.
         author: Mesh author, empty if unknown.
         source: Origin of the mesh.
-        source_files: SHA-256 of each source file by name; the first is the file given by the user.
+        source_files: SHA-256 of each source file by name. The first is the file given by the user.
         options: Options of the import.
         notes: Decisions of the importer, with their reasons.
         importer: Version of the importer.

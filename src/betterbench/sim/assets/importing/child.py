@@ -25,7 +25,7 @@ from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderRes
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
 VERSION = 9
-"""Version of the importer; incremented when the same file gives another asset."""
+"""Version of the importer. Incremented when the same file gives another asset."""
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120.0
 MAX_S = 900.0
@@ -82,7 +82,7 @@ def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 -
 
 
 def _digest(path: Path, where: str) -> str:
-    """Return the SHA-256 of a file, without loading all of it. Raises InvalidInputError if it exceeds the size limit."""
+    """Return the SHA-256 of a file, read in blocks. Raises InvalidInputError if it exceeds the size limit."""
     try:
         with open_ordinary(path) as file:
             size = file.seek(0, 2)

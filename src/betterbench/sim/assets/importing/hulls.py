@@ -115,12 +115,12 @@ def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
 
 
 def _misfit(fit: Fit) -> float:
-    """Return the cost of a fit [m]; a missing contact costs more than a contact outside the surface."""
+    """Return the cost of a fit [m]. A missing contact costs more than a contact outside the surface."""
     return fit.outside_m + 3.0 * fit.inside_m
 
 
 def hull_corners(points: np.ndarray) -> np.ndarray | None:
-    """Return at most 40 extreme points of a set of points [m]; a sheet gets a thickness, and a needle is None."""
+    """Return at most 40 extreme points of a set of points [m]. A sheet gets a thickness, and a needle is None."""
     if len(points) < 3:
         return None
     points = with_thickness(points)
@@ -419,7 +419,7 @@ def _decomposed(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
 
 
 _MOST_POINTS = 400_000
-"""Maximum number of points on hulls; 30 hulls have 300,000, and long narrow triangles of 60 hulls four million."""
+"""Maximum number of points on hulls. 30 hulls have 300,000, and long narrow triangles of 60 hulls four million."""
 
 
 def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:

@@ -60,7 +60,7 @@ class Imported:
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """Options of an import; values that are None are determined by the importer.
+    """Options of an import. Values that are None are determined by the importer.
 
     Attributes:
         name: Name or description that determines the kind. By default, the name of the file.

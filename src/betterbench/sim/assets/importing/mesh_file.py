@@ -34,7 +34,7 @@ MAX_FILE_BYTES = 256 << 20
 MAX_FACES = 2_000_000
 MAX_IMAGE_PIXELS = 64 << 20
 LARGEST_IMAGE = 1024
-"""Maximum side of a stored texture [pixel]; larger textures are scaled down."""
+"""Maximum side of a stored texture [pixel]. Larger textures are scaled down."""
 
 FORMATS = {".glb": "glb", ".gltf": "gltf", ".obj": "obj", ".stl": "stl", ".ply": "ply"}
 _RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf": ("y", 1.0)}
@@ -128,20 +128,20 @@ class FolderResolver(trimesh.resolvers.Resolver):
         return FolderResolver(self._folder, where, at="" if at == "." else at, above=self)
 
     def keys(self) -> list[str]:
-        """Return no names: files are not searched by pattern."""
+        """Return no names, because files are not searched by pattern."""
         return []
 
     def write(self, name: str, data: bytes) -> None:  # noqa: ARG002 - of the base class
-        """Raise an error: trimesh writes through a resolver only when it exports."""
+        """Raise an error, because trimesh writes through a resolver only when it exports."""
         raise InvalidInputError(self._where, f"{one_line(name, most=120)} would be written", _CURE)
 
     def namespaced(self, namespace: str) -> FolderResolver:  # noqa: ARG002 - of the base class
-        """Return the same folder; sub-folders are part of the names."""
+        """Return the same folder. Sub-folders are part of the names."""
         return self
 
 
 def check_picture(data: bytes, name: str, where: str) -> None:
-    """Check that an image can be decoded; trimesh silently drops a texture that cannot.
+    """Check that an image can be decoded, because trimesh silently drops a texture that cannot.
 
     Raises:
         InvalidInputError: If the image is damaged or has too many pixels.
@@ -182,7 +182,7 @@ def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
 
 
 def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawMesh:
-    """Return the mesh in the bytes of a file; the format follows from the name. Errors as in :func:`read_mesh_file`."""
+    """Return the mesh in the bytes of a file. The format follows from the name. Errors as in :func:`read_mesh_file`."""
     kind = FORMATS.get(PurePosixPath(name).suffix.lower())
     if kind is None:
         raise InvalidInputError(where, "its format is not known", f"Give one of {', '.join(FORMATS)}")
@@ -401,7 +401,7 @@ def _tint(mesh: Any) -> np.ndarray | None:  # noqa: ANN401 - a mesh of trimesh
 
 
 def _rgba(factor: np.ndarray) -> Rgba:
-    """Return a color factor in [0, 1]; trimesh stores it as bytes or as floats."""
+    """Return a color factor in [0, 1], which trimesh stores as bytes or as floats."""
     scaled = factor.astype(np.float64) / (255.0 if factor.dtype == np.uint8 else 1.0)
     r, g, b = (float(np.clip(v, 0.0, 1.0)) for v in scaled[:3])
     return (r, g, b, float(np.clip(scaled[3], 0.0, 1.0)) if len(scaled) > 3 else 1.0)

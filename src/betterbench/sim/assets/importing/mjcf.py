@@ -128,7 +128,7 @@ def _png(data: bytes, name: str, where: str) -> bytes:
 
 
 def _require_rigid(model: Any, where: str, *, freeze: bool) -> tuple[str, ...]:  # noqa: ANN401 - of MuJoCo
-    """Return a note for each fixed joint; raise an error for joints that move and for separate objects."""
+    """Return a note for each fixed joint. Raise an error for joints that move and for separate objects."""
     free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == _FREE]
     if len(free) > 1:
         first, second = (_body_name(model, model.jnt_bodyid[j]) for j in free[:2])
@@ -182,7 +182,7 @@ class _Compiled:
         return RawMesh(parts, "z", 1.0, stated)
 
     def _is_seen_or_felt(self, geom: int) -> bool:
-        """Return whether a geom is visible or has contacts; props mark regions with geoms that have neither."""
+        """Return whether a geom is visible or has contacts. Props mark regions with geoms that have neither."""
         m = self._model
         return bool(m.geom_contype[geom] or m.geom_conaffinity[geom] or self._rgba(geom)[3] > 0.0)
 

@@ -52,7 +52,7 @@ def imported(
     keeps_upright: bool = False,
     review: Path | str | None = None,
 ) -> None:
-    """Register the object of a file as a category of assets; the file is imported when the category is first built.
+    """Register the object of a file as a category of assets. The file is imported when the category is first built.
 
     All looks of the category are this object. In a task file, a relative path starts at the folder of that file.
 

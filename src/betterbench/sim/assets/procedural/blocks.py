@@ -20,7 +20,7 @@ def _painted_wood(
 ) -> Canvas:
     """Draw painted wood: wavy year rings and grain.
 
-    ``waves`` are the number of annual rings, and the height and number of their waves; ``rings`` and ``amount`` are the
+    ``waves`` are the number of annual rings, and the height and number of their waves. ``rings`` and ``amount`` are the
     strengths of the rings and the grain, ``cells`` is the number of fibers.
     """
     canvas = Canvas(1.0, 1.0, (64, 64), shade)
@@ -94,7 +94,7 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
     """Make a painted wooden block with the length, width and height of a stapler: solid, without a gap or metal.
 
     Its paint is worn off along the edges and at the ends, where bare wood shows. At this size, beech with 700 kg/m^3
-    would weigh 0.15 to 0.19 kg; the block has a stapler's 0.2 to 0.25 kg, like denser wood, so that it differs from a
+    would weigh 0.15 to 0.19 kg. The block has a stapler's 0.2 to 0.25 kg, like denser wood, so that it differs from a
     stapler only in appearance.
     """
     length, width, height = stapler_size(rng)
@@ -144,9 +144,9 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
 
 @generator("round_block", colors=("brown", "red", "green", "yellow", "blue"))
 def round_block(rng: np.random.Generator, color: str) -> Draft:
-    """Make a wooden round toy block with the size of a burger; the brown block has the bun's color.
+    """Make a wooden round toy block with the size of a burger. The brown block has the bun's color.
 
-    A letter or a digit is painted on its face, as on a child's blocks; some have a darker or lighter side, as if
+    A letter or a digit is painted on its face, as on a child's blocks. Some have a darker or lighter side, as if
     stained, and edges that are more or less beveled. It has neither a groove nor a ring, which would make it look like
     a box with a lid. Beech of 700 kg/m^3 weighs 0.11 to 0.15 kg at this size.
     """

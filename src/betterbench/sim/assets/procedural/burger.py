@@ -15,8 +15,7 @@ _CRUMB: Rgb = (0.90, 0.74, 0.46)
 def burger(rng: np.random.Generator, _color: str) -> Draft:
     """Make a burger: bun, patty, cheese, tomato, lettuce, bun with sesame.
 
-    A small hamburger is 65 to 70 mm wide and weighs about 0.15 to 0.2 kg; this one fits an 80 mm
-    jaw.
+    A small hamburger is 65 to 70 mm wide and weighs about 0.15 to 0.2 kg. This one fits an 80 mm jaw.
     """
     radius, height = rng.uniform(0.0325, 0.0340), rng.uniform(0.0490, 0.0545)
     bun, seeds = jittered(BUN, rng, amount=0.14), int(rng.choice([0, 18, 26, 34]))

@@ -40,7 +40,7 @@ def _square_grasps(length: float, width: float) -> tuple[Grasp, ...]:
 def _outline(half_x: float, half_y: float, n: int, *, roundness: float) -> np.ndarray:
     """Return (n, 2) points of a rounded rectangle about the origin [m], at equal angles.
 
-    A ``roundness`` of 2 gives an ellipse; larger values are more rectangular.
+    A ``roundness`` of 2 gives an ellipse. Larger values are more rectangular.
     """
     angle = 2.0 * math.pi * np.arange(n) / n
     c, s = np.cos(angle), np.sin(angle)
@@ -61,7 +61,7 @@ def _slab(outline: np.ndarray, low: float, high: float, *, bevel: float, crease:
 def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
     """Make the lower half of a bun, its white cut face up: a thick bulging roll that was cut through.
 
-    Half a bun with a diameter of 80 mm weighs 30 to 40 g; 60 to 70 g keep it still while a burger is built on it.
+    Half a bun with a diameter of 80 mm weighs 30 to 40 g. 60 to 70 g keep it still while a burger is built on it.
     """
     radius, belly, bulge = uniforms(rng, (0.0375, 0.0405), (0.40, 0.58), (0.050, 0.100))
     toast, sole = str(rng.choice(["plain", "golden", "rim"])), rng.uniform(0.58, 0.70)
@@ -153,7 +153,7 @@ def patty(rng: np.random.Generator, _color: str) -> Draft:
 def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
     """Make a thick slice of cheese: smooth and glossy, with a few large round holes, some of them cut by its edge.
 
-    Cheese measuring 64 by 62 by 14 mm weighs 60 g when solid (1080 kg/m^3); a fifth of it is holes.
+    Cheese measuring 64 by 62 by 14 mm weighs 60 g when solid (1080 kg/m^3). A fifth of it is holes.
     """
     length, width, roundness = uniforms(rng, (0.0640, 0.0680), (0.0620, 0.0655), (7.0, 16.0))
     shade = jittered(mixed((0.99, 0.66, 0.05), (1.00, 0.80, 0.22), rng.random()), rng, amount=0.03)
@@ -240,7 +240,7 @@ def lettuce_leaf(rng: np.random.Generator, _color: str) -> Draft:
     """Make two stacked leaves of lettuce: longer than wide, with a pale midrib and a ruffled, wavy edge.
 
     Lettuce on a burger is 80 to 100 mm long and weighs 10 to 20 g. The collision shape of the leaves is a flat box as
-    thick as a filling; their soft edges extend beyond it and are only visual.
+    thick as a filling. Their soft edges extend beyond it and are only visual.
     """
     half_x, half_y, wave = uniforms(rng, (0.043, 0.050), (0.033, 0.037), (0.0035, 0.0055))
     ruffles, pointed, height = int(rng.integers(6, 10)), rng.uniform(0.0, 0.16), FILLING_M
@@ -330,7 +330,7 @@ def _veins(rng: np.random.Generator, shade: Rgb, slender: float, *, tip: Rgb) ->
 def bun_top(rng: np.random.Generator, _color: str) -> Draft:
     """Make the domed upper half of a bun, strewn with sesame.
 
-    Half a bun of 72 mm weighs 25 to 30 g; 45 to 55 g keep it where it is put.
+    Half a bun of 72 mm weighs 25 to 30 g. 45 to 55 g keep it where it is put.
     """
     radius, height, full = uniforms(rng, (0.0345, 0.0368), (0.0320, 0.0385), (0.0, 0.06))
     crust, seeds = jittered(BUN, rng, amount=0.20), int(rng.integers(14, 42))

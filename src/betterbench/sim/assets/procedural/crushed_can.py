@@ -101,7 +101,7 @@ def _solids(crush: _Crush, heading: float, shift: tuple[float, float]) -> tuple[
 
 
 def _squeezed(rng: np.random.Generator, crush: _Crush) -> Mesh:
-    """Return the shell along x, its lid at +x; its texture rows are the same as for the full can."""
+    """Return the shell along x, its lid at +x. Its texture rows are the same as for the full can."""
     rows = [row / _CAN.rows[-1] for row in _CAN.rows]
     body = [(_RADIUS, t, rows[2] + t * (rows[3] - rows[2])) for t in (0.0, 0.17, 0.34, 0.5, 0.66, 0.83, 1.0)]
     # Radius [m], share of the length, texture row, from the bottom to the lid, which is pushed in.

@@ -95,7 +95,7 @@ def _ear(rng: np.random.Generator, radius: float, loop: float, z: tuple[float, f
 def tumbler(rng: np.random.Generator, color: str) -> Draft:
     """Make a tall straight drinking glass of tinted, see-through glass, without a handle.
 
-    It is ribbed, ringed, faceted or plain; its thick foot is full of color. A long drink glass of 0.25 l is 60 to 65 mm
+    It is ribbed, ringed, faceted or plain. Its thick foot is full of color. A long drink glass of 0.25 l is 60 to 65 mm
     wide and 110 to 120 mm high and weighs 0.15 to 0.25 kg. Its collision shape is filled: nothing is put into it, and a
     gripper can grasp it at any yaw with the same width.
     """

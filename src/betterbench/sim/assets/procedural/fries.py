@@ -15,7 +15,7 @@ _OUTSIDE = 0.8
 
 @generator("fries_box", colors=("red", "yellow", "blue", "green"))
 def fries_box(rng: np.random.Generator, color: str) -> Draft:
-    """Make a striped carton of fries; its wide side faces +x, the gripper closes along x.
+    """Make a striped carton of fries. Its wide side faces +x, the gripper closes along x.
 
     A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end
     below the underside of a Franka hand, 45 mm above the tool center point.

@@ -41,7 +41,7 @@ def _leaf(rng: np.random.Generator, length: float, width: float, lift: float, z:
 def apple(rng: np.random.Generator, color: str) -> Draft:
     """Make an apple with shoulders, a stalk in its dimple and five faint lobes.
 
-    A small dessert apple is 65 to 70 mm wide and weighs 0.15 to 0.18 kg; the apples are small because the jaw opens to
+    A small dessert apple is 65 to 70 mm wide and weighs 0.15 to 0.18 kg. The apples are small because the jaw opens to
     80 mm.
     """
     size, height, waist = uniforms(rng, (0.930, 1.0), (0.0580, 0.0670), (0.82, 0.98))

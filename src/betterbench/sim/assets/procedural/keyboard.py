@@ -26,7 +26,7 @@ _KEYS: dict[str, dict[str, Rgb]] = {
 
 @generator("keyboard", colors=("black", "white", "gray"))
 def keyboard(rng: np.random.Generator, color: str) -> Draft:
-    """Make a compact computer keyboard whose user sits at +x; it is a little higher at the far side.
+    """Make a compact computer keyboard whose user sits at +x. It is a little higher at the far side.
 
     Compact keyboards with six rows are 260 to 300 x 100 to 125 mm and weigh 0.35 to 0.6 kg:
     16 kg/m^2.
@@ -98,7 +98,7 @@ def draw_keys(
 ) -> None:
     """Draw six rows of keys into a field of a texture, as the user sees them: the space bar in the lowest row.
 
-    The field has a lower left corner, a width and a depth [m]. The accent is the color of the escape and enter keys;
+    The field has a lower left corner, a width and a depth [m]. The accent is the color of the escape and enter keys.
     ``edges`` is the color of the wide keys at the edge and of the far row, if it differs.
     """
     pitch = size_m[1] / len(ROWS)

@@ -18,7 +18,7 @@ _BEHIND = 0.065  # between the back edge of the screen and the center of the zon
 
 @generator("laptop", colors=("silver", "black"))
 def laptop(rng: np.random.Generator, color: str) -> Draft:
-    """Make an open laptop that faces its user at +x; the screen leans back and shows a desktop with windows.
+    """Make an open laptop that faces its user at +x. The screen leans back and shows a desktop with windows.
 
     A 10- to 11-inch laptop is 0.24 to 0.29 m wide, 0.16 to 0.20 m deep and weighs 1.1 to 1.4 kg, most of it in the
     lower half. The zones "left", "right" and "behind" are from the view of the user, who looks toward -x, so right is

@@ -18,7 +18,7 @@ def lunchbox(rng: np.random.Generator, color: str) -> Draft:
     """Make an open lunchbox; its latch faces +x and its lid leans back over the -x side.
 
     The inside is about 0.20 m (x) by 0.25 m (y). The lid is opened by about 120 degrees, so that the space above the
-    opening is free for a gripper from straight above. A box of this size in 2.5 mm polypropylene weighs 0.35 kg; 0.5
+    opening is free for a gripper from straight above. A box of this size in 2.5 mm polypropylene weighs 0.35 kg. 0.5
     kg, most of it in the floor, represents a box with a cooling element.
     """
     dx, dy, dz, corner = uniforms(rng, (-0.002, 0.002), (-0.002, 0.002), (-0.002, 0.002), (0.012, 0.038))

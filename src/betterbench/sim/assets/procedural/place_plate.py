@@ -15,7 +15,7 @@ _SIDE = _RADIUS + 0.045  # distance from the center of the plate to the zones ne
 def place_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a breakfast plate with a decorated rim; the diner sits at +x.
 
-    A stoneware plate with a diameter of 18 to 19 cm weighs 0.4 to 0.6 kg; the upper value is used, so that it stays in
+    A stoneware plate with a diameter of 18 to 19 cm weighs 0.4 to 0.6 kg. The upper value is used, so that it stays in
     place while objects are placed around it. Its regions are named as seen by the eater: right is +y, upper is -x.
     """
     stand = rng.uniform(0.046, 0.058)

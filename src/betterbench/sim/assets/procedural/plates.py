@@ -12,7 +12,7 @@ from betterbench.sim.assets.authoring.mesh import Mesh
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 FLOOR_M = 0.0105
-"""Height of a plate's floor, on which the next plate rests [m]; the same for all, so that stacks are equally high.
+"""Height of a plate's floor, on which the next plate rests [m]. The same for all, so that stacks are equally high.
 
 It is also the height at which the rim begins. In a stack, each plate's rim therefore begins above the rim of the plate
 below, and plates with any two radii stack with room to the sides.
@@ -45,7 +45,7 @@ def serving_plate(rng: np.random.Generator, color: str) -> Draft:
 
     Service plates under other plates are 25 to 35 % wider than these. Foot, floor and rim are the same as for a dinner
     plate, so that stacks have equal heights. A polypropylene plate (0.9 g/cm^3, 2.5 to 3 mm thick) weighs 0.09 to 0.12
-    kg; held at its rim, it tilts no more than a melamine dinner plate.
+    kg. Held at its rim, it tilts no more than a melamine dinner plate.
     """
     return _plate(rng, color, radii=(0.0950, 0.1010), density=905.0, solid=0.95, name="serving plate")
 
@@ -53,10 +53,10 @@ def serving_plate(rng: np.random.Generator, color: str) -> Draft:
 def _plate(
     rng: np.random.Generator, color: str, *, radii: tuple[float, float], density: float, solid: float, name: str
 ) -> Draft:
-    """Make a flat plate with an upright rim and a radius in a range [m]; the density is in kg/m^3.
+    """Make a flat plate with an upright rim and a radius in a range [m]. The density is in kg/m^3.
 
     The floor's collision shape is ``solid`` over this fraction of the radius. The rest, up to the rim, is free for the
-    fingers that pinch it; it must be narrower than the edge of any object that may be put down there upside down.
+    fingers that pinch it. It must be narrower than the edge of any object that may be put down there upside down.
     """
     radius, foot_share, well = uniforms(rng, radii, (0.46, 0.56), (0.60, 0.76))
     raised, flare = float(rng.choice([0.0, 0.0010, 0.0016])), rng.uniform(0.0006, 0.0020)
@@ -135,7 +135,7 @@ def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _lip(radius: float, low: float, high: float) -> list[CollisionPart]:
-    """Return eight upright boxes tangential to the rim, where the grasps are; they protrude by 1.5 mm at most."""
+    """Return eight upright boxes tangential to the rim, where the grasps are. They protrude by 1.5 mm at most."""
     return round_wall(radius, _LIP, low, high, half_length=math.sqrt((radius + 0.0015) ** 2 - radius**2))
 
 
@@ -166,7 +166,7 @@ class _Glaze:
         self._ink = chosen if color == "white" else mixed(self.color, (0.97, 0.96, 0.93), 0.80)
 
     def from_above(self, reach: float, well: float, lip: float) -> Canvas:
-        """Draw a plate as seen from above; ``reach`` is the radius at the edge of the texture [m]."""
+        """Draw a plate as seen from above. ``reach`` is the radius at the edge of the texture [m]."""
         canvas = Canvas(2.0, 2.0, (160, 160), self.color)
         r, angle = canvas.radius, np.arctan2(canvas.y - 1.0, canvas.x - 1.0)
         inner, edge, ink = well / reach, lip / reach, self._ink
@@ -197,7 +197,7 @@ class _Glaze:
         return canvas
 
     def inside_out(self, piece: Turned, *, rim: int, floor: int) -> Canvas:
-        """Draw a bowl from the foot over the rim to the floor; the inside is dark toward its floor.
+        """Draw a bowl from the foot over the rim to the floor. The inside is dark toward its floor.
 
         ``rim`` and ``floor`` are the profile points at which the rim and the floor begin.
         """

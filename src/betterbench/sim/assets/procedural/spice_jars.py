@@ -13,8 +13,7 @@ from betterbench.sim.assets.authoring.mesh import Mesh, creased, loft
 from betterbench.sim.assets.authoring.paint import PALETTE, STEEL, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 JAR_RADIUS_M = 0.0215
-"""Mean radius of the jars [m]: a 100 ml spice jar has a diameter of 42 to 44 mm. The rack's holes are made for it; a
-jar's own radius differs by 0.3 mm at most."""
+"""Mean radius of the jars [m]: a 100 ml spice jar has a diameter of 42 to 44 mm. The rack's holes are made for it. A jar's own radius differs by 0.3 mm at most."""
 
 JAR_HEIGHT_M = 0.085
 """Mean height of the jars with their caps [m]: such jars are 80 to 95 mm high. Looks differ by 4 mm."""
@@ -96,7 +95,7 @@ def plain_paprika_jar(rng: np.random.Generator, _color: str) -> Draft:
 def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
     """Make a pharmacy bottle with a big cross and a tall ribbed child-proof cap, as large as a spice jar.
 
-    Vials with 8 to 13 drams have diameters of 38 to 44 mm; filled, they weigh 60 to 120 g. The upper value is used, so
+    Vials with 8 to 13 drams have diameters of 38 to 44 mm. Filled, they weigh 60 to 120 g. The upper value is used, so
     that its weight is similar to a jar's weight.
     """
     shape = _Shape(rng)
@@ -143,7 +142,7 @@ class _Wrap(Canvas):
         self.height_on_wall = np.interp(self.y, self.solid.rows, heights)
 
     def mesh(self) -> Mesh:
-        """Return the creased mesh; each half begins with a seam, the first at -y: +x is in the middle of one."""
+        """Return the creased mesh. Each half begins with a seam, the first at -y: +x is in the middle of one."""
         half = self._sides // 2
         turn = np.concatenate([np.arange(half + 1), half + np.arange(half + 1)]) * (math.pi / half) - 0.5 * math.pi
         c, s, n = np.cos(turn), np.sin(turn), len(turn)
@@ -153,7 +152,7 @@ class _Wrap(Canvas):
 
 
 class _Shape:
-    """The outline of a look: the base is the same for all, to fit its hole; above the hole the shapes differ."""
+    """The outline of a look: the base is the same for all, to fit its hole. Above the hole the shapes differ."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         r, self.height, cap, waist = uniforms(rng, (0.0212, 0.0218), (0.081, 0.089), (0.0165, 0.0245), (0.86, 0.97))
@@ -186,7 +185,7 @@ class _Shape:
 
 
 def _jar(shape: _Shape, canvas: _Wrap, cap: Rgb, description: str, tags: tuple[str, ...], *, specular: float) -> Draft:
-    """Put a jar together; the edge of its cap is knurled."""
+    """Put a jar together. The edge of its cap is knurled."""
     r, start = shape.cap_radius, shape.cap_radius - 0.0160
     knurled = shape.cap.canvas(cap, (128, 128))
     skirt = knurled.between(start + 0.002, start + shape.cap_height - 0.003)
@@ -208,7 +207,7 @@ def _bottle(
 ) -> Draft:
     """Return a jar or the pill bottle: its visual parts with their common properties.
 
-    The mean size has 70 g of glass and cap and 50 g of content; other sizes are in proportion. The collision shape is a
+    The mean size has 70 g of glass and cap and 50 g of content. Other sizes are in proportion. The collision shape is a
     cylinder on a square foot. The pads reach 12 mm below the grasp and thus stay above a hole 35 mm deep.
     """
     r, height, touched = shape.radius, shape.height, shape.touched

@@ -11,7 +11,7 @@ from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittere
 
 @generator("tape_roll", colors=("blue", "brown", "yellow", "green"))
 def tape_roll(rng: np.random.Generator, color: str) -> Draft:
-    """Make a roll of adhesive tape that lies flat; the hole in its cardboard core is open.
+    """Make a roll of adhesive tape that lies flat. The hole in its cardboard core is open.
 
     Rolls of 15 to 30 mm tape on cores of 25 to 40 mm are 55 to 72 mm wide and weigh 40 to 80 g. A short end of the tape
     sticks out.

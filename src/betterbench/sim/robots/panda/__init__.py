@@ -51,8 +51,7 @@ from betterbench.sim.robots.spec import (
 )
 
 FACE_BUDGET = 7600
-"""Triangles of arm and hand together, with two fingers counted once; the complete robot's budget is 8,000 (design,
-section 3).
+"""Triangles of arm and hand together, with two fingers counted once. The complete robot's budget is 8,000 (design, section 3).
 """
 
 PAD_HALF_SIZE = (0.010, 0.004, 0.012)
@@ -345,9 +344,9 @@ def _paint(link: str, rank: int) -> str:
 
 
 def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a new MuJoCo description of the Panda, optionally without visual meshes; the physics is the same.
+    """Return a new MuJoCo description of the Panda, optionally without visual meshes. The physics is the same.
 
-    The base is at the origin, with the mounting flange at ``z = 0``; group 2 geoms are visual, group 3 geoms collide.
+    The base is at the origin, with the mounting flange at ``z = 0``. Group 2 geoms are visual, group 3 geoms collide.
 
     Raises:
         MissingDependencyError: If the package with the meshes is not installed.

@@ -94,7 +94,7 @@ class OwnWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> Scene:
-        """Return a trial's scene; images are rendered by the worker."""
+        """Return a trial's scene. Images are rendered by the worker."""
         from betterbench.sim.scenes import Scene, quality_preset  # noqa: PLC0415 - see above
 
         del processes, images, depth
@@ -146,7 +146,7 @@ class OwnWorld(World):
         }
 
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:
-        """Decimate a robot's meshes into the cache; later runs find them there and report nothing."""
+        """Decimate a robot's meshes into the cache. Later runs find them there and report nothing."""
         from betterbench.sim.robots import build_robot_spec  # noqa: PLC0415 - see above
 
         build_robot_spec(robot, progress=on_progress)

@@ -165,7 +165,7 @@ class CalvinSimulator:
         return hydra.utils.instantiate(config.env, show_gui=False, use_vr=False, use_scene_info=True, use_egl=self._egl)
 
     def prepare(self) -> None:
-        """Create the environment on the first call; after a failure, later calls raise the same error."""
+        """Create the environment on the first call. After a failure, later calls raise the same error."""
         if self._problem is not None:
             raise self._problem
         if self._env is not None:
@@ -219,7 +219,7 @@ class CalvinSimulator:
         return [{"name": name, "fixed": name not in BLOCKS, **found[name]} for name in names]
 
     def _row(self, seen: Mapping[str, Any], info: Mapping[str, Any]) -> FrameContent:
-        """Return the current state: ``get_info`` as JSON; robot state, scene state and images as arrays."""
+        """Return the current state, with ``get_info`` as JSON, and robot state, scene state and images as arrays."""
         names = self._block_names()
         scene = np.array(seen["scene_obs"], float)
         blocks = dict(zip(names, np.split(scene[_SCENE_HEAD:], len(names)), strict=True))
@@ -238,7 +238,7 @@ class CalvinSimulator:
         return {"info": _plain_info(info)}, arrays
 
     def _commit(self) -> str:
-        """Return the commit of the checkout; calvin_env itself refuses to run outside a git repository."""
+        """Return the commit of the checkout, because calvin_env itself refuses to run outside a git repository."""
         git = importlib.import_module("git")
         return str(git.Repo(self._checkout, search_parent_directories=True).head.object.hexsha)
 

@@ -30,7 +30,7 @@ class Touching:
     """The contacts of a simulation."""
 
     def __init__(self, mujoco: Any, env: Any, labels: Sequence[str]) -> None:  # noqa: ANN401 - another environment's
-        """Index the geoms of the bodies; ``labels`` are the labels of all bodies."""
+        """Index the geoms of the bodies. ``labels`` are the labels of all bodies."""
         self._model, self._data, self._read_force = env.sim.model._model, env.sim.data._data, mujoco.mj_contactForce
         self._numbers = {self._name(mujoco, geom): geom for geom in range(self._model.ngeom)}
         names = sorted(set(labels))

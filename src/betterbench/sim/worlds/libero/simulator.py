@@ -41,7 +41,7 @@ _FINGERS = {
     "gripper0_rightfinger": "right_finger",
     "gripper0_finger_joint2_tip": "right_finger",
 }
-"""Bodies of the gripper's fingers; the pads that touch a held object belong to the tips."""
+"""Bodies of the gripper's fingers. The pads that touch a held object belong to the tips."""
 _PARTS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
 _SIGNS = np.array([[1.0, -1.0, -1.0, -1.0], [1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, 1.0], [1.0, 1.0, -1.0, 1.0]])
 """Product of two quaternions: component k is the sum over i of p[i] * q[PARTS[k, i]] * SIGNS[k, i], i in order."""
@@ -217,7 +217,7 @@ class LiberoSimulator:
         self._wrapper.reset()
 
     def _advance(self, action: list[float]) -> tuple[Mapping[str, np.ndarray], bool]:
-        """Take one control step; return robosuite's observation, and whether the task is done."""
+        """Take one control step. Return robosuite's observation, and whether the task is done."""
         seen, _, done, _ = self._wrapper.step(action)
         return seen, bool(done)
 
@@ -357,7 +357,7 @@ class _Reader:
         }
 
     def numbers(self, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return all current numbers, float64; ``seen`` is robosuite's observation."""
+        """Return all current numbers, float64. ``seen`` is robosuite's observation."""
         data, roots, controller = self._seen, self._root_numbers, self._env.robots[0].controller
         rotations = data.xmat.take(roots, 0).reshape(-1, 3, 3)
         return {
@@ -443,7 +443,7 @@ class _Reader:
         return places
 
     def _place_of(self, relation: list[str]) -> str | None:
-        """Return the name of an object's start place; starting on another object also counts as a place."""
+        """Return the name of an object's start place. Starting on another object also counts as a place."""
         name = _place_named(self._env.parsed_problem, relation)
         if name not in self._places:
             x, y, _ = self._data.xpos[int(self._env.obj_body_id[relation[1]])].tolist()

@@ -83,7 +83,7 @@ class LiberoPlusSimulator(LiberoSimulator):
     """One environment of LIBERO-Plus."""
 
     def __init__(self, package: Path, assets: Path | None = None) -> None:
-        """Prepare the simulator; ``package`` is the folder with the wheel's files, ``assets`` the authors' download."""
+        """Prepare the simulator. ``package`` is the folder with the wheel's files, ``assets`` the authors' download."""
         super().__init__()
         self._package = package
         libero = importlib.import_module("libero.libero")

@@ -85,7 +85,7 @@ class PlusOptions:
 
 @dataclass(frozen=True, slots=True)
 class VariantTask(WorldTask):
-    """Variant of a LIBERO task; ``number`` is the base task's number.
+    """Variant of a LIBERO task. ``number`` is the base task's number.
 
     Attributes:
         variant: Name in LIBERO-Plus.

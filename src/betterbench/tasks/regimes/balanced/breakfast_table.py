@@ -1,4 +1,4 @@
-"""Balanced conditions of breakfast table, with every piece in every slot and at every side, and the plate at either position."""
+"""Balanced conditions of breakfast table, with every piece in every slot and the plate at either position."""
 
 import itertools
 

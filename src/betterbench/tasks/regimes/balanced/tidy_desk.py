@@ -43,7 +43,7 @@ FREE = (TRASH_4, TRASH_2, TRASH_3, TRASH_1)
 
 
 def balanced_tidy_desk() -> list[Condition]:
-    """Return four layouts of the trash with four instructions each. The order of the valuables differs between layouts."""
+    """Return four layouts of the trash with four instructions each. The valuables differ in order."""
     found = []
     for turn, (napkin, can) in enumerate(TRASH):
         for number, asked in enumerate(ASKED):

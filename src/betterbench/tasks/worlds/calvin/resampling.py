@@ -32,7 +32,7 @@ _TRIES = 1000
 
 
 def resampled_start_of(chain: Chain) -> ChainStart:
-    """Return a chain's start with redrawn blocks, which have positions in the range of their surfaces and arbitrary yaws.
+    """Return a chain's start with blocks redrawn at positions in the range of their surfaces, with arbitrary yaws.
 
     Robot, drawer, slider and lights are the same as in :func:`~betterbench.tasks.worlds.calvin.starts.start_of`. Every
     chain has its own draw, which depends only on its number. Blocks on the same surface are drawn again until they are

@@ -59,7 +59,7 @@ class Chain:
 
 
 def start_states() -> tuple[SymbolicState, ...]:
-    """Return the 192 symbolic starts in CALVIN's order, with one or two blocks on the table and at most one per cabinet."""
+    """Return the 192 symbolic starts in CALVIN's order. One or two blocks are on the table."""
     found = []
     for values in product(*_VALUES.values()):
         if values.count("table") in {1, 2} and all(values.count(place) < 2 for place in _PLACES[1:]):
@@ -68,7 +68,7 @@ def start_states() -> tuple[SymbolicState, ...]:
 
 
 def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str, ...]]:
-    """Draw the subtasks of chains from one start as CALVIN does. Each chain has five different subtasks, redrawn until feasible.
+    """Draw the subtasks of chains from one start as CALVIN does, five different ones, until they are feasible.
 
     CALVIN draws with ``numpy.random.choice(34 names, size=5, replace=False)``, which is the beginning of a permutation
     by NumPy's legacy generator, whose stream is frozen.

@@ -24,7 +24,7 @@ SymbolicState = Mapping[str, SymbolValue]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Symbolic effect of a subtask, with required values (one value or a list of alternatives each) and resulting values."""
+    """Symbolic effect of a subtask, with required values (one or a list of alternatives) and resulting values."""
 
     when: dict[str, SymbolValue | list[SymbolValue]]
     then: dict[str, SymbolValue]

@@ -196,7 +196,7 @@ def _leveling(change: SupportChange, where: str) -> Quaternion:
 
 
 def _refound(imported: Imported, draft: Draft, where: str) -> Imported:
-    """Return an object with moved visual parts; collision shape, inertia, grasps and regions are computed again."""
+    """Return an object with moved visual parts. Collision shape, inertia, grasps and regions are computed again."""
     raw = [
         RawPart(p.name, np.maximum(p.vertices.astype(float), (-np.inf, -np.inf, 0.0)), p.faces.astype(np.int64))
         for p in _visual(draft)

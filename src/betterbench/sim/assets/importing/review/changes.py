@@ -37,7 +37,7 @@ class Plane:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PoseChange:
-    """A rotation of the object; ``before`` and ``after`` are rotations (w, x, y, z) from the imported pose.
+    """A rotation of the object. ``before`` and ``after`` are rotations (w, x, y, z) from the imported pose.
 
     The collision shape, grasps and regions are then computed again.
     """
@@ -50,7 +50,7 @@ class PoseChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ScaleChange:
-    """A new size, as the longest side of the bounding box [m]; the mass stays the same.
+    """A new size, as the longest side of the bounding box [m]. The mass stays the same.
 
     The collision shape, grasps and regions are then computed again.
     """
@@ -63,7 +63,7 @@ class ScaleChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SupportChange:
-    """A new support plane; ``before`` is the bottom of the bounding box.
+    """A new support plane. ``before`` is the bottom of the bounding box.
 
     The object is turned by the smallest rotation that levels the plane. Parts below the plane do not touch the table.
     The collision shape, grasps and regions are then computed again.
@@ -97,7 +97,7 @@ class RegionChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class MassChange:
-    """A new mass [kg]; the inertia changes in proportion."""
+    """A new mass [kg]. The inertia changes in proportion."""
 
     before: _Mass
     after: _Mass

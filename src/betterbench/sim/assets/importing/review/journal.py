@@ -1,6 +1,6 @@
 """Review file, with one appended JSON line per decision, and the history of each object in it.
 
-This module defines the lines about imported objects; :mod:`betterbench.jobs.decisions` has the mechanism.
+This module defines the lines about imported objects. :mod:`betterbench.jobs.decisions` has the mechanism.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def history_of(path: Path, content: str, asset: str) -> History:
 
     Raises:
         RecordError: As for :func:`read_reviews`.
-        InvalidInputError: If the file has no decision about this content; the message names the reviewed content of an
+        InvalidInputError: If the file has no decision about this content. The message names the reviewed content of an
             object with the same name.
     """
     reviews = read_reviews(path)
