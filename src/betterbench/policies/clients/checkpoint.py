@@ -1,4 +1,4 @@
-"""Checkpoints of LeRobot: weights, processors and declared features."""
+"""Checkpoints of LeRobot, with weights, processors and declared features."""
 
 from __future__ import annotations
 

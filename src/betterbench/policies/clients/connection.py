@@ -18,7 +18,7 @@ from betterbench.policies.address import PolicyAddress
 logger = logging.getLogger(__name__)
 
 FIRST_PAUSE_S = 0.1
-"""Pause before a request or connection attempt is repeated [s]; doubled each time."""
+"""Pause before a request or connection attempt is repeated [s]. It is doubled each time."""
 
 LONGEST_WAIT_S = 604_800
 """Maximum of deadlines and of ``patience_s`` [s], a week."""

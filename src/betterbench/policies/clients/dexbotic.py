@@ -1,6 +1,6 @@
 """Requests to Dexbotic's inference server at ``http://host:7891/v1/infer``, and its declarations.
 
-``POST /v1/infer`` takes JSON: the prompt, images (by slot number) as PNG files in base64, and a state. The answer
+``POST /v1/infer`` takes JSON with the prompt, images (by slot number) as PNG files in base64, and a state. The answer
 contains ``actions``. In older releases, ``POST /process_frame`` takes the same data as a form with files and returns
 ``response``. ``GET /v1/capabilities`` declares slots, state and action size. ``POST /v1/reset`` begins an episode. With
 forms, the first request of an episode has a flag instead. Source: dexmal/dexbotic, ``dexbotic/exp/base_exp.py``,

@@ -232,7 +232,7 @@ class HttpActClient(ServerClient[HttpServer]):
 
 
 def _stacked(reply: object) -> object:
-    """Return a list of arrays as one array; return other values unchanged."""
+    """Return a list of arrays as one array, and other values unchanged."""
     if isinstance(reply, list) and any(isinstance(row, np.ndarray) for row in reply):
         try:
             return np.stack([number_array(row) for row in reply])

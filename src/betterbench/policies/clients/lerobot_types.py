@@ -16,7 +16,7 @@ from betterbench.installation import package_command
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """Requirements of a policy type: the required modules, and the LeRobot extra that installs them."""
+    """Requirements of a policy type, with the required modules and the LeRobot extra that installs them."""
 
     extra: str = ""
     modules: tuple[str, ...] = ()

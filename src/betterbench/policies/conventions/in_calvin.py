@@ -81,7 +81,7 @@ VLA_EVAL_CALVIN_ABSOLUTE = replace(
         precision="float32",
     ),
 )
-""":data:`VLA_EVAL_CALVIN` with ``absolute_action``, as the harness's X-VLA server requests; above 0 closes."""
+""":data:`VLA_EVAL_CALVIN` with ``absolute_action``, as the harness's X-VLA server requests. Values above 0 close."""
 
 X_VLA_CALVIN = Adapter(
     "x_vla_calvin",
@@ -106,7 +106,9 @@ X_VLA_CALVIN = Adapter(
     constants=(ConstantRule(("domain_id",), 2), ConstantRule(("steps",), 10)),
     feedback=Feedback(("proprio",), ("action",), 10),
 )
-"""X-VLA's CALVIN client: absolute poses, 25 actions per chunk, domain 2. After the first answer, its state is the last commanded pose. X-VLA's own loop gives each instruction 720 steps and executes the rest of a chunk under the next instruction. Here, an instruction has CALVIN's 360 steps and begins with a new chunk."""
+"""X-VLA's CALVIN client, with absolute poses, 25 actions per chunk, and domain 2. After the first answer, its state is
+the last commanded pose. X-VLA's own loop gives each instruction 720 steps and executes the rest of a chunk under the
+next instruction. Here, an instruction has CALVIN's 360 steps and begins with a new chunk."""
 
 _AXES: tuple[tuple[str, AnswerKind], ...] = (
     ("x", "translation_x"),

@@ -159,7 +159,7 @@ GR00T_LIBERO_PANDA = Adapter(
 embodiment_configs.py``), and the LIBERO example of N1.5 (``examples/Libero/custom_data_config.py``).
 
 The values named roll, pitch and yaw are a rotation vector (``quat2axisangle`` in the clients), in the state and in the
-action. In the data, a gripper value of 1 is open; the clients invert it. ``gr00t_libero_panda_SUITE`` is for a
+action. In the data, a gripper value of 1 is open, but the clients invert it. ``gr00t_libero_panda_SUITE`` is for a
 checkpoint that was trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`).
 """
 
@@ -213,7 +213,8 @@ GR00T_OXE_DROID = Adapter(
     ),
     leading_axes=2,
 )
-"""GR00T N1.6 with the embodiment tag ``oxe_droid`` (``examples/DROID``): joint angles as input and output. The server has already converted the model's relative angles to absolute ones. A gripper value of 1 is closed.
+"""GR00T N1.6 with the embodiment tag ``oxe_droid`` (``examples/DROID``): joint angles as input and output. The server
+has already converted the model's relative angles to absolute ones. A gripper value of 1 is closed.
 
 GR00T's client executes the angles at 15 Hz. Here they are executed at 20 Hz, a third faster. N1.7's tag
 ``oxe_droid_relative_eef_relative_joint`` is different: it has two more entries (``eef_9d``) in a tool frame of DROID.
@@ -310,7 +311,8 @@ OPENVLA_OFT = Adapter(
     instruction=InstructionRule(("instruction",)),
     answer=AnswerRule("ee_delta", twist("actions"), gripper="open_fraction"),
 )
-"""The body of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state. The answer is a chunk. See :data:`OPENVLA`. ``openvla_oft_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
+"""The body of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state. The answer is a chunk. See
+:data:`OPENVLA`. ``openvla_oft_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
 
 X_VLA = Adapter(
     "x_vla",
@@ -332,7 +334,7 @@ X_VLA = Adapter(
 )
 """The body of X-VLA's ``POST /act`` (``models/modeling_xvla.py``, ``evaluation/libero/libero_client.py``).
 
-It contains images and a state with ten numbers per arm for two arms, of which a single arm fills nine; the answer
+It contains images and a state with ten numbers per arm for two arms, of which a single arm fills nine. The answer
 consists of absolute tool poses. Arrays are sent as strings (``arrays=text``). ``domain_id`` selects the data set whose
 prompt the model uses (3 is LIBERO) and must be given: ``send.domain_id=3``. X-VLA's client sends the last commanded
 pose. This preset sends the measured pose.

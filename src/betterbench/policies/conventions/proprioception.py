@@ -94,7 +94,7 @@ _SIZES: dict[str, int] = {
     **{name: space.dim for name, space in ROBOT_ACTION_SPACES.items()},
     **{f"ee_{form}": size for form, size in ROTATION_SIZES.items()},
 }
-"""Number of values of each part; for the Panda if it depends on the robot."""
+"""Number of values of each part. If it depends on the robot, it is that of the Panda."""
 
 _PER_JOINT = ("joint_positions", "joint_velocities")
 """Parts with one value per arm joint."""

@@ -28,7 +28,7 @@ NATIVE_IMAGES = "better/images/"
 _LARGEST = 2**31 - 1
 _LARGEST_SIDE = 4096
 _LARGEST_NUMBER = 1e6
-"""Limit of positions, angles and speeds of a robot [m, rad, m/s, rad/s]; squares of much larger numbers overflow."""
+"""Limit of positions, angles and speeds of a robot [m, rad, m/s, rad/s]. Squares of much larger numbers overflow."""
 _MEASURED = {"joint_positions": None, "joint_velocities": None, "ee_position": 3, "ee_quaternion": 4}
 """Number of values of each measurement, or None for one per joint of the client's robot."""
 _MOST_JOINTS = 32

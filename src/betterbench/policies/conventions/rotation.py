@@ -26,7 +26,10 @@ RotationFormat = Literal[
     "rotation_6d_interleaved",
     "matrix",
 ]
-"""``rpy`` are angles [rad] about the fixed axes x, y, z, in this order. ``rotation_6d`` contains the first column of the matrix, then the second (Zhou et al. 2019). ``_rows`` contains the first two rows instead (pytorch3d, GR00T). ``_interleaved`` contains the first two columns read row by row (vla-evaluation-harness simulators). ``matrix`` contains the nine numbers row by row.
+"""``rpy`` are angles [rad] about the fixed axes x, y, z, in this order. ``rotation_6d`` contains the first column of
+the matrix, then the second (Zhou et al. 2019). ``_rows`` contains the first two rows instead (pytorch3d, GR00T).
+``_interleaved`` contains the first two columns read row by row (vla-evaluation-harness simulators). ``matrix`` contains
+the nine numbers row by row.
 """
 
 ROTATION_SIZES: dict[RotationFormat, int] = {

@@ -34,9 +34,9 @@ from betterbench.tasks.relations.inside import inside
 DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 """Tool rotation that points straight down with the fingers opening along -y."""
 CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
-"""Allowed position and angle error of a checked configuration; clearances are larger."""
+"""Allowed position and angle error of a checked configuration. Clearances are larger."""
 MAX_JOINT_STEP_RAD = 0.6
-"""Maximum joint motion between two checked configurations; a larger motion implies a different arm posture."""
+"""Maximum joint motion between two checked configurations. A larger motion implies a different arm posture."""
 COMFORT_RAD = 0.3
 """Preferred distance from joint limits [rad], because a wrist at its limit cannot rotate further."""
 RISES_M = (0.0, 0.002, 0.004)
@@ -470,7 +470,7 @@ class Planner:
 
 
 def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
-    """Yield the equivalent poses of an annotated grasp: rotated about the object's axis, and with swapped fingers."""
+    """Yield the equivalent poses of an annotated grasp, rotated about the object's axis and with swapped fingers."""
     turns = [i * math.pi / 8.0 for i in range(16)] if grasp.symmetric_yaw else [0.0]
     half_turn = Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, math.pi)))
     for turn in turns:

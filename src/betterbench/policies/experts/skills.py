@@ -38,7 +38,8 @@ SkillRun = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
 """Generator of a skill, which yields actions, receives states, and returns the last state and whether it succeeded."""
 
 SURE = 0.6
-"""Share of the certificate's tolerances within which a goal counts as trained. The rest is a margin for position errors of the arm."""
+"""Share of the certificate's tolerances within which a goal counts as trained. The rest is a margin for position errors
+of the arm."""
 PRESS_M = 0.004
 """Distance beyond the stop to which a drawer is pushed, to overcome friction when closing [m]."""
 KNOB_RELEASE_M = 0.016

@@ -1,4 +1,4 @@
-"""Code shared by the kinds of built-in privileged policies: names, options and constructor."""
+"""Names, options and constructor that the kinds of built-in privileged policies share."""
 
 from __future__ import annotations
 

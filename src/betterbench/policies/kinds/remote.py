@@ -53,7 +53,7 @@ def register_server(
         usual: Default preset of an address. It is empty if the address must name a preset.
         options: Options of this kind only.
         constants: Whether an address may add constants to each request.
-        shown: Form of the address in lists; scheme, host and port if empty.
+        shown: Form of the address in lists. If empty, scheme, host and port are shown.
     """
     form = AddressForm(
         scheme=scheme,

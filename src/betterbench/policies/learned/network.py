@@ -1,4 +1,4 @@
-"""Learner networks: the base class, the transformer used by both built-in families, and the ``objects`` network."""
+"""Learner networks, with the base class, the transformer of both built-in families, and the ``objects`` network."""
 
 from __future__ import annotations
 

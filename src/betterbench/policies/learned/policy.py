@@ -112,7 +112,7 @@ class LearnedPolicy:
     """Policy of an ``objects`` learner for one episode. It predicts a new chunk after ``execute`` executed actions."""
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
-        """Store the instruction; ``episode`` seeds the noise of a flow-matching learner."""
+        """Store the instruction. ``episode`` seeds the noise of a flow-matching learner."""
         self.name = name
         self._learner, self._instruction, self._episode, self._execute = learner, instruction, episode, execute
         self._things: Things | None = None

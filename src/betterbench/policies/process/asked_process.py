@@ -35,7 +35,7 @@ ERRORS = (
     "RecordError",
     "MissingDependencyError",
 )
-"""betterbench errors that keep their class when sent to the run; all others become PolicyError."""
+"""Errors of betterbench that keep their class when sent to the run. All others become PolicyError."""
 
 # imported here, before a policy can replace these functions
 _exit, _killpg, _write, _loads = os._exit, os.killpg, os.write, ForkingPickler.loads

@@ -74,7 +74,7 @@ def run_check(name: str, subject: Subject) -> CheckResult:
 
 
 def at_most(measured: float, limit: float, unit: str, said: str, cure: str) -> Finding:
-    """Return the finding for a value that must not exceed a limit; a non-finite value fails."""
+    """Return the finding for a value that must not exceed a limit. A non-finite value fails."""
     return Finding(measured, limit, unit, not measured <= limit, said, cure)
 
 

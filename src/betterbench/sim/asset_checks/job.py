@@ -29,11 +29,11 @@ OnCertificate = Callable[[JobProgress[tuple[str, AssetCertificate]]], None]
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Asset to certify: a mesh file with import options, or a registered asset.
+    """Asset to certify, which is a mesh file with import options or a registered asset.
 
     Attributes:
         name: Name in the certificate.
-        file: Mesh file, None for a registered asset.
+        file: Mesh file, or None for a registered asset.
         wishes: Import options. ``name`` also determines the kind of a registered asset.
         color: Color word. None selects the default color of a registered asset.
         look: Look of a registered asset.
@@ -147,7 +147,7 @@ class CertificateJournal(LineJournal):
 def certify_targets(
     targets: Sequence[Target], folder: Path | None = None, *, on_progress: OnCertificate | None = None
 ) -> list[AssetCertificate]:
-    """Certify targets in order; with a folder, the same call resumes after an interruption."""
+    """Certify targets in order. With a folder, the same call resumes after an interruption."""
     keys = {target: target.key() for target in targets}
 
     def work(waiting: list[Target]) -> Iterator[tuple[str, AssetCertificate]]:

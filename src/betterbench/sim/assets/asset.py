@@ -1,4 +1,4 @@
-"""Asset: description of one 3-D object for scenes, experts and predicates."""
+"""Asset, which describes one 3-D object for scenes, experts and predicates."""
 
 import hashlib
 from collections.abc import Mapping
@@ -114,8 +114,8 @@ class Asset:
         size_m: Extents of the bounding box [m].
         center_of_mass: In the object frame [m].
         inertia: About the center of mass, in object frame axes (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
-        visual: Colored meshes; at most 600 faces in all, 1,200 for imported thin walls.
-        collision: Convex geometries; at most about 12.
+        visual: Colored meshes, with at most 600 faces in all, or 1,200 for imported thin walls.
+        collision: Convex geometries, at most about 12.
         regions: Named regions, such as opening, ring, handle and top.
         parameters: Parameters drawn by the generator, for the record.
         keeps_upright: Whether objects of the category, such as drinks, must not lie on their side in a container.
@@ -188,5 +188,5 @@ class Asset:
 
 
 def origin_of(asset: Asset) -> tuple[str, str]:
-    """Return source and license of an asset as listed in records; empty strings for the procedural library."""
+    """Return source and license of an asset as listed in records, or empty strings for the procedural library."""
     return ("", "") if asset.source == LIBRARY_SOURCE else (asset.source, asset.license)

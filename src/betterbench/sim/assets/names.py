@@ -21,7 +21,7 @@ _WITHOUT_A_NAME = frozenset(_GENERIC.split())
 
 
 def words_of(text: str) -> tuple[str, ...]:
-    """Return the lower-case words of a name: "burgerCheese", "025_mug" and "red-mug" have two, one and two.
+    """Return the lower-case words of a name. For example, "burgerCheese" has two words and "025_mug" has one.
 
     Digits separate words. Digits and single letters are left out unless the name has nothing else.
     """

@@ -53,9 +53,9 @@ def devices() -> list[int]:
 
 
 def draws_with(handle: int) -> dict[str, Any]:
-    """Return the OpenGL of a device: its "vendor", "renderer" and "version", and its CUDA number and UUID.
+    """Return the "vendor", "renderer" and "version" of a device's OpenGL, and its CUDA number and UUID.
 
-    Empty if no OpenGL context can be made on it, for example if the job may not use the graphics card.
+    The result is empty if no OpenGL context can be made on it, for example if the job may not use the graphics card.
     """
     egl, pointer, integer = _Egl(), ctypes.c_void_p, ctypes.c_int
     display = egl("eglGetPlatformDisplayEXT", pointer, ctypes.c_uint, pointer, pointer)(_PLATFORM_DEVICE, handle, None)

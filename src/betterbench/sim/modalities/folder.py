@@ -1,4 +1,4 @@
-"""Folder of materialized modalities: its settings, each trial's files, and the list of semantic ids."""
+"""Folder of materialized modalities, with its settings, each trial's files, and the list of semantic ids."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _MAX_BYTES = 1 << 20
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Settings of a modality folder, the same for all its trials: views, modalities and renderer.
+    """Settings of a modality folder (views, modalities and renderer), which are the same for all its trials.
 
     Attributes:
         quality: Render preset for the colors, or None for the preset of each record's policy.

@@ -15,7 +15,7 @@ from betterbench.tasks import TrialId
 
 
 class LiveMaterializer:
-    """Renderer for a scene's views row by row during recording; a context manager.
+    """Renderer for a scene's views row by row during recording. It is a context manager.
 
     Call :meth:`add` after the reset and after every step, when the record's rows are appended, and :meth:`finish` with
     the record. Without :meth:`finish`, no files are left. ``out`` is a folder in the layout of better materialize,

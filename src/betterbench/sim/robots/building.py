@@ -1,4 +1,4 @@
-"""Parts of robot models: links with primitive collision shapes, and joint servos that follow a moving reference."""
+"""Parts of robot models, with links of primitive collision shapes and joint servos that follow a moving reference."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """Link: pose in its parent, inertia and collision shapes.
+    """Link, with its pose in its parent, its inertia and its collision shapes.
 
     Attributes:
         name: Body name.
@@ -149,7 +149,7 @@ def add_joint_servos(
 ) -> None:
     """Add the two servos of each arm joint, both controlled by the joint's reference velocity [rad/s].
 
-    The first integrates it to a reference position (its activation) and pulls with the stiffness; the second damps
+    The first integrates it to a reference position (its activation) and pulls with the stiffness. The second damps
     toward the reference velocity itself. The reference therefore moves evenly within a control step, and a moving arm
     does not lag by damping over stiffness, as it does with a position servo.
 

@@ -1,7 +1,7 @@
 """Arm controller, which converts an action into the references of all servos.
 
-Every action space ends in a joint reference that the position servos integrate evenly over the control step, see
-:mod:`betterbench.sim.robots.panda`. In Cartesian action spaces the controller keeps a **commanded pose**. This pose is
+Every action space ends in a joint reference that the position servos integrate evenly over the control step (see
+:mod:`betterbench.sim.robots.panda`). In Cartesian action spaces the controller keeps a **commanded pose**. This pose is
 constant for a zero action, and may lead the measured pose by at most :data:`POSITION_LEAD_M` and
 :data:`ROTATION_LEAD_RAD`, so a blocked arm causes no windup.
 
@@ -82,7 +82,7 @@ Joints = Sequence[float]
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """Memory of a controller between actions: the commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
+    """Memory of a controller between actions, with the commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
 
     pose: Pose
     joints: tuple[float, ...]
@@ -93,8 +93,8 @@ class ArmController:
     """Controller that converts actions of one action space to servo references, once per control step.
 
     The robot's base is at the world origin. ``prefix`` is the prefix of the robot's names in the scene. With
-    ``dynamics`` that contain a backlash, the servos hold the joints up to half of the play off their references, see
-    :mod:`betterbench.sim.robots.dynamics`.
+    ``dynamics`` that contain a backlash, the servos hold the joints up to half of the play off their references (see
+    :mod:`betterbench.sim.robots.dynamics`).
 
     Raises InvalidInputError if it does not support the action space, the model lacks a part of the robot or the time
     step does not divide the control period.
@@ -357,7 +357,7 @@ class ArmController:
         return self._jaw.width_at_share(self._scale[-1] * command)
 
     def _check_base(self, model: mujoco.MjModel, prefix: str) -> None:
-        """Check that the robot is at the pose assumed by its kinematics: at the world origin, not rotated."""
+        """Check that the robot is at the pose assumed by its kinematics, which is the world origin without rotation."""
         body = model.body(prefix + self.spec.arm_bodies[0]).id
         base = Pose()
         while body:

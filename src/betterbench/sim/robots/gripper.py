@@ -25,7 +25,7 @@ _ARMATURE_KG = 1.0
 
 
 def add_floating_gripper(spec: mujoco.MjSpec, name: str = USUAL_ROBOT) -> RobotSpec:
-    """Add the gripper of a robot to a model: its own fingers, pads, coupling and servo, on a carrier with three slides.
+    """Add a robot's gripper with its fingers, pads, coupling and servo to a model, on a carrier with three slides.
 
     The tool center point is at the carrier's position, in the orientation of the body ``tool``. Returns the
     robot's description.

@@ -1,9 +1,9 @@
-"""Inverse kinematics: one control step toward a pose, and joint angles for a pose.
+"""Inverse kinematics for one control step toward a pose, and for joint angles of a pose.
 
 Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinematics from mink (:class:`mink.FrameTask`,
 :class:`mink.Configuration`) on a model of the arm alone. The control step (:meth:`ArmIK.solve`) runs 20 times per
 simulated second with cold caches. It takes the same Jacobian from MuJoCo directly, in the base frame, and a test
-compares the two. The quadratic program is assembled here and passed to DAQP with its limits as simple bounds: mink's
+compares the two. The quadratic program is assembled here and passed to DAQP with its limits as simple bounds. Mink's
 own front end states them as 28 general inequalities, which takes about three times as long.
 
 Each iteration minimizes over the joint step ``d``
@@ -11,7 +11,7 @@ Each iteration minimizes over the joint step ``d``
     |W (J d - e)|^2  +  posture^2 |q + d - home|^2  +  damping |d|^2
 
 inside the position and velocity limits. The posture term is a million times weaker than the pose, so it moves the elbow
-and displaces the tool by micrometers. Results depend only on the arguments: there is no state between calls.
+and displaces the tool by micrometers. Results depend only on the arguments, because there is no state between calls.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ class ArmIK:
     ) -> list[float]:
         """Return the joint angles of :meth:`solve` as plain numbers.
 
-        It uses plain floats, plain loops and MuJoCo's own small functions: between two physics steps the caches are
+        It uses plain floats, plain loops and MuJoCo's own small functions. Between two physics steps, the caches are
         cold, so an array operation takes three times as long as in an isolated benchmark, and `all` and `map` take
         twice as long as a loop.
         """
@@ -322,7 +322,7 @@ class ArmIK:
     def _descent(self, q: Sequence[float], target: Pose, window: _Window) -> tuple[list[float], float]:
         """Return the joint angles after one iteration from ``q`` with the prepared Jacobian.
 
-        The second value is the largest distance between a joint and the beginning of the window; both [rad].
+        The second value is the largest distance between a joint and the beginning of the window. Both are in rad.
         """
         # If no bound is active, the minimum is one Newton step, which takes a third of the time of the quadratic
         # program.

@@ -104,7 +104,7 @@ class HingedJaw:
         fixed_m: Distance of the fixed finger from the tool center point, against the opening direction [m].
         clearance_m: Free distance between the fixed finger and an object while the tool moves down to it [m].
         press_m: Distance by which the tool then pushes the fixed finger against the object [m]. The closing jaw is
-            inclined and presses an object down; without the fixed finger beside it, the object would jam on the table.
+            inclined and presses an object down. Without the fixed finger beside it, the object would jam on the table.
     """
 
     offset_m: float

@@ -93,9 +93,9 @@ def visual_parts(
 ) -> tuple[MeshPart, ...]:
     """Return the decimated visual meshes, ordered by link and paint, from the cache if possible.
 
-    ``shares`` gives the weight of shape errors by file stem, ``faces`` the maximum number of triangles over all parts;
-    ``paint`` sorts the connected parts of each file. ``progress`` is called for each link unless the cache is used.
-    Raises MissingDependencyError if a source file is missing.
+    ``shares`` gives the weight of shape errors by file stem, and ``faces`` the maximum number of triangles over all
+    parts. ``paint`` sorts the connected parts of each file. ``progress`` is called for each link unless the cache is
+    used. Raises MissingDependencyError if a source file is missing.
     """
     folder = mesh_folder()
     sources: dict[str, bytes] = {}

@@ -1,4 +1,4 @@
-"""Benchmark-wide physics options and rates, for every model: scenes, robots and single assets."""
+"""Benchmark-wide physics options and rates for every model, including scenes, robots and single assets."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Physics:
     Attributes:
         timestep_s: Duration of one physics step [s].
         control_rate_hz: Action rate [Hz]. A control step is an integer number of physics steps.
-        impratio: Ratio of frictional to normal constraint impedance; values above 1 reduce the creep of held objects.
+        impratio: Ratio of frictional to normal constraint impedance. Values above 1 reduce the creep of held objects.
         noslip_iterations: Iterations of the solver that removes the remaining creep.
         condim: Contact dimensions. 4 has torsional friction, which keeps a flat object from rotating between two pads.
         contact_time_constant_s: Time constant of critically damped contacts [s]. An object dropped from 5 cm arrives at

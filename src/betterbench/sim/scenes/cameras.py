@@ -1,4 +1,4 @@
-"""Camera poses and projections in a model: pinhole cameras in OpenCV conventions."""
+"""Camera poses and projections in a model, with pinhole cameras in OpenCV conventions."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class CameraMatrices:
     """Pinhole camera in OpenCV's conventions: (3, 3) intrinsic matrix ``K`` [pixel], pose, and image size [pixel].
 
     The camera frame has x to the right of the image, y down and z forward along the optical axis. In pixel (u, v), u is
-    the column from the left and v the row from the top, with integers at pixel centers: the image spans u from -0.5 to
-    width - 0.5.
+    the column from the left and v the row from the top, with integers at pixel centers. The image therefore spans u
+    from -0.5 to width - 0.5.
     """
 
     K: np.ndarray
@@ -52,7 +52,7 @@ class CameraMatrices:
         return pixels, depth
 
     def unproject(self, depth: np.ndarray) -> np.ndarray:
-        """Return the points in a depth image [m]: (height, width, 3) float64 in the world frame [m].
+        """Return the points in a depth image [m] as (height, width, 3) float64 in the world frame [m].
 
         They are not finite where the depth is infinite. Raises InvalidInputError if the image has another size.
         """

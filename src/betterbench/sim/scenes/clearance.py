@@ -1,4 +1,4 @@
-"""Collision checks for planners: the contacts in a configuration, on a private copy of the scene."""
+"""Collision checks for planners, which find the contacts in a configuration on a private copy of the scene."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Clearance:
         held_pose: Pose | None = None,
         ignore: frozenset[str] = frozenset(),
     ) -> tuple[str, ...]:
-        """Return the contacts at these joint angles [rad]: one string "a-b" per pair, empty without contact.
+        """Return the contacts at these joint angles [rad], as one string "a-b" per pair.
 
         ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``). Contacts with ``ignore`` are allowed.
         """

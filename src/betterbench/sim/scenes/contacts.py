@@ -153,7 +153,7 @@ class ContactReader:
         return {number: _force(forces, addresses) for number, addresses in self._grouped(data)}
 
     def _grouped(self, data: mujoco.MjData) -> Groups:
-        """Return the pairs listed by the engine: the same tuple as in the last call if the points are the same."""
+        """Return the pairs listed by the engine, as the same tuple as in the last call if the points are the same."""
         if data.ncon == 0:
             return ()
         contact = data.contact

@@ -11,7 +11,7 @@ from betterbench.tasks import Looks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneDescription:
-    """Scene description: versions, instruction and appearance, with the fields of a record's metadata.
+    """Scene description with versions, instruction and appearance. Its fields are those of a record's metadata.
 
     Attributes:
         instruction: All instructions of the episode, as one string.

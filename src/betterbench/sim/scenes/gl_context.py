@@ -1,7 +1,7 @@
-"""OpenGL context of this process: back end, thread, and reading of pixels.
+"""OpenGL context of this process, with its back end, its thread, and the reading of pixels.
 
-A process has one context, made at first use and shared by all its renderers. Rendering belongs to the first renderer's
-thread, and worker processes must be started with the ``spawn`` method: a forked copy of a context is rejected.
+A process has one context, made at first use and shared by all its renderers. Only the first renderer's thread may
+render. Worker processes must be started with the ``spawn`` method, because a forked copy of a context is rejected.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ _PACK_INVERT_MESA = 0x8758
 def read_from_top(*, wanted: bool) -> bool:
     """Try to read pixels with the top row first, which avoids flipping each image, and return whether this works.
 
-    Mesa supports this; with another OpenGL rows are always read from the bottom, and images are flipped afterward.
+    Mesa supports this. With another OpenGL, rows are always read from the bottom, and images are flipped afterward.
     """
     gl = importlib.import_module("OpenGL.GL")
     names = {gl.glGetStringi(gl.GL_EXTENSIONS, i) for i in range(int(gl.glGetIntegerv(gl.GL_NUM_EXTENSIONS)))}

@@ -3,8 +3,9 @@
 MuJoCo does not validate such files, so a forged file can crash or hang the process or exhaust the memory. The process
 therefore has limits for memory and time, and returns only pixels or strings, never Python objects.
 
-A process can also end for other reasons: a renderer crashes, or the system is short of memory. The request during which
-a process ended is therefore repeated once in a new process. It is rejected only if the new process ends too.
+A process can also end for other reasons, for example if a renderer crashes or the system is short of memory. The
+request during which a process ended is therefore repeated once in a new process. It is rejected only if the new process
+ends too.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from betterbench.records import Record, RunFolder
 
 MAX_MEMORY_BYTES = 16 * 1024**3
-"""Address space of the process [byte]; the software renderer maps 4 GB of it."""
+"""Address space of the process [byte]. The software renderer maps 4 GB of it."""
 REQUEST_CPU_S = 60.0
 """Maximum CPU time to open a scene or render an image [s]."""
 REQUEST_S = 900.0
@@ -120,7 +121,8 @@ class LimitedView:
         """Open a stored scene from the result of :func:`betterbench.sim.scenes.stored.scene_files`.
 
         Raises:
-            RecordError: If it cannot be opened: it is damaged or forged, or was written by another version of MuJoCo.
+            RecordError: If it cannot be opened, because it is damaged or forged, or was written by another version of
+                MuJoCo.
             MissingDependencyError: If no off-screen OpenGL works here.
         """
         self._opened, self._prepared, self._files = None, None, None
@@ -170,7 +172,7 @@ class LimitedView:
     def prepare(
         self, views: Sequence[ViewSpec], modalities: Sequence[str], *, gripper: bool = False
     ) -> tuple[ModelFacts, dict[str, str]]:
-        """Prepare to render sights of the open scene; return their common properties, and OpenGL's fingerprint.
+        """Prepare to render sights of the open scene, and return their common properties and OpenGL's fingerprint.
 
         ``gripper`` has the same meaning as in :class:`~betterbench.sim.scenes.sights.Sights`. The last preparation for
         the same scene is reused. Raises the errors of :meth:`open`.
@@ -314,7 +316,7 @@ class LimitedView:
 
 
 class _Drawer:
-    """Process state between two requests: a scene, its view, and the renderer of its sights."""
+    """Process state between two requests, with a scene, its view, and the renderer of its sights."""
 
     def __init__(self, quality: str, size: int) -> None:
         self._quality, self._size = quality_preset(quality), size
@@ -376,7 +378,7 @@ class _Drawer:
 
 
 def draw_for_parent(quality: str, size: int | str) -> None:
-    """Answer requests from standard input on standard output until the input ends: the main function."""
+    """Answer requests from standard input on standard output until the input ends. This is the main function."""
     drawer = _Drawer(quality, int(size))
     answer_requests(drawer.answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=REQUEST_CPU_S, unexpected=_unexpected)
 

@@ -1,4 +1,4 @@
-"""Assets in MuJoCo: addition to a model, and resting pose on a flat surface."""
+"""Assets in MuJoCo, with their addition to a model and their resting pose on a flat surface."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class DrawerRail:
-    """Drawer rail along its own x axis: distance between the stops [m], dry friction [N], damping [N s/m]."""
+    """Drawer rail along its x axis, with the distance between its stops [m], friction [N] and damping [N s/m]."""
 
     travel_m: float
     friction_n: float

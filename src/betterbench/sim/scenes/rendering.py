@@ -1,4 +1,4 @@
-"""Scene images: color, depth and instance masks from MuJoCo's classic off-screen renderer.
+"""Scene images with color, depth and instance masks from MuJoCo's classic off-screen renderer.
 
 A *color pass* renders lights, textures and shadows into the multisampled buffer. A *geometry pass* renders every
 visible shape in a flat color that encodes its index into the plain buffer, with one sample at each pixel's center, and
@@ -61,11 +61,11 @@ class Images:
 
 
 class Renderer:
-    """Renderer of one model. It may be used as a context manager; :meth:`close` frees its buffers.
+    """Renderer of one model. It may be used as a context manager. :meth:`close` frees its buffers.
 
-    Creation uploads the model's meshes and textures (5 to 50 ms here; a process's first renderer also makes the OpenGL
-    context, 0.1 to 0.3 s), so keep a renderer as long as its model. Poses, colors and materials may change between
-    images. Meshes and textures may not. The quality overrides the model's own visual settings.
+    Creation uploads the model's meshes and textures, which takes 5 to 50 ms here. A process's first renderer also makes
+    the OpenGL context, which takes 0.1 to 0.3 s. Keep a renderer as long as its model. Poses, colors and materials may
+    change between images. Meshes and textures may not. The quality overrides the model's own visual settings.
 
     Raises:
         MissingDependencyError: If no off-screen OpenGL works here.
@@ -263,7 +263,7 @@ class Renderer:
             check_size(columns, rows)
 
     def _buffers(self, columns: int, rows: int) -> tuple[mujoco.MjrRect, np.ndarray, np.ndarray]:
-        """Return the part of the buffer, and the reused arrays for its pixels: colors, raw depths."""
+        """Return the part of the buffer, and the reused arrays for the colors and raw depths of its pixels."""
         buffers = self._pixels.get((columns, rows))
         if buffers is None:
             buffers = (
@@ -275,7 +275,7 @@ class Renderer:
         return buffers
 
     def _draw(self, context: mujoco.MjrContext, view: mujoco.MjrRect, *, geometry: bool, sky: bool = False) -> None:
-        """Render the scene: either in color, with or without the sky, or as geometry (see the module docstring)."""
+        """Render the scene either in color, with or without the sky, or as geometry (see the module docstring)."""
         if geometry is not self._geometry:
             self._prepare(context, geometry=geometry)
             self._bound = False
@@ -299,7 +299,7 @@ class Renderer:
         self._geometry = geometry
 
     def _has_transparency(self) -> bool:
-        """Return True if a part may be transparent: the color pass omits such parts from the depth."""
+        """Return whether a part may be transparent, because the color pass omits such parts from the depth."""
         for alpha in (self.model.geom_rgba[:, 3], self.model.mat_rgba[:, 3]):
             if bool(((alpha > 0.0) & (alpha < 1.0)).any()):
                 return True

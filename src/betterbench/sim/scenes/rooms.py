@@ -1,8 +1,8 @@
-"""Rooms: table top, wall, floor and light of a scene, drawn by a trial's seed.
+"""Rooms, which are the table top, wall, floor and light of a scene, drawn by a trial's seed.
 
-No table top has a color that instructions use: reds, blues, yellows, bright greens, white, black and the browns of food
-are visible on all of them. Ambient, key and fill light add up to at most 1 on any surface, so that no color is clipped
-and white stays distinguishable from light gray.
+No table top has a color that instructions use, so reds, blues, yellows, bright greens, white, black and the browns of
+food are visible on all of them. Ambient, key and fill light add up to at most 1 on any surface, so that no color is
+clipped and white stays distinguishable from light gray.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Scene: a compiled model and its state, which changes only by reset and step."""
+"""Scene, which is a compiled model with its state. The state changes only by reset and step."""
 
 from __future__ import annotations
 
@@ -230,7 +230,7 @@ class Scene:
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Names in contacts: objects first, then the parts of the robot and the stage."""
+        """Names in contacts, with objects first and then the parts of the robot and the stage."""
         return self._labels
 
     def files(self) -> dict[str, bytes]:

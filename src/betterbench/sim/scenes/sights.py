@@ -1,4 +1,4 @@
-"""Sights: rendered views of a state with ground truth (images, body masks, camera pose and image boxes).
+"""Sights, which are rendered views of a state with ground truth (images, body masks, camera pose and image boxes).
 
 The same class renders live scenes and recorded states, which therefore give the same numbers.
 """
@@ -80,7 +80,7 @@ class ModelFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drawn:
-    """A rendered view: its index, its camera in the model, and the masks and depth of its image."""
+    """A rendered view, with its index, its camera in the model, and the masks and depth of its image."""
 
     number: int
     camera: str

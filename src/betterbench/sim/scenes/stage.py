@@ -301,7 +301,7 @@ def _add_cameras(spec: mujoco.MjSpec, front: CameraMount) -> None:
 def add_camera(
     body: mujoco.MjsBody, name: str, position: Vector, target: Vector, *, up: Vector = (0.0, 0.0, 1.0), fovy_deg: float
 ) -> mujoco.MjsCamera:
-    """Add a fixed camera at a position [m] with a target [m]; ``up`` points upward in the image."""
+    """Add a fixed camera at a position [m] with a target [m]. ``up`` points upward in the image."""
     backward = np.asarray(position) - np.asarray(target)
     backward = backward / np.linalg.norm(backward)
     right = np.cross(np.asarray(up), backward)

@@ -1,6 +1,6 @@
-"""Textures of table tops: materials that differ in pattern, not only in color.
+"""Textures of table tops, whose materials differ in pattern, not only in color.
 
-Strong patterns are coarse and fine patterns are faint: at 256 pixels, a front camera image has about 2.7 mm of table
+Strong patterns are coarse and fine patterns are faint. At 256 pixels, a front camera image has about 2.7 mm of table
 per pixel, and high-contrast stripes or grains of that size would cause moire.
 """
 
@@ -78,7 +78,7 @@ def _cloth(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _stone(color: np.ndarray, size: int) -> np.ndarray:
-    """Return polished concrete: clouds of several sizes."""
+    """Return polished concrete with clouds of several sizes."""
     rng = np.random.default_rng(20_015)
     clouds = sum(
         weight * _smooth_noise(rng, size, (cells, cells)) for weight, cells in ((0.45, 6), (0.35, 14), (0.2, 40))

@@ -142,7 +142,7 @@ class BareScene(ABC):
         )
 
     def files(self) -> dict[str, bytes]:
-        """Return the stored files of the scene: its objects."""
+        """Return the stored files of the scene, which describe its objects."""
         objects = [{"name": o.name, "kind": o.kind, "size": o.size_m} for o in self._objects]
         return {"scene.json": json.dumps({"task": self.task.id, "objects": objects}, indent=1).encode()}
 

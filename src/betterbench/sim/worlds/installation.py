@@ -70,7 +70,7 @@ class Installation:
 
     @property
     def lock_path(self) -> Path:
-        """Path of the locked requirements: next to this file in an installed package, else in the checkout."""
+        """Path of the locked requirements, next to this file in an installed package, or else in the checkout."""
         packaged = _PACKAGE / "locks" / self.lock
         return packaged if packaged.exists() else _PACKAGE.parents[3] / "requirements" / self.lock
 
@@ -120,7 +120,7 @@ class Installation:
 
     @contextlib.contextmanager
     def _alone(self, waits: Callable[[], None]) -> Iterator[int]:
-        """Hold the folder lock until all processes with its file descriptor have ended; yield the descriptor."""
+        """Hold the folder lock until all processes with its file descriptor have ended, and yield the descriptor."""
         path = self.folder.with_name(f".{self.folder.name}.lock")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -25,7 +25,7 @@ LIBERO takes 10 s, and a minute under load.
 """
 
 PREMISES_LIMIT_S = 1800.0
-"""Maximum wait for all initial states of a task to settle [s]; LIBERO's 50 states take half a minute."""
+"""Maximum wait for all initial states of a task to settle [s]. LIBERO's 50 states take half a minute."""
 
 STEP_LIMIT_S = 120.0
 """Maximum wait for one control step [s]. LIBERO takes 0.15 to 0.5 s without a graphics card."""

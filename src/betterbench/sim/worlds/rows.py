@@ -50,7 +50,7 @@ class RowForm:
         self.size = at
 
     def array(self, row: np.ndarray, name: str) -> np.ndarray:
-        """Return one array of a row (n,) with its shape; a view."""
+        """Return one array of a row (n,) with its shape, as a view."""
         return row[self.places[name]].reshape(self.shapes[name])
 
     def not_finite(self, row: np.ndarray) -> Sequence[str]:

@@ -182,7 +182,7 @@ class ProcessWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> ProcessScene:
-        """Return a trial's scene, set up by its reset; with ``depth``, depth images are rendered too."""
+        """Return a trial's scene, set up by its reset. With ``depth``, depth images are rendered too."""
         del options
         scene = self._scene_class()(
             self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
@@ -271,7 +271,7 @@ class ProcessScene:
 
     @property
     def info(self) -> SceneInfo:
-        """Constant properties of the scene in the episode; known after the reset."""
+        """Constant properties of the scene in the episode, which are known after the reset."""
         return self._info
 
     @property

@@ -25,7 +25,7 @@ class Simulator(Protocol):
     """A simulator with one environment."""
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return a suite's tasks: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
+        """Return a suite's "versions" and its "tasks", a list with "name", "instruction" and "states"."""
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
         """Settle every initial state of a task.
@@ -46,7 +46,7 @@ class Simulator(Protocol):
 def answer_requests(simulator: Simulator, descriptor: int) -> None:
     """Answer requests from a socket until the socket is closed.
 
-    Output of the simulator goes to standard error; only frames are sent over the socket.
+    Output of the simulator goes to standard error. Only frames are sent over the socket.
     """
     sys.stdout.flush()
     os.dup2(2, 1)

@@ -49,7 +49,7 @@ class PlanRequest:
     Attributes:
         suite: Suite name.
         tasks: Tasks to run, by name or number. By default, all tasks in the suite.
-        trials: Number of trials in the world's unit; the usual number if None.
+        trials: Number of trials in the world's unit. If None, the usual number is used.
         seed: First seed, initial state or chain.
         options: This world's options, by name.
     """
@@ -268,7 +268,7 @@ class World(ABC):
 
     The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world. :meth:`plan` returns a run's
     trials and the value for ``plan.world``, which may contain additional data of this run. Subclasses are frozen
-    dataclasses with picklable fields; the registry pickles worlds by name.
+    dataclasses with picklable fields. The registry pickles worlds by name.
 
     Attributes:
         facts: Facts that need no simulator.

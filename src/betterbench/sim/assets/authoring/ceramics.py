@@ -54,7 +54,7 @@ def glazed(
         rows: Indices of the profile points where the unglazed foot ends, and where wall, rim, inside and inner floor
             begin.
         lining: Inside color, or None for the outside color.
-        ink: Color of the decoration; if None, cream on dark glazes and dark gray on light ones.
+        ink: Color of the decoration. If None, it is cream on dark glazes and dark gray on light glazes.
         bands: Painted bands by the name of their decoration.
         shadow: Brightness of the inside just below the rim, and its decrease down to the floor.
         unglazed: Brightness of the foot.

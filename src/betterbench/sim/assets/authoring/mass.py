@@ -61,7 +61,7 @@ def mass_properties(
 ) -> MassProperties:
     """Distribute a mass over primitives. Results are rounded to nine digits for equal results on all machines.
 
-    Densities are relative, one for each part; later parts have density zero. By default, all are equal.
+    Densities are relative, with one for each part. Parts beyond the list have density zero. By default, all are equal.
 
     Raises:
         InvalidInputError: If a part is a hull, or all densities are zero.

@@ -65,7 +65,7 @@ class Mesh:
     def hinged(self, angle: float, x: float, z: float) -> Mesh:
         """Return a mesh with a hinge at the origin, opened by ``angle`` [rad] and moved to the hinge (x, z) [m].
 
-        The hinge is along y; a positive angle lifts the part at +x.
+        The hinge is along y. A positive angle lifts the part at +x.
         """
         return self.rotated("y", -angle).moved(x, 0.0, z)
 
@@ -164,10 +164,10 @@ def loft(
     """Connect closed rings of points by triangle strips. The result is neither welded nor creased.
 
     Args:
-        rings: Arrays (n, 3) of points [m], all of the same length; seen from outside, the direction of the ring crossed
-            with the direction from ring to ring points outward.
-        u: (n,) horizontal texture coordinate of each point of a ring; 0.5 everywhere if not given.
-        v: Vertical texture coordinate of each ring; 0.5 everywhere if not given.
+        rings: Arrays (n, 3) of points [m], all of the same length. The direction of a ring crossed with the direction
+            from ring to ring must point outward.
+        u: (n,) horizontal texture coordinate of each point of a ring. If not given, it is 0.5 everywhere.
+        v: Vertical texture coordinate of each ring. If not given, it is 0.5 everywhere.
         caps: Whether to close the first and the last ring by a fan around its center.
     """
     points = np.stack([np.asarray(r, dtype=float) for r in rings])
@@ -220,9 +220,9 @@ def lathe(
     wrap: bool = False,
     phase: float = 0.0,
 ) -> Mesh:
-    """Revolve a profile about the vertical axis and crease the mesh; for the arguments see :class:`Turned`.
+    """Revolve a profile about the vertical axis and crease the mesh. For the arguments, see :class:`Turned`.
 
-    The texture row ``v`` is the relative length along the profile, see :func:`profile_length`. A wrapped texture has
+    The texture row ``v`` is the relative length along the profile (see :func:`profile_length`). A wrapped texture has
     the columns of :func:`mirrored_u`.
     """
     length = profile_length(profile)
@@ -240,7 +240,7 @@ def profile_length(profile: Sequence[tuple[float, float]]) -> np.ndarray:
 def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, steps: int = 1) -> np.ndarray:
     """Return the (n, 3) points of a horizontal rectangle at height ``z``, counter-clockwise [m].
 
-    Corners of a radius above 0 are rounded by ``steps`` segments each. 1 gives a chamfer.
+    Corners of a radius above 0 are rounded by ``steps`` segments each. A single segment gives a chamfer.
     """
     if corner <= 0.0:
         corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]

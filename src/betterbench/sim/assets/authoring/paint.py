@@ -202,7 +202,7 @@ def scattered(
 ) -> Iterator[tuple[float, float]]:
     """Yield up to ``count`` random points in a disc about (1, 1), at least ``gap`` apart.
 
-    The caller may draw from ``rng`` between two points; without ``count``, the number of tries is the only limit.
+    The caller may draw from ``rng`` between two points. Without ``count``, the number of tries is the only limit.
     """
     placed: list[tuple[float, float]] = []
     for _ in range(tries):

@@ -175,7 +175,7 @@ def family_of(category: str) -> str:
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     """Make an asset. The same arguments give the same bits in every process. The color never changes the shape.
 
-    Without a color, the category's first color is used, see :func:`colors`. The look is one of :func:`looks` or
+    Without a color, the category's first color is used (see :func:`colors`). The look is one of :func:`looks` or
     :func:`unseen_looks`.
 
     Raises:
@@ -199,7 +199,7 @@ def build_unpainted(category: str, *, look: int = 0, color: str | None = None) -
 
 
 def _checked_color(category: str, look: int, color: str | None) -> str:
-    """Return the color of an asset, by default the first one of its category; check that the look exists."""
+    """Return the color of an asset, by default the first one of its category, and check that the look exists."""
     entry = _entry(category)
     chosen = entry.colors[0] if color is None else color
     if chosen not in entry.colors:

@@ -78,7 +78,7 @@ def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float
 
 
 def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean: float = 0.0) -> list[CollisionPart]:
-    """Return eight equal boxes around a vertical axis at ``x``: the wall of a hollow round object.
+    """Return eight equal boxes around a vertical axis at ``x``, which are the wall of a hollow round object.
 
     The half sizes are along the radius, along the circumference and upward. The centers of the boards are at height
     ``z`` and ``away`` from the axis [m]. A positive ``lean`` [rad] tilts their upper ends outward.
@@ -95,7 +95,7 @@ def round_wall(
 ) -> list[CollisionPart]:
     """Return the upright wall of a hollow round object between two heights [m] as a :func:`ring_of_boards`.
 
-    The outer faces of the boards are at ``radius``; without half a length a board is an octagon's side.
+    The outer faces of the boards are at ``radius``. Without half a length, a board is the side of an octagon.
     """
     along = radius * math.tan(math.pi / 8) if half_length is None else half_length
     up = 0.5 * (high - low)
@@ -103,7 +103,7 @@ def round_wall(
 
 
 def flared_walls(foot: float, top: float, height: float, *, wall: float, floor: float) -> tuple[CollisionPart, ...]:
-    """Return a hollow round object that widens upward: a floor of two crossed plates, and eight leaning boards.
+    """Return a hollow round object that widens upward, with a floor of two crossed plates and eight leaning boards.
 
     The plates fill an octagon and rest on fixed corners. ``foot`` and ``top`` are the outer radii at the ground and at
     ``height``, ``wall`` and ``floor`` the thicknesses [m].

@@ -38,7 +38,7 @@ class ImportRequest:
     Attributes:
         path: The file.
         wishes: Options of the import.
-        name: Asset name in tasks; derived from the file name if not given.
+        name: Asset name in tasks. If not given, it is derived from the file name.
         color: Color word. By default, the color that covers most of the surface.
         any_license: Whether restricted and unknown licenses are allowed.
     """
@@ -145,7 +145,7 @@ class _Folder:
         self._assets = manifest_of(path).assets
 
     def names_for(self, requests: Sequence[ImportRequest]) -> dict[ImportRequest, str]:
-        """Return a name for each asset: the given name, else the file's existing name, else from the file name."""
+        """Return a name for each asset: the given name, the file's existing name, or one from the file name."""
         taken = set(self._assets) | set(categories())
         before = {self._source(asset): name for name, asset in self._assets.items()}
         found: dict[ImportRequest, str] = {}

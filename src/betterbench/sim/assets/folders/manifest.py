@@ -40,7 +40,7 @@ class FolderAsset:
         size_m: Extents of the bounding box [m].
         mass_kg: Mass.
         license: License of the mesh.
-        author: Mesh author, empty if unknown.
+        author: Author of the mesh, or empty if unknown.
         source: Origin of the mesh.
         source_files: SHA-256 of each source file by name. The first is the file given by the user.
         options: Options of the import.
@@ -66,7 +66,7 @@ class FolderAsset:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """Manifest of a folder: its assets, by their names in tasks."""
+    """Manifest of a folder, which lists its assets by their names in tasks."""
 
     format: int
     assets: dict[str, FolderAsset]
@@ -113,5 +113,5 @@ def manifest_bytes(assets: Mapping[str, FolderAsset]) -> bytes:
 
 
 def is_asset_name(name: str) -> bool:
-    """Return whether a name is valid for an imported asset: lower-case letters, digits, underscores; letter first."""
+    """Return whether an asset's name has only lower-case letters, digits and underscores and begins with a letter."""
     return _NAME.fullmatch(name) is not None

@@ -21,9 +21,12 @@ THIN_FACE_BUDGET = 1_200
 WIRES_FACE_BUDGET = 2_400
 """Maximum number of triangles of an object that would lose parts with 1,200, such as the hoops of a basket."""
 DENT_SHARE = 0.006
-"""Distance between reduced and original surface above which dents are visible, as a share of the longest side. At 600 triangles, YCB's plate, bowl, mug and sponge deviate visibly by 0.7 to 1.9 %. Apple, can, banana and fork deviate by at most 0.5 %."""
+"""Distance between reduced and original surface above which dents are visible, as a share of the longest side. At 600
+triangles, YCB's plate, bowl, mug and sponge deviate visibly by 0.7 to 1.9 %. Apple, can, banana and fork deviate by at
+most 0.5 %."""
 LOST_SHARE = 0.02
-"""Distance of an original surface point from the reduced surface above which a part counts as lost, such as one bar of a wire basket. A share of the longest side."""
+"""Distance of an original surface point from the reduced surface above which a part counts as lost, such as one bar of
+a wire basket, as a share of the longest side."""
 _BOX_FACES = np.array(
     [
         [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
@@ -38,7 +41,7 @@ _MOST_POINTS = 300_000
 _MOST_PLAIN_PARTS = 12
 _SIDES_APART = 0.03
 _AGGRESSION = 2.0
-"""Growth rate of the tolerated error in the mesh reduction; the default of 7 crumples thin walls of scans."""
+"""Growth rate of the tolerated error in the mesh reduction. The default of 7 crumples thin walls of scans."""
 
 
 def visual_parts(mesh: RawMesh) -> tuple[VisualPart, ...]:

@@ -16,7 +16,8 @@ _LEAST_DEPTH_SHARE = 0.12
 _LEAST_AREA_SHARE = 0.12
 _PITS = 0.05
 _GAP_M, _LEAST_GAPS = 0.012, 12
-"""Maximum width of a gap that objects do not fall through [m], and minimum number of such gaps in a grid. Fewer gaps are leaks."""
+"""Maximum width of a gap that objects do not fall through [m], and minimum number of such gaps in a grid. Fewer gaps
+are leaks."""
 _SEAM_CELLS = 2.0
 """Maximum gap between collision parts that counts as a seam [cells]. Hulls end at points, which are one cell apart."""
 _STEP_M = 0.0005

@@ -36,7 +36,7 @@ _STEEPEST = math.tan(math.radians(35.0))
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A grasp with its rank; smaller is better."""
+    """A grasp with its rank. Smaller ranks are better."""
 
     grasp: Grasp
     cost: float
@@ -64,7 +64,7 @@ def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> li
 
 
 def _heights(top: float) -> tuple[float, ...]:
-    """Return candidate heights of the middle of the pads [m]: the deepest reach of the jaw, and shallower heights."""
+    """Return candidate heights of the middle of the pads [m], from the jaw's deepest reach upward."""
     lowest = max(LOWEST_M, top - DEEPEST_M)
     if top - 0.004 <= lowest:
         return (max(0.5 * top, 0.004),)
@@ -159,7 +159,7 @@ def _fitting(blocked: np.ndarray, touched: np.ndarray) -> Iterator[tuple[int, in
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ByColumn:
-    """Cells next to the pads in the order of their columns: columns (k,), rows (k,) and heights (k,) [m]."""
+    """Cells next to the pads in the order of their columns, with columns (k,), rows (k,) and heights (k,) [m]."""
 
     columns: np.ndarray
     rows: np.ndarray

@@ -48,7 +48,7 @@ class Imported:
     Attributes:
         draft: Description in the form that a generator returns.
         fit: Distances between its collision shapes and its visible surface.
-        kind: Kind determined from the name, None if unknown.
+        kind: Kind determined from the name, or None if unknown.
         notes: Decisions of the importer, with reasons.
     """
 
@@ -70,7 +70,7 @@ class Wishes:
         license: License of the mesh.
         source: Origin of the mesh.
         author: Author of the mesh.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are an error.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed. Otherwise, they are an error.
     """
 
     name: str | None = None
@@ -158,7 +158,7 @@ def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
 
 
 def _placed(raw: RawMesh, kind: Kind | None, where: str, wishes: Wishes) -> Placed:
-    """Scale a mesh to meters and set it upright; for URDF and MJCF files, use the stated unit and axis."""
+    """Scale a mesh to meters and set it upright. For URDF and MJCF files, use the stated unit and axis."""
     if raw.stated is None:
         return place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)
     longest = float(np.ptp(raw.bounds(), axis=0).max())

@@ -69,7 +69,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
     trimesh silently drops a material whose file it cannot read, so the first error is kept in ``problem``.
 
     Attributes:
-        problem: The first error, None if there was none.
+        problem: The first error, or None if there was none.
         digests: SHA-256 of each file that was read, by its path in the folder.
     """
 
@@ -237,7 +237,7 @@ def _texture_file(name: str, where: str) -> str:
 
 
 def _stated_triangles(data: bytes) -> int:
-    """Return the number of triangles that a binary STL file states, 0 for the text form."""
+    """Return the number of triangles that a binary STL file states, or 0 for the text form."""
     header = 84
     if len(data) < header:
         return 0
@@ -250,7 +250,7 @@ def _too_many(where: str) -> InvalidInputError:
 
 
 def checked(mesh: RawMesh, where: str) -> RawMesh:
-    """Return a mesh. Raises InvalidInputError if it has no extent, too many triangles or numbers that are not finite."""
+    """Return a mesh. Raises InvalidInputError if it has no extent, too many triangles or non-finite numbers."""
     if mesh.face_count == 0:
         raise InvalidInputError(where, "it holds no triangle", "Export the object as a triangle mesh")
     if mesh.face_count > MAX_FACES:
@@ -324,7 +324,7 @@ def _check_embedded_pictures(data: bytes, form: dict[str, Any], where: str) -> N
 
 
 def _embedded(data: bytes, form: dict[str, Any], image: dict[str, Any]) -> bytes | None:
-    """Return the bytes of an image embedded in a glTF file, None if it is a separate file.
+    """Return the bytes of an image embedded in a glTF file, or None if it is a separate file.
 
     The result is empty if the image is damaged.
     """

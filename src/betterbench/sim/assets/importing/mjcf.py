@@ -1,6 +1,6 @@
-"""Reader of MJCF files: the bodies of one object, compiled by MuJoCo, as one rigid body.
+"""Reader of MJCF files, which returns the bodies of one object, compiled by MuJoCo, as one rigid body.
 
-The document is checked first. MuJoCo then gets it without file names: it gets meshes and textures as bytes from the
+The document is checked first. MuJoCo then gets it without file names, with meshes and textures as bytes from the
 resolver. A malicious file can crash or hang MuJoCo's parser and compiler (C++), so an untrusted file is only read in a
 limited process (``child``).
 """
@@ -47,7 +47,7 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
     """Return the bodies of an MJCF file as one rigid body in the world frame of the file.
 
     Planes and, if the file has bodies, the geoms of the world body are left out. Geoms without contacts are the visual
-    shape; without such geoms, all geoms are.
+    shape. If there are none, all geoms are.
 
     Args:
         root: The element ``mujoco``.

@@ -1,6 +1,6 @@
 """Rewriting of glTF features that trimesh drops without a message, as plain nodes, triangles and coordinates.
 
-Rewritten: skins in their rest pose, triangle fans, quantized positions and texture coordinates, transforms and further
+It rewrites skins in their rest pose, triangle fans, quantized positions and texture coordinates, transforms and further
 sets of texture coordinates, and files without a scene. Shape keys in use, posed skeletons and instances raise an error.
 """
 
@@ -225,7 +225,7 @@ class _Document:
         return len(self.form["accessors"]) - 1
 
     def _buffer(self) -> bytearray:
-        """Return the bytes of all buffers, joined on the first call; views then refer to them."""
+        """Return the bytes of all buffers, joined on the first call. Views then refer to them."""
         if self._joined is None:
             self._joined, starts = bytearray(), []
             for buffer in self.form.get("buffers", []):

@@ -1,4 +1,4 @@
-"""File format of imported objects: a draft and its metadata in one NumPy archive without pickle."""
+"""File format of imported objects, which is a draft and its metadata in one NumPy archive without pickle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Breakfast tableware: a bowl of cereal, a salt shaker, a jar of jam, an egg in its cup."""
+"""Breakfast tableware, with a bowl of cereal, a salt shaker, a jar of jam, and an egg in its cup."""
 
 import math
 
@@ -194,7 +194,7 @@ def _jam(rng: np.random.Generator, jar: Turned, jam: Rgb) -> Canvas:
 
 
 def _lid(kind: str, color: str, jam: Rgb) -> Canvas:
-    """Draw a lid from above: checked cloth, or metal with a ring."""
+    """Draw a lid from above, as checked cloth or as metal with a ring."""
     canvas = Canvas(2.0, 2.0, (128, 128), _LIDS[kind])
     if kind == "gingham":
         for along in (canvas.x, canvas.y):

@@ -76,7 +76,7 @@ def _back(x: np.ndarray, length: float, height: float, hump: float) -> np.ndarra
 
 
 def _dome(length: float, width: float, height: float, *, hump: float, waist: float, power: float) -> Mesh:
-    """Return the shell of a mouse: an upright side that leans in a little, under a smooth arched back."""
+    """Return the shell of a mouse, with an upright side that leans in a little, under a smooth arched back."""
     outline = _outline(0.5 * length, 0.5 * width, power, waist)
 
     def ring(share: float, level: float) -> np.ndarray:

@@ -89,7 +89,7 @@ def _sheet(half_y: float, z: tuple[float, float], corner: float, x: tuple[float,
 
 
 def _deck(metal: Rgb, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas:
-    """Draw the upper side of the base as the user sees it: the keys, the trackpad in front of them."""
+    """Draw the upper side of the base as the user sees it, with the keys and the trackpad in front of them."""
     width, depth = size_m
     canvas = Canvas(width, depth, (256, 176), metal)
     keys = (0.10, 0.10, 0.11) if dark_keys else (0.86, 0.87, 0.88)
@@ -105,7 +105,7 @@ def _deck(metal: Rgb, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas
 
 
 def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper: str) -> Canvas:
-    """Draw the screen content: a wallpaper, two or three windows, a bar with icons."""
+    """Draw the screen content, with a wallpaper, two or three windows, and a bar with icons."""
     width, height = size_m
     canvas = Canvas(width, height, (256, 144), (0.30, 0.55, 0.85))
     x, y = canvas.x / width, canvas.y / height

@@ -12,7 +12,8 @@ from betterbench.sim.assets.authoring.mesh import Mesh
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 FLOOR_M = 0.0105
-"""Height of a plate's floor, on which the next plate rests [m]. The same for all, so that stacks are equally high.
+"""Height of a plate's floor, on which the next plate rests [m]. It is the same for all plates, so that stacks are
+equally high.
 
 It is also the height at which the rim begins. In a stack, each plate's rim therefore begins above the rim of the plate
 below, and plates with any two radii stack with room to the sides.
@@ -33,15 +34,15 @@ def dinner_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a flat plate on a foot, 152 to 164 mm across, whose edge is turned up for a jaw to pinch.
 
     Side plates are 150 to 180 mm across and 20 to 30 mm high. A melamine plate (1.5 g/cm^3, 2.5 to 3 mm thick) weighs
-    0.10 to 0.15 kg, as does a plate of 0.6 mm enameled steel sheet. Held at its rim a plate tilts; at 0.25 kg, as of
-    stoneware, by more than 20 degrees, so that no plate is heavier than 0.13 kg.
+    0.10 to 0.15 kg, as does a plate of 0.6 mm enameled steel sheet. A plate tilts when it is held at its rim. A
+    stoneware plate of 0.25 kg would tilt by more than 20 degrees, so no plate is heavier than 0.13 kg.
     """
     return _plate(rng, color, radii=(0.0760, 0.0820), density=1500.0, solid=0.70, name="dinner plate")
 
 
 @generator("serving_plate", colors=_COLORS, family="plates")
 def serving_plate(rng: np.random.Generator, color: str) -> Draft:
-    """Make a plate like a dinner plate, 190 to 202 mm across: under a dinner plate it shows a rim of 13 to 25 mm.
+    """Make a plate like a dinner plate, 190 to 202 mm across, which shows a rim of 13 to 25 mm under a dinner plate.
 
     Service plates under other plates are 25 to 35 % wider than these. Foot, floor and rim are the same as for a dinner
     plate, so that stacks have equal heights. A polypropylene plate (0.9 g/cm^3, 2.5 to 3 mm thick) weighs 0.09 to 0.12
@@ -102,7 +103,7 @@ def _scalloped(mesh: Mesh, radius: float, count: int, depth: float) -> Mesh:
 
 @generator("shallow_bowl", colors=("red", "white", "blue"))
 def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
-    """Make a soup bowl about as wide as a dinner plate: round, on a narrow foot, and more than twice as high.
+    """Make a round soup bowl on a narrow foot, about as wide as a dinner plate and more than twice as high.
 
     A melamine bowl of 140 to 150 mm is 55 to 65 mm high and weighs 0.12 to 0.2 kg. The collision shape is the upright
     upper wall, two discs under the hollow and the foot, so that a plate wrongly put into the bowl rests in it.
@@ -155,7 +156,7 @@ class _Glaze:
     """Color and decoration of a piece of tableware."""
 
     def __init__(self, rng: np.random.Generator, color: str, *, edge: bool) -> None:
-        """Draw a design; with an ``edge`` the rim has a dark or a pale line around it, as enameled ware has."""
+        """Draw a design. With an ``edge``, the rim has a dark or a pale line around it, as enameled ware has."""
         self.color: Rgb = jittered(PALETTE[color], rng, amount=0.10)
         self.design = str(rng.choice(_DESIGNS))
         self._edge, self._rng = edge, rng

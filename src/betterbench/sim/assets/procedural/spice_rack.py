@@ -24,7 +24,8 @@ from betterbench.sim.assets.authoring.paint import Canvas, Rgb, jittered, mixed,
 from betterbench.sim.assets.procedural.spice_jars import JAR_RADIUS_M
 
 CLEARANCE_M = 0.0027
-"""Clearance between a mean jar and its hole on each side [m]. The task requires 3 mm per side or less, and the jars in all looks have 2.4 to 3.0 mm.
+"""Clearance between a mean jar and its hole on each side [m]. The task requires 3 mm per side or less, and the jars in
+all looks have 2.4 to 3.0 mm.
 """
 
 PITCH_M = 0.085

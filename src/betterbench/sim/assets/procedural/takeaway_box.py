@@ -132,7 +132,7 @@ def _print(
 
 
 def _sign(canvas: Canvas, sign: str, center: tuple[float, float], ink: Rgb, kraft: Rgb) -> None:
-    """Draw the printed sign, seven tenths of the board high: a burger, a sun, or a leaf."""
+    """Draw the printed sign (a burger, a sun or a leaf), which is seven tenths of the board high."""
     dx, dy = (canvas.x - center[0]) / 1.15, (canvas.y - center[1]) / 1.15
     r, angle = np.hypot(dx, dy), np.arctan2(dy, np.abs(dx) + 1e-12)
     if sign == "burger":

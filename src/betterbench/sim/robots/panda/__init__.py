@@ -12,7 +12,7 @@ Reflected rotor inertias: 0.6057 (joints 1-2), 0.4625 (3-4) and 0.2055 kg m2 (5-
 FR3 and published in Drake's ``franka_description`` README. Joint friction is omitted, because the Panda's joint torque
 controllers compensate it, as they compensate gravity (``gravcomp``).
 
-Collision shapes are capsules, cylinders and boxes fitted to the visual meshes; ``tests/sim/robots`` measures their
+Collision shapes are capsules, cylinders and boxes fitted to the visual meshes. ``tests/sim/robots`` measures their
 deviation.
 """
 
@@ -51,7 +51,8 @@ from betterbench.sim.robots.spec import (
 )
 
 FACE_BUDGET = 7600
-"""Triangles of arm and hand together, with two fingers counted once. The complete robot's budget is 8,000 (design, section 3).
+"""Triangles of arm and hand together, with two fingers counted once. The complete robot's budget is 8,000 (design,
+section 3).
 """
 
 PAD_HALF_SIZE = (0.010, 0.004, 0.012)

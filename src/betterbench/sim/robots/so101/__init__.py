@@ -1,4 +1,4 @@
-"""The SO-101 of TheRobotStudio: a printed arm with five joints and one moving jaw, driven by six STS3215 servos.
+"""The SO-101 of TheRobotStudio, a printed arm with five joints and one moving jaw, driven by six STS3215 servos.
 
 Kinematics, joint ranges, masses, inertias and meshes: TheRobotStudio's ``SO-ARM100``, ``Simulation/SO101`` with the new
 calibration, in the form of MuJoCo Menagerie's ``robotstudio_so101`` (commit 4c358ef9d9d7f32ca58b40b490884a0c1726a440),
@@ -89,7 +89,7 @@ _BASE_Z = 0.0024
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One mesh of a link: the stem of its file, its pose in the link and its paint."""
+    """One mesh of a link, with the stem of its file, its pose in the link and its paint."""
 
     link: str
     mesh: str

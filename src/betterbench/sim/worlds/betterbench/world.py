@@ -1,4 +1,4 @@
-"""World of our own scenes: its plans, and the execution order of its trials.
+"""World of our own scenes, with its plans and the execution order of its trials.
 
 MuJoCo, which ``sim.robots`` and ``sim.scenes`` import, is imported at first use: a list of suites needs no simulator.
 """
@@ -55,7 +55,7 @@ class OwnWorld(World):
     options: ClassVar[type | None] = OwnOptions
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], OwnWorld]:
-        """Return the trials of tasks: every variation, and the training conditions.
+        """Return the trials of tasks, with every variation and the training conditions.
 
         Every variation has the seeds ``seed … seed + trials - 1``, and the training conditions of each task as many
         trials in total as the variations, evenly distributed. They include the twins of the variations.

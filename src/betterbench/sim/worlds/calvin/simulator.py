@@ -1,7 +1,7 @@
 """CALVIN's simulator behind a socket, run with the Python of CALVIN's environment, from the user's checkout.
 
 This module imports only the standard library and NumPy and, on request, packages from CALVIN's environment and the
-``calvin_env`` checkout. The process does not judge success: it sends the result of ``get_info``, and the run applies
+``calvin_env`` checkout. The process does not judge success. It sends the result of ``get_info``, and the run applies
 the rules.
 
 Sources: calvin_env@797142c ``envs/play_table_env.py`` (``get_env``, ``step``, ``reset``) and
@@ -54,7 +54,7 @@ class CalvinSimulator:
     """One environment of CALVIN, for one chain.
 
     After a chain, PyBullet keeps some state that neither ``restoreState`` nor calvin_env's ``reset`` and ``load``
-    clear: in the same process, the next chain would differ by up to 0.5 rad.
+    clear. In the same process, the next chain would therefore differ by up to 0.5 rad.
     """
 
     def __init__(self, checkout: Path, config: Path | None, *, egl: bool) -> None:

@@ -1,4 +1,4 @@
-"""CALVIN ABC→D as a world: chains of five instructions in the user's checkout of ``calvin_env``.
+"""CALVIN ABC→D as a world, with chains of five instructions in the user's checkout of ``calvin_env``.
 
 A trial is a chain, and its seed is the chain index. It succeeds when all five subtasks are done. The record contains
 the number done in a row. ``calvin`` starts chains like CALVIN, ``calvin_resampled`` with the blocks anywhere in the
@@ -135,7 +135,7 @@ class ChainTask(WorldTask):
 
     @property
     def condition(self) -> str:
-        """Condition name: "base" for CALVIN's own starts, else "resampled"."""
+        """Condition name, which is "base" for CALVIN's own starts and "resampled" otherwise."""
         return CHAIN_SUITES[self.suite].change or "base"
 
 
@@ -316,7 +316,7 @@ class ChainScene(ProcessScene):
         return self._steps_of_subtask >= STEPS_PER_SUBTASK
 
     def files(self) -> dict[str, bytes]:
-        """Return a scene's stored files: the chain, and the simulator's description of its objects."""
+        """Return a scene's stored files, which are the chain and the simulator's description of its objects."""
         objects = [
             {"name": o.name, "size": o.size_m, "mass": o.mass_kg, "fixed": o.fixed} for o in self.settings.objects
         ]

@@ -76,7 +76,7 @@ class Touching:
         return list(rows[:, 0].tolist())
 
     def between(self, one: Any, other: Any) -> bool:  # noqa: ANN401 - models of robosuite
-        """Return whether two models touch: robosuite's ``check_contact`` using indices."""
+        """Return whether two models touch, as robosuite's ``check_contact`` does, but using indices."""
         geoms = self._data.contact.geom
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
 
@@ -96,7 +96,7 @@ class Touching:
 class Relations:
     """The relations in a task's file.
 
-    Relations between an object and a box on the table or on a fixture are computed here; LIBERO computes all others.
+    Relations between an object and a box on the table or on a fixture are computed here. LIBERO computes all others.
     """
 
     def __init__(self, mujoco: Any, env: Any, relations: Sequence[list[str]], touching: Touching) -> None:  # noqa: ANN401

@@ -1,4 +1,4 @@
-"""Sensor noise of LIBERO-Plus: five kinds at ten strengths, applied to the front camera image.
+"""Sensor noise of LIBERO-Plus, with five kinds at ten strengths, applied to the front camera image.
 
 The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with LIBERO-Plus's strengths, reproduced bit for bit
 (tests/sim/worlds/test_libero_plus.py). LIBERO-Plus draws from NumPy's global generator at every step, so

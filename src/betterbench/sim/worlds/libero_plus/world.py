@@ -56,12 +56,12 @@ class PlusOptions:
         broken_premises: "refuse" to stop the run at a scene that does not show what its instruction presupposes, else
             "run".
         axes: Axes to run. By default, all.
-        variants: Maximum number of variants per task and axis, evenly spread; all if None.
+        variants: Maximum number of variants per task and axis, evenly spread, or all if None.
         libero_plus_sentences: "clean" for the base task's instruction (on the axis language, the instruction in the
             variant's file), or "published" for LIBERO-Plus's own instructions, which end with the variant name on six
             of the seven axes.
         libero_plus_assets: Unzipped folder of the authors' assets, or None for the folder in the environment variable.
-        command: Command that starts the world's process; if empty, the command of its installed environment.
+        command: Command that starts the world's process. If empty, the command of its installed environment is used.
     """
 
     protocol: str = "openpi"
@@ -100,7 +100,7 @@ class VariantTask(WorldTask):
 
     @property
     def axis(self) -> str:
-        """Variant axis: the part of the task that the variant changes."""
+        """Variant axis, which is the part of the task that the variant changes."""
         return read_variant(self.variant).axis
 
     def asked(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""An imported object with the changes of a review applied: a pure function of the object and the changes."""
+"""An imported object with the changes of a review applied, as a pure function of the object and the changes."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def apply(imported: Imported, changes: Iterable[Change], *, where: str = "review
 
 
 def changed(state: ReviewState, change: Change, *, where: str = "review") -> ReviewState:
-    """Return an object with one change applied; for arguments and errors see :func:`apply`."""
+    """Return an object with one change applied. For arguments and errors, see :func:`apply`."""
     draft, turned = state.imported.draft, state.turned
     match change:
         case PoseChange():

@@ -1,7 +1,7 @@
-"""Decisions about an imported object: changes with values before and after, verdicts, and undo.
+"""Decisions about an imported object, which are changes with values before and after, verdicts, and undo.
 
-Poses, planes, grasps and regions are in the object frame at the time of the change: origin in the middle of the bottom
-of the bounding box, z up.
+Poses, planes, grasps and regions are in the object frame at the time of the change. Its origin is in the middle of the
+bottom of the bounding box, with z up.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """The plane on which an object rests: unit normal, and height of the plane along it [m]."""
+    """The plane on which an object rests, given by its unit normal and the height of the plane along it [m]."""
 
     normal: Vector = (0.0, 0.0, 1.0)
     height_m: float = 0.0
