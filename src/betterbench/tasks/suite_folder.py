@@ -129,7 +129,7 @@ def read_suite_folder(path: Path | str) -> SuiteFolder:
     stated = re.fullmatch(r".*-([0-9a-f]{12})", folder.name)
     if stated and not full.endswith(stated[1]):
         problem = f"its tasks have the digest {full[-_DIGITS:]}"
-        raise InvalidInputError(str(folder), problem, f"{_CURE}; a changed suite needs another name")
+        raise InvalidInputError(str(folder), problem, f"{_CURE}. A changed suite needs another name")
     return SuiteFolder(full, tuple(sorted(head.tasks)), tuple(files))
 
 

@@ -425,8 +425,9 @@ def require_origins(plan: Mapping[str, Any], run: Path) -> None:
             copy = run / COPIES / _copy_name(name, sha256)
             if name == ASSET_MANIFEST:
                 raise RecordError(
-                    f"{run}: tasks of this run use a folder of assets (manifest sha256 {_safe(sha256)[:12]}) that is "
-                    "not loaded, or has changed: then give a new --out. Pass the folder with --asset-dir."
+                    f"{run}: tasks of this run use an asset folder (manifest sha256 {_safe(sha256)[:12]}) that is not "
+                    f"loaded or has changed. Pass the folder with --asset-dir. If it has changed, also give a new "
+                    f"--out."
                 )
             where = f"a copy is {copy}: read it before you pass it" if copy.is_file() else "pass the file"
             raise RecordError(

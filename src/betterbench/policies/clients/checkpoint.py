@@ -135,8 +135,8 @@ class Checkpoint:
                 )
         except ImportError as error:
             raise MissingDependencyError(
-                f"{where} needs a package that is not installed ({one_line(error)}). Install LeRobot with the extra "
-                "of its type; docs/policies.md lists them."
+                f"{where} needs a package that is not installed ({one_line(error)}). Install LeRobot with the extra of "
+                f"this policy type. docs/policies.md lists the extras."
             ) from error
         except BetterError:
             raise

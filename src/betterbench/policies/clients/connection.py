@@ -140,10 +140,10 @@ class PolicyConnection(Generic[Connection]):
                 if left <= 0.0:
                     raise PolicyUnavailableError(
                         f"{self._where} could not be reached for {self._limits.patience_s:g} s ({_brief(problem)}). "
-                        "Start the server, or correct the address; patience=SECONDS waits longer."
+                        "Start the server, correct the address, or wait longer with patience=SECONDS."
                     ) from problem
                 if attempt == 0:
-                    logger.warning("%s cannot be reached (%s); trying for %.0f s", self._where, _brief(problem), left)
+                    logger.warning("%s cannot be reached (%s). Trying for %.0f s", self._where, _brief(problem), left)
                 self._pause(attempt, left)
                 attempt += 1
             else:

@@ -384,8 +384,8 @@ class Gr00tOverlapClient(Gr00tClient):
             if np.abs(new[:, kept] - old[:, kept]).max() > FROZEN_TOLERANCE * max(float(np.abs(old).max()), 1e-6):
                 self._told = True
                 logger.warning(
-                    "%s does not keep the %d actions of rtc_frozen_steps: it does not continue chunks. The "
-                    "policies of NVIDIA's main branch ignore rtc_overlap_steps; see NVIDIA/Isaac-GR00T#520.",
+                    "%s does not keep the %d actions of rtc_frozen_steps, so it does not continue chunks. The "
+                    "policies of NVIDIA's main branch ignore rtc_overlap_steps (see NVIDIA/Isaac-GR00T#520).",
                     self._where,
                     self._overlap.frozen,
                 )

@@ -127,7 +127,7 @@ class LerobotStepPolicy(AdaptedPolicy):
         if given:
             raise address.error(
                 f"a policy of type {checkpoint.type} gets every observation and executes its own chunks",
-                f"Leave out {', '.join(given)}; n_action_steps of the checkpoint sets the horizon",
+                f"Leave out {', '.join(given)}. The checkpoint's n_action_steps sets the horizon",
             )
         self._inner = LerobotPolicy(address, checkpoint)
         self._checkpoint, self._policy = checkpoint, checkpoint.sibling()

@@ -72,7 +72,7 @@ def require_type(kind: str, known: Collection[str], where: str) -> None:
         raise InvalidInputError(
             where,
             f"its type {one_line(kind, most=60)!r} is not known to LeRobot {release}",
-            f"Give a checkpoint of one of these types: {listed}; or install a release that supports its type",
+            f"Install a release that supports its type, or give a checkpoint of one of these types: {listed}",
         )
     needs = POLICY_TYPES.get(kind, Needs())
     missing = [module for module in needs.modules if importlib.util.find_spec(module) is None]

@@ -114,7 +114,7 @@ class AdaptedPolicy:
         if adapter.depths and not observation.depth:
             raise HandshakeError(
                 f"depth: adapter {adapter.name} needs depth images, which the observation {observation.name} lacks. "
-                "In CALVIN, give --observation calvin_depth; elsewhere, remove depths from the adapter."
+                "In CALVIN, give --observation calvin_depth. Elsewhere, remove depths from the adapter."
             )
         if adapter.control_rate_hz != rate_hz:
             raise HandshakeError(

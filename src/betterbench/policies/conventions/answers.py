@@ -181,8 +181,8 @@ class AnswerRule:
             raise InvalidInputError(
                 "answer",
                 f"it has {', '.join(given) or 'nothing'}",
-                f"{self.space} needs each of {', '.join(sorted(needed))} once; a translation or rotation may be given "
-                "as its three axes (translation_x, translation_y, translation_z)",
+                f"{self.space} needs each of {', '.join(sorted(needed))} once. A translation or rotation may be given "
+                f"as its three axes (translation_x, translation_y, translation_z)",
             )
         if "rotation_x" in given and ROTATION_SIZES[self.rotation] != len(_BY_AXIS["rotation"]):
             raise InvalidInputError(
@@ -545,8 +545,8 @@ def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndar
         array = array[:, None] if width == 1 else array[None]
     if array.ndim != 2 or array.shape[1] != width:
         raise PolicyError(
-            f"the reply's {name!r} has shape {shape}. The adapter reads ({width},) or (horizon, {width}); "
-            "choose another preset, or correct the adapter."
+            f"the reply's {name!r} has shape {shape}. The adapter reads ({width},) or (horizon, {width}). Choose "
+            f"another preset, or correct the adapter."
         )
     if len(array) == 0:
         raise PolicyError(f"the reply's {name!r} is an empty chunk of shape {shape}. Send at least one action.")

@@ -172,7 +172,7 @@ def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]
     """
     if len(frame) > MAX_DECLARED_BYTES:
         raise HandshakeError(
-            f"{who} sends a declaration of {len(frame)} bytes; the limit is {MAX_DECLARED_BYTES}. "
+            f"{who} sends a declaration of {len(frame)} bytes, but the limit is {MAX_DECLARED_BYTES}. "
             "The server should declare only names, sizes and conventions."
         )
     value = decode(frame)
@@ -191,7 +191,7 @@ def space_cure(space: str) -> str:
     Other worlds have a fixed action space, so the option does not exist there.
     """
     return (
-        f"Give --action-space {space} in a suite of betterbench; in LIBERO and CALVIN, choose another policy or preset"
+        f"Give --action-space {space} in a suite of betterbench. In LIBERO and CALVIN, choose another policy or preset"
     )
 
 

@@ -76,7 +76,9 @@ class LiberoAgent:
         """
         asked = parse_address(address)
         if asked.name not in POLICIES:
-            raise InvalidInputError("policy", f"{address} does not support LIBERO", f"Give {', '.join(POLICIES)}")
+            raise InvalidInputError(
+                "policy", f"{address} does not support LIBERO", f"Give one of {', '.join(POLICIES)}"
+            )
         self._name, self._rule, self._noise_m = address, asked.name, asked.action_noise_m
         self._scene = scene
         self._random = stream(scene.task.id, scene.seed, f"{asked.name}:{scene.condition.name}")

@@ -184,7 +184,7 @@ def register(kind: PolicyKind) -> PolicyKind:
         ValueError: If another kind has its name.
     """
     if KINDS.setdefault(kind.name, kind) is not kind:
-        raise ValueError(f"another policy kind has the name {kind.name!r}; choose another scheme")
+        raise ValueError(f"another policy kind has the name {kind.name!r}. Choose another scheme")
     return kind
 
 

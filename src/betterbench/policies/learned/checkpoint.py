@@ -194,7 +194,7 @@ def require_code(about: Mapping[str, Any], where: str) -> None:
     here = code_of("family", family)
     if here is not None and here != code:
         problem = f"its family {family!r} was defined by {code or 'an unknown file'}, but is now defined by {here}"
-        cure = f"Pass the file used in training; better train keeps a copy in {COPIES} next to the checkpoint"
+        cure = f"Pass the file used in training. better train keeps a copy in {COPIES} next to the checkpoint"
         raise InvalidInputError(where, problem, cure)
 
 

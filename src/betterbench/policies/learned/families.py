@@ -131,7 +131,7 @@ def _wrong(name: object, sees: object, capacities: object, parts: object, option
             'Write @learner("mine", sees="objects") or sees="pixels"',
         )
     if not isinstance(capacities, Mapping) or set(capacities) != set(_SIZES):
-        yield f"its capacities have the names {_listed(capacities)}", f"Give {', '.join(_SIZES)}"
+        yield f"its capacities have the names {_listed(capacities)}", f"Give the names {', '.join(_SIZES)}"
     elif not all(isinstance(size, Capacity) for size in capacities.values()):
         yield f"its capacities are {_listed(capacities.values())}", "Give a Capacity object for each size"
     if not isinstance(parts, tuple | list) or not all(isinstance(part, str) and part for part in parts):

@@ -17,7 +17,7 @@ from betterbench.policies.learned.families import Capacity, Option, Sees, learne
 RECIPE_VERSION: Literal[1] = 1
 """Version of the training procedure."""
 
-CURE = "Correct the recipe; see docs/training.md for an example"
+CURE = "Correct the recipe. docs/training.md shows an example"
 
 _Loss = Literal["l1", "flow"]
 

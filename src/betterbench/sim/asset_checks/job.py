@@ -76,7 +76,9 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
         InvalidInputError: If nothing is given, a folder has no mesh file, or one name is given for several assets.
     """
     if not given:
-        raise InvalidInputError("assets check", "no asset is given", "Name assets, mesh files or folders of them")
+        raise InvalidInputError(
+            "assets check", "no asset is given", "Give assets, mesh files, or folders of mesh files"
+        )
     found: list[Target] = []
     for text in given:
         path = Path(text).expanduser()

@@ -194,13 +194,13 @@ def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
         with open_ordinary(path) as stream:
             seal, _, data = stream.read(_MOST_CACHE_BYTES).partition(b"\n")
         if seal != content_digest(path.stem, data).encode():
-            _log.warning("The mesh cache %s is damaged or was changed; it is generated again.", path)
+            _log.warning("The mesh cache %s is damaged or was changed, so it is generated again.", path)
             return None
         return parts_from_bytes(data)
     except FileNotFoundError:
         return None
     except Exception:  # noqa: BLE001 - what reading a damaged archive raises
-        _log.warning("The mesh cache %s cannot be read; it is generated again.", path)
+        _log.warning("The mesh cache %s cannot be read, so it is generated again.", path)
         return None
 
 
@@ -229,4 +229,6 @@ def _write_cache(path: Path, parts: tuple[MeshPart, ...]) -> None:
             Path(beside).unlink(missing_ok=True)
             raise
     except OSError as error:
-        _log.warning("The mesh cache %s cannot be written (%s); the meshes are prepared on every start.", path, error)
+        _log.warning(
+            "The mesh cache %s cannot be written (%s), so the meshes are prepared on every start.", path, error
+        )

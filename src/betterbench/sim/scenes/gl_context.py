@@ -28,7 +28,7 @@ CURE = f"Unset MUJOCO_GL, MUJOCO_EGL_DEVICE_ID and PYOPENGL_PLATFORM if they are
 
 
 _SPAWN = (
-    "Start workers with the 'spawn' method; for Gymnasium's vector environments: gymnasium.make_vec(..., "
+    "Start workers with the 'spawn' method. For Gymnasium's vector environments, use gymnasium.make_vec(..., "
     "vectorization_mode='async', vector_kwargs={'context': 'spawn'})"
 )
 

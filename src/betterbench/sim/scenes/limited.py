@@ -311,7 +311,7 @@ class LimitedView:
     def _refused(self, what: str, cause: str = "The scene's file is damaged or forged") -> RecordError:
         self.close()
         return RecordError(
-            f"stored scene: {what}. {cause}; run the trial again to store the scene, or leave out films."
+            f"stored scene: {what}. {cause}. Run the trial again to store the scene, or leave out films."
         )
 
 

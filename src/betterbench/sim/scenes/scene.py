@@ -300,8 +300,8 @@ class Scene:
                 text = "; ".join(problems)
                 msg = (
                     f"{self.condition.id} seed {self.seed}: the scene contradicts the premise of the instruction "
-                    f"({text}). A changed asset or physics library (MuJoCo {mujoco.__version__}) can do this; "
-                    "the run stops instead of lowering a score."
+                    f"({text}). A changed asset or physics library (MuJoCo {mujoco.__version__}) can do this. The run "
+                    f"stops instead of lowering a score."
                 )
                 raise PremiseError(msg)
         return state

@@ -113,7 +113,7 @@ class Quality:
         except ValidationError as error:
             problem = error.errors()[0]
             field = ".".join(("quality", *map(str, problem["loc"])))
-            raise InvalidInputError(field, problem["msg"], f"Give {', '.join(cls.__slots__)}") from None
+            raise InvalidInputError(field, problem["msg"], f"Give the fields {', '.join(cls.__slots__)}") from None
 
 
 _QUALITY = TypeAdapter(Quality)

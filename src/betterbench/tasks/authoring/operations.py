@@ -124,7 +124,7 @@ def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Res
     if condition.object(drawer.name).mount is None:
         raise _refused(condition, drawer, "it is not a drawer", "Name an object with a mount")
     if not distance_m >= 0.0:
-        raise InvalidInputError(f"{condition.id} distance_m", f"{distance_m} m", "Give 0 or more; 0 closes the drawer")
+        raise InvalidInputError(f"{condition.id} distance_m", f"{distance_m} m", "Give 0 or more (0 closes the drawer)")
     return condition.with_(opened={**condition.opened, drawer.name: distance_m}), Changes(frozenset({drawer.name}))
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from betterbench_calibration.mixture import Budget, FileMixture, MixturePart, MixtureSampler
     from betterbench_calibration.mixture.pretraining import CheckedTotal
 
-_CURE = "Correct the file; docs/mixture.md shows one"
+_CURE = "Correct the file. docs/mixture.md shows an example"
 _BEGINNING = b'{"number": '
 
 
@@ -100,7 +100,7 @@ def _drawn(
     sampler = MixtureSampler(parts, seed=seed, shard=number, shards=shards, draws=draws)
     if out is not None:
         if draws < 1 or mixture is None:
-            raise InvalidInputError("--out", "there are no draws to write", "Give a file of a mixture and --draws")
+            raise InvalidInputError("--out", "there are no draws to write", "Give a mixture file and --draws")
         _write_draws(out, sampler, mixture, overwrite=overwrite)
         say(f"{len(sampler)} draws of {draws} in {shards} shards written to {out}")
     return sampler.counts(draws) if draws else {}

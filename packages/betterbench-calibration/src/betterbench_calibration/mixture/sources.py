@@ -37,7 +37,7 @@ _MAX_QUESTION_BYTES = 1 << 34
 _MOST_EPISODES, _MOST_FRAMES = 10_000_000, 1 << 40
 _AGAIN = "Export the data set again"
 _COLUMNS = ("episode_index", "length")
-_CURE = "Correct the file of the mixture; docs/mixture.md shows one"
+_CURE = "Correct the mixture file. docs/mixture.md shows an example"
 
 ShortText = Annotated[str, Field(min_length=1, max_length=4096)]
 

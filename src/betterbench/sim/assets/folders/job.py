@@ -164,7 +164,9 @@ class _Folder:
     def _require_name(self, name: str, request: ImportRequest, found: dict[ImportRequest, str]) -> None:
         if not is_asset_name(name):
             problem = f"{one_line(repr(name), most=80)} cannot name an asset"
-            raise InvalidInputError("--name", problem, "Use small letters, digits and underscores, a letter first")
+            raise InvalidInputError(
+                "--name", problem, "Use lower-case letters, digits and underscores, and begin with a letter"
+            )
         if name in found.values():
             raise InvalidInputError("--name", f"{name!r} is given to two files", "Import them one after the other")
         there = self._assets.get(name)

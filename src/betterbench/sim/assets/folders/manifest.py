@@ -87,7 +87,9 @@ def read_manifest(text: bytes | str, where: str) -> Manifest:
     for name, asset in found.assets.items():
         if not _NAME.fullmatch(name):
             problem = f"{one_line(repr(name), most=80)} cannot name an asset"
-            raise InvalidInputError(where, problem, "Use small letters, digits and underscores, a letter first")
+            raise InvalidInputError(
+                where, problem, "Use lower-case letters, digits and underscores, and begin with a letter"
+            )
         if asset.file != f"{name}.npz":
             problem = f"the file of {name} is {one_line(repr(asset.file), most=80)}, expected {name}.npz"
             raise InvalidInputError(where, problem, CURE)

@@ -287,7 +287,7 @@ def _require_readable(data: bytes, form: dict[str, Any], where: str) -> None:
     _check_embedded_pictures(data, form, where)
     if _has_sparse_surface(form):
         cure = "Export the object without sparse accessors"
-        raise InvalidInputError(where, "a surface has a sparse accessor, which is not read", cure)
+        raise InvalidInputError(where, "a surface has a sparse accessor, which is not supported", cure)
     asked = form.get("extensionsRequired", [])
     if not isinstance(asked, list) or not all(isinstance(name, str) for name in asked):
         raise InvalidInputError(where, "it does not list its extensions as glTF does", _CURE)

@@ -208,7 +208,7 @@ class _Compiled:
         if kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
             make = rigid.cylinder if kind == _GEOM.mjGEOM_CYLINDER else rigid.capsule
             return (*make(float(size[0]), float(size[1])), None)
-        raise InvalidInputError(self._where, f"a geom has the type {kind.name}, which is not read", _CURE)
+        raise InvalidInputError(self._where, f"a geom has the type {kind.name}, which is not supported", _CURE)
 
     def _mesh(self, mesh: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         m = self._model

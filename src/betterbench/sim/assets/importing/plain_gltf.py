@@ -63,7 +63,7 @@ def _require_shape(form: Form, where: str) -> None:
     for node in form.get("nodes", []):
         if _INSTANCES in node.get("extensions", {}):
             cure = "Make the instances real objects before the export"
-            raise InvalidInputError(where, f"it has instances ({_INSTANCES}), which are not read", cure)
+            raise InvalidInputError(where, f"it has instances ({_INSTANCES}), which are not supported", cure)
         mesh = meshes[node["mesh"]] if "mesh" in node else {}
         has_keys = any(surface.get("targets") for surface in mesh.get("primitives", []))
         if has_keys and any(node.get("weights", mesh.get("weights", []))):
@@ -200,7 +200,7 @@ class _Document:
         form = self.form["accessors"][accessor]
         kind, width, count = np.dtype(_TYPES[form["componentType"]]), _WIDTHS[form["type"]], int(form["count"])
         if "bufferView" not in form:
-            raise ValueError("its compressed values cannot be changed; export it without Draco")
+            raise ValueError("its compressed values cannot be changed. Export it without Draco")
         buffer = self._buffer()
         view = self.form["bufferViews"][form["bufferView"]]
         start = int(view.get("byteOffset", 0)) + int(form.get("byteOffset", 0))

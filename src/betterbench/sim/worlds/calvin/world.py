@@ -590,7 +590,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
     if checkout is None:
         raise InvalidInputError(
             "--calvin-env",
-            "the path of your checkout of calvin_env is not given; no package index has it",
+            "the path of your calvin_env checkout is not given, and no package index has calvin_env",
             "Clone https://github.com/mees/calvin_env and give --calvin-env PATH",
         )
     root = checkout_root(checkout)

@@ -255,7 +255,7 @@ def _replaced(
     named = {item.name: item for item in items}
     before, after = before_after
     if before is None and after is None:
-        raise InvalidInputError(where, f"a change of a {what} names none", "Give its frame before or after")
+        raise InvalidInputError(where, f"a change of a {what} has no frame", "Give its frame before or after")
     if before is not None:
         if before.name not in named:
             known = ", ".join(named) or "none"
