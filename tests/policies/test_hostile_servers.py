@@ -338,7 +338,7 @@ def nested(depth):
 
 
 TOO_MUCH = {
-    "large": ({"notes": "x" * (MAX_DECLARED_BYTES + 1)}, r"sends a declaration of \d{7} bytes; the limit is 4194304"),
+    "large": ({"notes": "x" * (MAX_DECLARED_BYTES + 1)}, r"of \d{7} bytes, but the limit is 4194304"),
     "deep": ({"notes": nested(20)}, r"its declaration cannot be read.*nested deeper than 16"),
 }
 

@@ -1,12 +1,13 @@
-"""Policies: declarations, clients of policy servers, and built-in policies.
+"""Policies, their declarations, and clients of policy servers.
 
 - ``address``: parsing of addresses such as ``openpi://host:port?preset=libero``.
 - ``kinds``: one file per policy kind, and the registry of kinds by address scheme.
-- ``factory``, ``description``: creation of a worker's policy instances, and a policy's declarations as JSON.
+- ``factory``, ``description``: creation of the policy instances of a worker, and declarations of policies as JSON.
 - ``conventions``: translation of observations and actions, presets of known checkpoints, the handshake.
 - ``protocols``, ``clients``, ``serving``: codecs, clients of policy servers, and the server side.
 - ``process``: user policies in a separate process.
-- ``experts``, ``faulty``, ``decisions``: privileged policies that plan; ``faulty`` has one file per fault.
+- ``experts``, ``faulty``, ``decisions``: privileged policies, which plan with the simulator state. ``faulty`` has one
+  file per fault.
 - ``learned``: networks, checkpoints, and a checkpoint's policy (`learned:CHECKPOINT`).
 
 Each public name is imported from its module at first use, so that the process of a policy imports only what it needs.

@@ -1,6 +1,6 @@
 """Policy addresses: ``expert``, ``zoo:lexical?strength=0.3``, ``openpi://host:port?preset=openpi_libero``.
 
-Each policy kind declares the format of its addresses and their options; one parser reads all formats.
+Each policy kind declares the format of its addresses and their options. One parser reads all formats.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from betterbench.interface.policy import Execution
 Word = TypeVar("Word", bound=str)
 
 Transport = Literal["websocket", "zeromq", "http"]
-"""Transport protocol of a server. Websocket and HTTP addresses may have a path; ZeroMQ addresses do not."""
+"""Transport protocol of a server. Websocket and HTTP addresses may have a path. ZeroMQ addresses do not."""
 
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
@@ -30,8 +30,8 @@ class Option:
     Attributes:
         name: Name. If it ends with a period, a key follows: ``camera.KEY=value``.
         meaning: Description of the value with its unit, for messages ("the deadline of one answer [s]").
-        reads: Type of the value; numbers are finite and ≥ 0.
-        most: Largest allowed number; infinity for no limit.
+        reads: Type of the value. Numbers are finite and ≥ 0.
+        most: Largest allowed number, or infinity for no limit.
     """
 
     name: str
@@ -59,7 +59,7 @@ EXECUTION = (
     Option("ahead", "the number of steps before the end of a chunk at which the next chunk is requested", "whole"),
     Option("ensemble", "the rate at which older chunks lose weight in an average over chunks", "number"),
 )
-"""Options for the execution of action chunks; see :class:`betterbench.interface.Execution`."""
+"""Options for the execution of action chunks (see :class:`betterbench.interface.Execution`)."""
 
 CONNECTION = (
     Option("timeout", "the deadline of one answer [s]", "number"),
@@ -99,9 +99,9 @@ class AddressForm:
     Attributes:
         scheme: Kind name, the prefix of its addresses.
         example: Example of an address in messages ("gr00t://localhost:5555", "learned:CHECKPOINT").
-        target: Whether the scheme and colon are followed by a target: a name, a file or a server.
+        target: Whether the scheme and colon are followed by a target, which is a name, a file or a server.
         options: Allowed options.
-        transport: Transport protocol of the server; None for a policy without a server.
+        transport: Transport protocol of the server, or None for a policy without a server.
         port: Default port of the server.
     """
 
@@ -124,7 +124,7 @@ class AddressForm:
 
         Args:
             text: The address.
-            world: World whose conventions the policy uses; empty for our own scenes.
+            world: World whose conventions the policy uses. It is empty for our own scenes.
 
         Raises:
             UnknownNameError: If the address has an option that the kind does not know.
@@ -171,10 +171,10 @@ class AddressForm:
 
 @dataclass(frozen=True, slots=True)
 class PolicyAddress:
-    """A parsed address: a policy's target ("localhost:8000") and its options.
+    """A parsed address, with the policy's target ("localhost:8000") and its options.
 
-    :meth:`AddressForm.read` has checked the options. ``world`` is the world whose conventions the policy uses
-    ("libero", empty for our own scenes); a preset then matches that world's clients.
+    :meth:`AddressForm.read` has checked the options. ``world`` is the world whose conventions the policy uses, such as
+    "libero", or empty for our own scenes. In another world, a preset matches that world's clients.
     """
 
     text: str
@@ -245,7 +245,7 @@ class PolicyAddress:
 
     @property
     def path(self) -> str:
-        """Path of requests. Without a path in the address: ``/act`` for HTTP, "/" for websockets."""
+        """Path of requests. If the address has no path, it is ``/act`` for HTTP and "/" for websockets."""
         path = urlsplit(f"//{self.target}").path
         return path if path.strip("/") else "/act" if self.form.transport == "http" else "/"
 
@@ -279,7 +279,7 @@ class PolicyAddress:
             self.number(name)
 
     def number(self, name: str, default: float = 0.0) -> float:
-        """Return a finite number ≥ 0; raise InvalidInputError for other values or above the option's limit."""
+        """Return a finite number ≥ 0. Raises InvalidInputError for other values or above the option's limit."""
         text = self.options.get(name)
         if text is None:
             return default
@@ -298,7 +298,7 @@ class PolicyAddress:
         return next(option for option in self.form.options if option.fits(name))
 
     def whole(self, name: str, default: int = 0) -> int:
-        """Return an integer ≥ 0; raise InvalidInputError for any other value."""
+        """Return an integer ≥ 0. Raises InvalidInputError for any other value."""
         value = self.number(name, float(default))
         if value != int(value):
             text = self.options[name]
@@ -306,7 +306,7 @@ class PolicyAddress:
         return int(value)
 
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:
-        """Return a value that must be one of a list of words; raise UnknownNameError for any other word."""
+        """Return a value that must be one of a list of words. Raises UnknownNameError for any other word."""
         if name not in self.options:
             return default
         for word in choices:

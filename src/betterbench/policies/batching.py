@@ -1,4 +1,4 @@
-"""Batching of policy calls: simultaneous requests from several threads are answered by one call."""
+"""Batching of policy calls, in which one call answers simultaneous requests from several threads."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
 
     Requests that arrive during a call form the next batch, so a busy policy gets large batches and an idle policy
     answers at once. If further requests are expected, the next call waits for them, but at most as long as the shortest
-    call so far: otherwise several callers of one server would alternate with small batches. If a batch fails, its
-    requests are sent one by one, so that each caller gets only the error of its own request.
+    call so far. Without this wait, several callers of one server would alternate with small batches. If a batch fails,
+    its requests are sent one by one, so that each caller gets only the error of its own request.
     """
 
     def __init__(
@@ -47,8 +47,7 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
     ) -> None:
         """Start the thread that calls ``answer``.
 
-        ``expected`` returns how many requests may be pending at once, including the current ones; it is called by that
-        thread.
+        ``expected`` returns how many requests may be pending at once, including the current ones. That thread calls it.
         """
         self._answer, self._limit, self._expected = answer, max(1, limit), expected
         self._shortest_s = math.inf  # duration of the shortest call
@@ -67,7 +66,7 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         """Return the answer to a request, or raise the exception of the answering function.
 
         The timeout [s] includes the wait behind other requests and starts no earlier than ``ready_at``
-        (``time.perf_counter``). Raises TimeoutError if no answer arrives in time; the call itself continues.
+        (``time.perf_counter``). Raises TimeoutError if no answer arrives in time, although the call itself continues.
         Raises RuntimeError if the collector is closed.
         """
         if self._closed:

@@ -1,4 +1,4 @@
-"""Decision rules of privileged policies; motor skills execute the decisions."""
+"""Decision rules of privileged policies. Motor skills execute the decisions."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class GraspAt:
 
 @dataclass(frozen=True, slots=True)
 class Freeze:
-    """Decision to move toward an object and then stop permanently or, without an object, never to move."""
+    """Decision to move toward an object and then stop permanently. Without an object, the decision is never to move."""
 
     toward: str | None
 
@@ -126,7 +126,7 @@ def open_subgoal(state: WorldState, condition: Condition) -> int | None:
 
 
 def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
-    """Return the subgoals that may be executed now: the first open subgoal, or any if the order is free.
+    """Return the subgoals that may be executed now, which is the first open subgoal or, if the order is free, any.
 
     A drawer is closed only after its contents are inside. If a requested object does not exist, other objects may be
     handled.

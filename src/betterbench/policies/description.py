@@ -1,4 +1,4 @@
-"""Description of a policy: its declarations as JSON of limited size, to compare them when a run resumes."""
+"""Declarations of a policy as JSON of limited size, which are compared when a run resumes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
 
 
 def bounded(value: object, *, depth: int = 0) -> Any:  # noqa: ANN401 -- JSON of a stranger, made harmless here
-    """Return a server's declarations as JSON of bounded size: short arrays become lists, long arrays become hashes."""
+    """Return a server's declarations as JSON of bounded size. Short arrays become lists, long arrays become hashes."""
     plain = _plain(value, depth)
     if depth == 0 and len(json.dumps(plain)) > _MAX_DECLARED_BYTES:
         return {"sha256": _fingerprint(json.dumps(plain, sort_keys=True).encode())}

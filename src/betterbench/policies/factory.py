@@ -26,7 +26,7 @@ SOURCE = "source file"
 
 
 def check_policy(address: str, *, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
-    """Return the declarations of a policy, checked against a run if one is given. A server is contacted for this.
+    """Return the declarations of a policy, and check them against a run if one is given. This may contact a server.
 
     Raises:
         UnknownNameError: If no policy has this address.
@@ -40,7 +40,7 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
 
 
 def answer_limit_s(address: str, policy_timeout_s: float) -> float:
-    """Return the deadline of one answer [s], from a server's address or else from the run.
+    """Return the deadline of one answer [s]. It is given by a server's address, or else by the run.
 
     The address may also be the name of a policy object passed by the run's caller.
     """
@@ -63,13 +63,13 @@ class PolicyFactory:
         world: str = "",
         kind: PolicyKind | None = None,
     ) -> None:
-        """Store the settings; nothing is loaded and no server is contacted yet.
+        """Store the settings. This does not load anything or contact a server.
 
         ``world`` is the world whose conventions are used with a server (``World.dialect``).
 
-        With ``apart``, a user's policy is loaded in a separate process, within ten times the ``timeout_s`` of an answer
-        [s]. ``known`` is the server's declaration at the start of the run, or None if clients compare declarations
-        themselves. ``kind`` is the policy kind; default: the kind of the address.
+        With ``apart``, a user's policy is loaded in a separate process, which may take ten times the ``timeout_s`` of
+        an answer [s]. ``known`` is the server's declaration at the start of the run, or None if clients compare
+        declarations themselves. ``kind`` is the policy kind, by default that of the address.
 
         Raises UnknownNameError if no policy has this address.
         """
@@ -93,7 +93,7 @@ class PolicyFactory:
 
     @property
     def info(self) -> PolicyInfo:
-        """Policy declarations; the policy is created for them on first use.
+        """Policy declarations. On first use, the policy is created for them.
 
         Raises the errors of :func:`check_policy`.
         """

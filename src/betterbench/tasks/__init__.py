@@ -3,9 +3,10 @@
 - ``condition``, ``axes``, ``subgoal``, ``thresholds``: the values that make up conditions.
 - ``relations``: one file per relation ("inside", "beside"), with its check and placements.
 - ``authoring``: templates, variations and the registry, for writing tasks.
-- ``suite``: the tasks of better60, one file each; ``regimes``: their listed regimes.
+- ``suite``: the tasks of better60, with one file each.
+- ``regimes``: the listed regimes of these tasks, which are further sets of training conditions.
 - ``judging``: goals, grasp attempts, restraint, harm and premises, judged from states.
-- ``interventions``: look-up of conditions by a condition's name or a regime.
+- ``interventions``: look-up of conditions by name or by regime.
 - ``worlds``: suites and protocols of LIBERO, LIBERO-Plus and CALVIN as data.
 """
 

@@ -35,8 +35,8 @@ class Axis(StrEnum):
 class Expected(StrEnum):
     """Expected behavior of a policy that understands the instruction.
 
-    If it is "ambiguous", the premise is broken: the trial is judged like a refusal and labeled, but excluded from all
-    rates.
+    If it is "ambiguous", the premise is broken. The trial is then judged like a refusal and labeled, but excluded from
+    all rates.
     """
 
     SUCCEED = "succeed"
@@ -51,7 +51,7 @@ class Expected(StrEnum):
 
 
 class Support(StrEnum):
-    """Support of a variation: ``seen`` if all its pick and place poses are inside the training distribution."""
+    """Support of a variation, which is ``seen`` if all pick and place poses are inside the training distribution."""
 
     SEEN = "seen"
     NOVEL = "novel"

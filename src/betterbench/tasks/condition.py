@@ -1,4 +1,4 @@
-"""Conditions: fully specified settings of a task, with their objects and slots."""
+"""Conditions, which are fully specified settings of a task, with their objects and slots."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Role = Literal["item", "distractor", "container", "fixture", "drawer"]
 class TargetRegion:
     """Target region, such as a container, rack hole, stack layer or drawer mount.
 
-    ``target`` is a name in the scene; ``region`` is "" if the target has only one.
+    ``target`` is a name in the scene. ``region`` is "" if the target has only one region.
     """
 
     target: str
@@ -49,7 +49,7 @@ class ObjectSpec:
     """Specification of an object in a condition.
 
     Attributes:
-        name: Name in the scene. Names have no meaning: renaming all objects does not change verdicts.
+        name: Name in the scene. Names have no meaning, so renaming all objects does not change verdicts.
         kind: Object noun in instructions ("red mug").
         category: Its asset's category ("mug").
         color: Its asset's color, or None to let the generator choose.
@@ -67,13 +67,13 @@ class ObjectSpec:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """Fully specified setting of a task: layout, object identities, initial state, instruction and subgoals.
+    """Fully specified setting of a task, with layout, object identities, initial state, instruction and subgoals.
 
     Attributes:
         name: Name within the task ("train1", "L3").
         layout: Slot name by object name, for every object that starts on the table.
         preplaced: Target region by object name, for objects that start at a target.
-        opened: Opening at the start [m] by drawer name; other drawers are closed.
+        opened: Opening at the start [m] by drawer name. Other drawers are closed.
         expected: Behavior of a policy that understands the instruction.
         mid_task_look: Whether the initial state looks like the middle of a demonstration.
         premise_broken: Whether a premise of the instruction is deliberately false.

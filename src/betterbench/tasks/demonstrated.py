@@ -1,8 +1,8 @@
-"""Release points and final poses measured in expert demonstrations: the file, and look-up in it.
+"""Release points and final poses that were measured in expert demonstrations, and the file that contains them.
 
 ``better certify --demonstrations`` writes the file. Scenes draw the poses of pre-placed objects from the final poses,
-and clause (b) of the certificate compares releases with the release points. The suite's file is part of the package;
-the file for user tasks is stored next to the task file.
+and clause (b) of the certificate compares releases with the release points. The suite's file is part of the package.
+The file for user tasks is stored next to the task file.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FORM: Literal["betterbench demonstrations"] = "betterbench demonstrations"
 
 
 class FlatPose(NamedTuple):
-    """Planar pose of an object at its target: position relative to the target region's center [mm], heading [degrees].
+    """Planar pose of an object at its target, with the position relative to the region's center [mm] and heading [deg].
 
     Both are in the target's frame.
     """
@@ -93,7 +93,7 @@ class FinalPoses:
         kind: Kind of the object.
         asset: Identity of its asset, because objects with other shapes rest in other poses.
         target_kind: Kind of the target.
-        target_asset: Identity of the object's asset.
+        target_asset: Identity of the target's asset.
         relation: Relation between the two.
         region: Region of the target, "" if it has only one.
         poses: Object poses at rest.
@@ -109,7 +109,7 @@ class FinalPoses:
 
 
 class LeaningPose(NamedTuple):
-    """Pose of an object that may lean on others: relative to the target region's center, in the target's frame.
+    """Pose of an object that may lean on others, relative to the target region's center and in the target's frame.
 
     The position is in millimeters, the rotation a quaternion.
     """
@@ -132,7 +132,7 @@ class LeaningPose(NamedTuple):
 
 
 class FinalPose(NamedTuple):
-    """Final pose of one object among several at a target: kind of the object, identity of its asset, pose at rest."""
+    """Final pose of one object among several at a target, with its kind and the identity of its asset."""
 
     kind: str
     asset: str
@@ -163,7 +163,7 @@ class JointPoses:
     def posed(self, objects: Sequence[tuple[str, str]]) -> tuple[Pose, ...] | None:
         """Return the poses ``T_middle_object`` of objects given by kind and asset, in their order.
 
-        None unless these are all the objects there.
+        Returns None if there are other objects there too.
         """
         left, found = list(self.objects), []
         for wanted in objects:
@@ -185,7 +185,8 @@ class Demonstrated:
         engine: Version of the physics engine.
         version: Task version.
         solved: Number of measured demonstrations.
-        together: Final poses of demonstrations that left several objects in one place, one entry per demonstration.
+        together: Final poses of demonstrations that left several objects in one place, with one entry per
+            demonstration.
     """
 
     suite: str
@@ -205,8 +206,8 @@ class Demonstrated:
     ) -> tuple[FlatPose, ...]:
         """Return the demonstrated final poses of the most similar object at a target.
 
-        The poses come from the same object and target assets; if there are none, from the same object asset, then from
-        the same object kind, then from any object at that target.
+        The poses come from the same object and target assets. If there are none, they come from the same object asset,
+        then from the same object kind, and then from any object at that target.
         """
         there = self._poses_at(target_kind, relation, region)
         of_kind = [p for p in there if p.kind == kind]
@@ -284,10 +285,10 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
 
     Args:
         task: The task.
-        engine: Version of the physics engine in use; its minor version must be the same.
+        engine: Version of the physics engine in use. Its minor version must be the same.
 
     Raises:
-        InvalidInputError: If the task was never measured, or was measured under other versions; the message names the
+        InvalidInputError: If the task was never measured, or was measured under other versions. The message names the
             remedy.
     """
     if task.id in _measured:
@@ -325,7 +326,7 @@ def final_pose(task: Task, seed: int, *, kind: str, region: str, poses: Sequence
 
 
 def joint_index(task: Task, seed: int, *, kinds: Sequence[str], region: str, count: int) -> int:
-    """Return the index of the demonstration that pre-placed objects in one place come from, out of ``count``.
+    """Return the index, out of ``count``, of the demonstration from which pre-placed objects are taken.
 
     It is drawn from the trial's random stream.
     """
@@ -341,7 +342,7 @@ def cure_for(task: str) -> str:
 
 @functools.lru_cache(maxsize=8)
 def read_demonstrations(text: str, where: str) -> DemonstrationsFile:
-    """Read a file of measured demonstrations; raise InvalidInputError if it is invalid."""
+    """Read a file of measured demonstrations. Raises InvalidInputError if it is invalid."""
     cure = "Measure again with better certify --demonstrations"
     form = open_seal(text, where=where, cure=cure, since=("version", 2))
     form.pop("version", None)
@@ -350,7 +351,7 @@ def read_demonstrations(text: str, where: str) -> DemonstrationsFile:
 
 @functools.lru_cache(maxsize=1)
 def _packaged() -> DemonstrationsFile:
-    """Return the packaged measurements, empty if there is no file."""
+    """Return the packaged measurements, which are empty if there is no file."""
     file = resources.files("betterbench.tasks").joinpath("data", PACKAGED)
     return read_demonstrations(file.read_text(encoding="utf-8"), _PACKAGED_NAME) if file.is_file() else _NONE
 

@@ -12,7 +12,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 
 
 class Kind(StrEnum):
-    """Kind of an outcome label; an unfinished trial is neither a success nor a failure."""
+    """Kind of an outcome label. An unfinished trial is neither a success nor a failure."""
 
     NONE = "none"
     REASONING = "reasoning"
@@ -25,7 +25,7 @@ _LABELS: dict[str, Label] = {}
 
 
 class Label(str):
-    """Outcome label of a trial, a text with a kind; there is exactly one object per name.
+    """Outcome label of a trial, which is a text with a kind. There is exactly one object per name.
 
     The order of the labels decides between evidence from the same moment. :func:`new_label` makes further labels.
 

@@ -1,4 +1,4 @@
-"""Appearance of objects and rooms in a run: the default looks of training and tests, or held-out looks."""
+"""Appearance of objects and rooms in a run, which has the default looks of training and tests or held-out looks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LOOKS: tuple[Looks, ...] = get_args(Looks)
 
 
 def looks_named(name: str) -> Looks:
-    """Return the looks with a given name; raise UnknownNameError for an unknown name."""
+    """Return the looks with a given name. Raises UnknownNameError for an unknown name."""
     for known in LOOKS:
         if name == known:
             return known

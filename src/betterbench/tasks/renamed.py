@@ -75,7 +75,7 @@ def with_present_names(source: str | bytes, path: str) -> ast.Module:
 
 
 def present_name(module: str) -> str:
-    """Return the current name of a module relative to ``betterbench``, unchanged if the module has not moved."""
+    """Return the current name of a module relative to ``betterbench``. It is unchanged if the module has not moved."""
     parts = module.split(".")
     for count in range(len(parts), 0, -1):
         moved = MODULES.get(".".join(parts[:count]))

@@ -1,11 +1,11 @@
-"""Subgoals: an instruction's steps, as relations between objects."""
+"""Subgoals, which are an instruction's steps as relations between objects."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """How an instruction refers to an object: by description, or by start slot.
+    """Reference of an instruction to an object, by description or by start slot.
 
     Attributes:
         kind: Kind of the object ("burger", "red mug"), or None.
@@ -24,7 +24,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Subgoal:
-    """Step of an instruction: a relation to establish between an object and a target.
+    """Step of an instruction, which is a relation to establish between an object and a target.
 
     Attributes:
         name: Step name ("pack_burger") in records, reports and questions.
@@ -32,7 +32,8 @@ class Subgoal:
         reference: Reference to the object.
         target: Scene name of the target container or fixture.
         word: The word of the instruction that identifies the object ("red", "top", "burger").
-        count: Number of objects matching the reference that must be at the target; 2 for the second of two equal steps.
+        count: Number of objects matching the reference that must be at the target. It is 2 for the second of two equal
+            steps.
         place: Region of the target, if it has several ("left", "hole_2", layer "3").
     """
 

@@ -1,4 +1,4 @@
-"""Suite folders: tasks as JSON, listed with digests in ``suite.json``.
+"""Suite folders, which contain tasks as JSON, listed with digests in ``suite.json``.
 
 The folder name ends with the first digits of a digest over all tasks, so that equal names mean the same benchmark.
 """
@@ -86,7 +86,7 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
 
     Args:
         name: Suite name, without the digest.
-        forms: its tasks as JSON, by name, as :func:`betterbench.tasks.task_to_json` writes them.
+        forms: Tasks as JSON, by name, as :func:`betterbench.tasks.task_to_json` writes them.
 
     Raises:
         InvalidInputError: If the name is invalid, or there is no task.
@@ -129,7 +129,7 @@ def read_suite_folder(path: Path | str) -> SuiteFolder:
     stated = re.fullmatch(r".*-([0-9a-f]{12})", folder.name)
     if stated and not full.endswith(stated[1]):
         problem = f"its tasks have the digest {full[-_DIGITS:]}"
-        raise InvalidInputError(str(folder), problem, f"{_CURE}; a changed suite needs another name")
+        raise InvalidInputError(str(folder), problem, f"{_CURE}. A changed suite needs another name")
     return SuiteFolder(full, tuple(sorted(head.tasks)), tuple(files))
 
 

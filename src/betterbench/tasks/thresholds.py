@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """Table entry: value, unit, purpose and effect of a threshold.
+    """Table entry of a threshold, with its value, unit, purpose and effect.
 
     Attributes:
         unit: "m", "s", "rad", "m/s", "N", "%"; "1" for a plain number.

@@ -16,7 +16,7 @@ from betterbench.tasks.trial_id import TrialId
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Planned trial; ``variation``, ``axis`` and ``base_condition`` are None for a training condition."""
+    """Planned trial. ``variation``, ``axis`` and ``base_condition`` are None for a training condition."""
 
     task: str
     condition: str

@@ -1,9 +1,9 @@
-"""User files and plugins: tasks, assets and other items registered by a user's file or an installed package.
+"""User files and plugins, which register tasks, assets and other items.
 
 Files are named by ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker processes
-inherit. A folder of imported assets (``--asset-dir``) is also treated as a user file: its manifest is read, nothing is
-executed. Packages name a module under the entry point group ``betterbench.plugins``. A file in a run's folder is never
-executed automatically, because it may be untrusted.
+inherit. A folder of imported assets (``--asset-dir``) is also treated as a user file. Its manifest is read, and nothing
+is executed. Packages name a module under the entry point group ``betterbench.plugins``. A file in a run's folder is
+never executed automatically, because it may be untrusted.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ VARIABLE = "BETTERBENCH_TASK_FILES"
 """Environment variable with the paths of task files, separated as in PATH."""
 
 GROUP = "betterbench.plugins"
-"""Group of entry points; each names a module that registers tasks or assets when it is imported."""
+"""Group of entry points. Each names a module that registers tasks or assets when it is imported."""
 
 COMPANION_SUFFIX = ".demonstrations.json"
 """Suffix (instead of ".py") of the file with a task file's demonstration measurements, in the same folder."""
@@ -54,7 +54,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TaskFile:
-    """A loaded user file: Python, or the manifest of an asset folder.
+    """A loaded user file, which is a Python file or the manifest of an asset folder.
 
     Workers get the same text even if the file changes meanwhile.
 
@@ -106,7 +106,7 @@ class TaskFile:
 
     @property
     def option(self) -> str:
-        """Option that loads the file, for messages; all files in a suite have the option of the suite folder."""
+        """Option that loads the file, for messages. All files in a suite have the option of the suite folder."""
         if self.is_asset_folder:
             return f"--asset-dir {shell_word(str(Path(self.path).parent))}"
         return f"--task-file {shell_word(self.suite or self.path)}"
@@ -131,7 +131,7 @@ class TaskFile:
 
 @dataclass(frozen=True, slots=True)
 class Companion:
-    """File with the measured demonstrations of a user's task: its path, and its text (None if there is none)."""
+    """File with the measured demonstrations of a user's task, with its path and its text (None if missing)."""
 
     path: Path
     text: str | None
@@ -139,7 +139,7 @@ class Companion:
 
 @dataclass(frozen=True, slots=True)
 class _Origin:
-    """Origin of a registered name: a task file, or the package (name, version) of a plugin."""
+    """Origin of a registered name, which is a task file or the package (name, version) of a plugin."""
 
     text: str
     path: str
@@ -182,7 +182,7 @@ def loading_folder() -> Path | None:
 def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]) -> Callable[P, T]:
     """Record which user file registers a name. Every registry that users may extend calls this function.
 
-    ``kind`` is the singular name of the registered items ("task", "asset"); ``known`` are the names already taken.
+    ``kind`` is the singular name of the registered items ("task", "asset"). ``known`` contains the names already taken.
 
     Returns:
         The function. A user's function reports its file and line when it raises an error.
@@ -243,7 +243,7 @@ def _load_read(files: Iterable[TaskFile]) -> None:
 
 
 def load_sources(files: Iterable[TaskFile]) -> None:
-    """Load files that have already been read, as in a worker; an already loaded text is not loaded again.
+    """Load files that have already been read, as in a worker. A text that is already loaded is not loaded again.
 
     Raises:
         InvalidInputError: If a file raises an error or takes a name that exists.
@@ -273,7 +273,7 @@ def _execute(file: TaskFile) -> None:
 
 
 def load_declared() -> None:
-    """Load installed plugins and the files in the environment variable, once; registries call this.
+    """Load installed plugins and the files in the environment variable, once. Registries call this.
 
     Raises:
         InvalidInputError: If a file cannot be loaded, raises an error or takes a name that exists.
@@ -301,7 +301,7 @@ def loaded_files() -> tuple[TaskFile, ...]:
 def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str, list[dict[str, str]]]:
     """Return the files and plugins that tasks and worlds need, for a run's plan.
 
-    The keys are "task_files" (name, sha256) and "plugins" (name, version); a key without entries is left out.
+    The keys are "task_files" (name, sha256) and "plugins" (name, version). A key without entries is left out.
     """
     names = [*(("task", task) for task in tasks), *(("world", world) for world in worlds)]
     found = [origin for origin in map(_origins.get, names) if origin is not None]
@@ -312,7 +312,7 @@ def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str,
 
 
 def code_of(kind: str, name: str) -> str | None:
-    """Return the origin of a registered name: "sha256 ..." of a user's file, or package and version.
+    """Return the origin of a registered name, which is "sha256 ..." of a user's file, or package and version.
 
     Returns None if the name is built in.
 
@@ -362,8 +362,8 @@ def companion_of(task: str) -> Companion | None:
     """Return a task file's companion, which contains its demonstration measurements.
 
     Returns:
-        Its path and text; None for a built-in task. On a machine that received only the task file, the text is the text
-        sent with the file.
+        Its path and text, or None for a built-in task. On a machine that received only the task file, the text is the
+        text sent with the file.
     """
     origin = _origins.get(("task", task))
     if origin is None:
@@ -387,7 +387,7 @@ def _companion_text(path: Path) -> str | None:
 
 
 def options_for(tasks: Iterable[str]) -> str:
-    """Return the options that load the files of tasks, with a leading space, or an empty string if all are built in."""
+    """Return the options that load the files of tasks, with a leading space, or "" if all are built in."""
     return loading_options() if origins_of(tasks).get("task_files") else ""
 
 
@@ -401,7 +401,8 @@ def options_by_name(tasks: Iterable[str]) -> tuple[str, ...]:
 def loading_options() -> str:
     """Return the options that load all files loaded in this process, with a leading space.
 
-    A suite is named by ``--suite``, which a command takes once; several suites are named by ``--task-file``.
+    A single suite is loaded with ``--suite``. A command accepts this option only once, so several suites are loaded
+    with ``--task-file``.
     """
     suites = {file.suite for file in _files.values() if file.suite is not None}
     suite = f"--suite {shell_word(suites.pop())}" if len(suites) == 1 else None
@@ -424,8 +425,9 @@ def require_origins(plan: Mapping[str, Any], run: Path) -> None:
             copy = run / COPIES / _copy_name(name, sha256)
             if name == ASSET_MANIFEST:
                 raise RecordError(
-                    f"{run}: tasks of this run use a folder of assets (manifest sha256 {_safe(sha256)[:12]}) that is "
-                    "not loaded, or has changed: then give a new --out. Pass the folder with --asset-dir."
+                    f"{run}: tasks of this run use an asset folder (manifest sha256 {_safe(sha256)[:12]}) that is not "
+                    f"loaded or has changed. Pass the folder with --asset-dir. If it has changed, also give a new "
+                    f"--out."
                 )
             where = f"a copy is {copy}: read it before you pass it" if copy.is_file() else "pass the file"
             raise RecordError(

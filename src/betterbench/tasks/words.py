@@ -1,4 +1,4 @@
-"""Grammar of object nouns in sentences: articles, plurals, mass nouns, and verb agreement."""
+"""Grammar of object nouns in sentences, with articles, plurals, mass nouns and verb agreement."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def is_countable(kind: str) -> bool:
 
 
 def plural(kind: str) -> str:
-    """Return the plural of a countable kind: "red apples", "tape rolls", "knives"."""
+    """Return the plural of a countable kind, such as "red apples", "tape rolls" or "knives"."""
     *before, noun = kind.split()
     if noun in _IRREGULAR:
         many = _IRREGULAR[noun]
@@ -38,11 +38,11 @@ def is_plural(kind: str) -> bool:
 
 
 def agreeing(kind: str, one: str, many: str) -> str:
-    """Return the verb form that agrees with a kind: "is" for "burger", "are" for "fries"."""
+    """Return the verb form that agrees with a kind, such as "is" for "burger" and "are" for "fries"."""
     return many if is_plural(kind) else one
 
 
 def place_words(kind: str, region: str) -> str:
-    """Return the text for a region of a target: "the laptop (upper right)", "the white plate (layer 1)", "the box"."""
+    """Return the text for a region of a target, such as "the laptop (upper right)" or "the box"."""
     name = f"layer {region}" if region.isdigit() else region.replace("_", " ")
     return f"the {kind} ({name})" if name else f"the {kind}"

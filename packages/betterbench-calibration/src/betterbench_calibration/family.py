@@ -19,9 +19,10 @@ def independent_plans(part: str, *, trials: int = 4, seed: int = 0) -> tuple[Pla
 
     Args:
         part: One of ``FAMILY_PARTS``: "development", "held_out", "second", and so on.
-        trials: Trials per policy in which its habit decides or acts wrongly (or, for an honest habit, acts), spread
-            over the tasks. A habit whose label needs several trials gets complete tasks until this number is reached.
-        seed: Seed of all trials; the next seeds are added if a habit shows in fewer conditions than ``trials``.
+        trials: Number of trials per policy in which its habit decides or acts wrongly, spread over the tasks. For a
+            habit without a fault, all trials in which it acts count. A habit whose label needs several trials is given
+            complete tasks until this number is reached.
+        seed: Seed of all trials. If a habit shows in fewer conditions than ``trials``, the next seeds are also used.
 
     Raises:
         InvalidInputError: If the part does not exist, or ``trials`` is below 1.
@@ -43,7 +44,7 @@ def calibrate_independent(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> Calibration:
-    """Run a part of the independent family, diagnose its records, and compare the labels with the true ones.
+    """Run a part of the independent family, diagnose its records, and compare the labels with the true labels.
 
     Raises the errors of :func:`independent_plans` and :func:`~betterbench.calibration.run.calibrate`.
     """

@@ -1,9 +1,10 @@
 """Client of Being-H's inference server: ``being-h://host:port``.
 
-ZeroMQ REQ/REP with the requests of GR00T N1.5 (an endpoint, its data, a token), but serialized by torch. Replies are
-read without unpickling (:mod:`betterbench.policies.protocols.torch_payload`); the server itself unpickles requests.
-``get_modality_config`` is not called: its reply contains objects of the server's own classes, which must not be
-unpickled. Source: BeingBeyond/Being-H, ``BeingH/inference/service.py``.
+The server uses ZeroMQ REQ/REP with the requests of GR00T N1.5 (an endpoint, its data and a token), but serializes them
+with torch. This client reads replies without unpickling (:mod:`betterbench.policies.protocols.torch_payload`), whereas
+the server itself unpickles requests. The client does not call ``get_modality_config``, because the reply contains
+objects of the server's own classes, which must not be unpickled. Source: BeingBeyond/Being-H,
+``BeingH/inference/service.py``.
 
 The bridge (:mod:`betterbench.policies.clients.bridges.being_h_bridge`) needs torch on the server's side only.
 """
@@ -45,7 +46,7 @@ class BeingHClient(ServerClient[BeingHServer]):
 
     With real-time chunking, the server also returns the complete chunk in its unified action space. With ``ahead`` or
     ``delay``, the next request contains the unexecuted rest of this chunk and the number of control steps that pass
-    during the computation; the new chunk continues the old chunk.
+    during the computation. The new chunk then continues the old chunk.
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
@@ -60,7 +61,7 @@ class BeingHClient(ServerClient[BeingHServer]):
         return BeingHServer(self._address, self._key, timeout_s=timeout_s)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; raise HandshakeError if the episode uses another action space."""
+        """Begin an episode. Raises HandshakeError if the episode uses another action space."""
         super().reset(start)
         self._last = None
 

@@ -1,4 +1,4 @@
-"""Checkpoints of LeRobot: weights, processors and declared features."""
+"""Checkpoints of LeRobot, with weights, processors and declared features."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Features:
     """Input and output features that a checkpoint declares.
 
     Attributes:
-        images: (height, width) of each image [pixel], by key.
+        images: Size (height, width) of each image [pixel], by key.
         states: Size of each state vector, by key.
         action: Number of values in an action.
     """
@@ -89,11 +89,13 @@ class Features:
 class Checkpoint:
     """Loaded weights and processors, shared by several policies in one process.
 
-    ``fingerprint`` is the SHA-256 of configuration, weights and processors; ``lock`` is held during computation.
+    ``fingerprint`` is the SHA-256 of configuration, weights and processors. ``lock`` is held during computation.
     """
 
     def __init__(self, path: str, device: str | None, where: str, *, trusted: bool = False) -> None:
-        """Load a folder or a hub id onto a device (None to choose). :func:`load_checkpoint` avoids loading twice.
+        """Load a folder or a hub id onto a device, or onto a chosen device if None.
+
+        Use :func:`load_checkpoint` to avoid loading a checkpoint twice.
 
         Code named in the checkpoint runs only if the checkpoint is ``trusted``.
 
@@ -133,8 +135,8 @@ class Checkpoint:
                 )
         except ImportError as error:
             raise MissingDependencyError(
-                f"{where} needs a package that is not installed ({one_line(error)}). Install LeRobot with the extra "
-                "of its type; docs/policies.md lists them."
+                f"{where} needs a package that is not installed ({one_line(error)}). Install LeRobot with the extra of "
+                f"this policy type. docs/policies.md lists the extras."
             ) from error
         except BetterError:
             raise

@@ -1,8 +1,8 @@
 """Check whether loading a LeRobot checkpoint would run its author's code, which the user must allow explicitly.
 
-LeRobot creates its processor steps from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
-with a ``registry_name`` belongs to LeRobot. A step with a ``class`` can name any function in any module, for example
-``os.system``, which is called with the arguments in the file (``_resolve_step_class`` of
+LeRobot creates its processor steps from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step with a
+``registry_name`` belongs to LeRobot. A step with a ``class`` can name any function in any module, for example
+``os.system``, and LeRobot calls it with the arguments in the file (``_resolve_step_class`` in
 ``lerobot/processor/pipeline.py``). Some policy types load a tokenizer with ``trust_remote_code`` from a repository that
 the checkpoint names.
 """

@@ -14,14 +14,14 @@ from betterbench.errors import InvalidInputError, one_line
 
 _STEPS = ("chunk_size", "action_chunk_size", "horizon", "n_action_steps", "n_obs_steps", "n_action_pred_token")
 _MOST_STEPS = 4096
-"""Maximum length of a chunk or history [steps]; LeRobot's own configurations use at most 100."""
+"""Maximum length of a chunk or history [steps]. LeRobot's own configurations use at most 100."""
 
 _ALWAYS_ALLOWED = 16_000_000
 """Number of parameters always allowed, because LeRobot first builds a backbone that it then replaces."""
 
 
 _MOST_TENSORS = 100_000
-"""Maximum number of weight and bias tensors of a network; LeRobot's largest network has a few thousand."""
+"""Maximum number of weight and bias tensors of a network. LeRobot's largest network has a few thousand."""
 
 
 def require_short_horizons(config: object, where: str) -> None:
@@ -46,7 +46,7 @@ def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
 
     A parameter takes at least one byte in the file (four in LeRobot's own files), so a network with more parameters
     than the file has bytes cannot be the saved network. PyTorch reserves the memory of a parameter, registers the
-    parameter and then fills it; the limit is checked at registration, before memory is used.
+    parameter and then fills it. The limit is checked at registration, before the memory is used.
 
     Args:
         file_bytes: Size of the weights file [bytes].

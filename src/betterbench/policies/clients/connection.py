@@ -18,7 +18,7 @@ from betterbench.policies.address import PolicyAddress
 logger = logging.getLogger(__name__)
 
 FIRST_PAUSE_S = 0.1
-"""Pause before a request or connection attempt is repeated [s]; doubled each time."""
+"""Pause before a request or connection attempt is repeated [s]. It is doubled each time."""
 
 LONGEST_WAIT_S = 604_800
 """Maximum of deadlines and of ``patience_s`` [s], a week."""
@@ -34,7 +34,7 @@ class ClosableConnection(Protocol):
     """A connection to a server."""
 
     def close(self) -> None:
-        """Close the connection; never raises."""
+        """Close the connection. This never raises an error."""
 
 
 Connection = TypeVar("Connection", bound=ClosableConnection)
@@ -119,7 +119,7 @@ class PolicyConnection(Generic[Connection]):
         self._counts = dict.fromkeys(self._counts, 0)
 
     def open(self) -> Connection:
-        """Return the connection; connect repeatedly until the server answers.
+        """Return the connection, and connect repeatedly until the server answers.
 
         Raises:
             PolicyUnavailableError: If the server could not be reached within ``patience_s``.
@@ -140,10 +140,10 @@ class PolicyConnection(Generic[Connection]):
                 if left <= 0.0:
                     raise PolicyUnavailableError(
                         f"{self._where} could not be reached for {self._limits.patience_s:g} s ({_brief(problem)}). "
-                        "Start the server, or correct the address; patience=SECONDS waits longer."
+                        "Start the server, correct the address, or wait longer with patience=SECONDS."
                     ) from problem
                 if attempt == 0:
-                    logger.warning("%s cannot be reached (%s); trying for %.0f s", self._where, _brief(problem), left)
+                    logger.warning("%s cannot be reached (%s). Trying for %.0f s", self._where, _brief(problem), left)
                 self._pause(attempt, left)
                 attempt += 1
             else:
@@ -200,7 +200,7 @@ class PolicyConnection(Generic[Connection]):
         return self._connection is connection
 
     def drop(self) -> None:
-        """End the connection; the next request opens a new connection."""
+        """End the connection. The next request opens a new connection."""
         connection, self._connection = self._connection, None
         if connection is not None:
             connection.close()

@@ -1,9 +1,9 @@
 """Requests to Dexbotic's inference server at ``http://host:7891/v1/infer``, and its declarations.
 
-``POST /v1/infer`` takes JSON: the prompt, images (by slot number) as PNG files in base64, and a state. The answer
-contains ``actions``. ``POST /process_frame``, of older releases, takes the same data as a form with files and returns
-``response``. ``GET /v1/capabilities`` declares slots, state and action size. ``POST /v1/reset`` begins an episode; the
-first form request of an episode has a flag instead. Source: dexmal/dexbotic, ``dexbotic/exp/base_exp.py``,
+``POST /v1/infer`` takes JSON with the prompt, images (by slot number) as PNG files in base64, and a state. The answer
+contains ``actions``. In older releases, ``POST /process_frame`` takes the same data as a form with files and returns
+``response``. ``GET /v1/capabilities`` declares slots, state and action size. ``POST /v1/reset`` begins an episode. With
+forms, the first request of an episode has a flag instead. Source: dexmal/dexbotic, ``dexbotic/exp/base_exp.py``,
 ``dexbotic/client.py`` and ``docs/InferenceAPI.md``; dexmal/dexbotic-benchmark,
 ``evaluation/policies/base_vla_agent.py``.
 """
@@ -45,7 +45,7 @@ class Route:
 
     @classmethod
     def of(cls, path: str) -> Route | None:
-        """Return the route of a path, or None if Dexbotic has no such path; a proxy may add a prefix."""
+        """Return the route of a path, or None if Dexbotic has no such path. A proxy may add a prefix to the path."""
         bare = path.rstrip("/")
         if bare.endswith(FORM_PATH):
             return cls(True, "", "")

@@ -38,7 +38,7 @@ class EndpointServer:
         self._first("ping", end)
 
     def _first(self, endpoint: str, end: float) -> Any:  # noqa: ANN401 - as decoded
-        """Send a request of the handshake; raise HandshakeError if it fails."""
+        """Send a request of the handshake. Raises HandshakeError if it fails."""
         try:
             return self.call(endpoint, None, end - time.monotonic(), declares=True)
         except PolicyError as error:
@@ -53,7 +53,7 @@ class EndpointServer:
         """Raise PolicyError if a frame must not be decoded."""
 
     def _decode(self, answer: bytes, endpoint: str) -> Any:  # noqa: ANN401 - as decoded
-        """Decode a frame; raise PolicyError if it cannot be read."""
+        """Decode a frame. Raises PolicyError if it cannot be read."""
         raise NotImplementedError
 
     def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float, *, declares: bool = False) -> Any:  # noqa: ANN401 - as decoded

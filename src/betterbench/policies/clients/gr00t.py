@@ -1,8 +1,8 @@
 """Client of Isaac GR00T's inference server: ``gr00t://host:port``.
 
-ZeroMQ REQ/REP with one msgpack map per request: an endpoint, its data, and the token if the server requires one. The
-server declares its modalities, which are compared with the adapter at each connection. Source: Isaac-GR00T,
-``gr00t/policy/server_client.py`` (N1.6) and ``gr00t/eval/service.py`` (N1.5).
+The server uses ZeroMQ REQ/REP. Each request is a msgpack map with an endpoint, its data, and the token if the server
+requires one. The server declares its modalities, which the client compares with the adapter at each connection. Source:
+Isaac-GR00T, ``gr00t/policy/server_client.py`` (N1.6) and ``gr00t/eval/service.py`` (N1.5).
 
 A server without an observation history takes the observations of many environments in one request
 (:class:`Gr00tBatchClient`). A server that needs several time steps of images or state gets one client per environment.
@@ -10,10 +10,10 @@ Such a client must receive every observation, so it executes the chunks itself a
 
 Real-time chunking (``rtc_overlap_steps``) sends the rest of the old chunk as ``observation.action`` and the steps as
 options, as NVIDIA/Isaac-GR00T#520 (N1.6: ``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of
-N1.7 (``gr00t/model/gr00t_n1d7``) expect. The policies of the main branch ignore both; the client warns if it detects
+N1.7 (``gr00t/model/gr00t_n1d7``) expect. The policies of the main branch ignore both. The client warns if it detects
 this.
 
-Replies of N1.7 mark arrays and modalities differently from N1.6; requests are the same.
+Replies of N1.7 mark arrays and modalities differently from N1.6, but requests are the same.
 
 Servers of the first N1.5 releases pickle with torch. betterbench deliberately does not support them, because unpickling
 an untrusted answer can run arbitrary code.
@@ -143,7 +143,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
     ) -> dict[str, np.ndarray]:
         """Return the arrays of a server's answer by name without prefix, each (environments, horizon, dim).
 
-        ``more`` is added to the observation in the nested layout; ``options`` are sent next to the observation.
+        ``more`` is added to the observation in the nested layout. ``options`` are sent next to the observation.
         """
         message: dict[str, Any] = {
             kind: {name: np.concatenate([one[kind][name] for one in seen]) for name in seen[0][kind]} for kind in SEEN
@@ -220,7 +220,7 @@ class Gr00tBatchClient(Gr00tClient):
     """GR00T policy without an observation history. One client serves many environments."""
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments; no state needs to be reset."""
+        """Begin an episode in one of the environments. No state needs to be reset."""
         check_start(self.adapter, start, self._where)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
@@ -261,7 +261,7 @@ class Gr00tHistoryClient(Gr00tClient):
             self._connection.request(_forget)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next action, (1, dim) float64; a request is sent when a chunk has been executed."""
+        """Return the next action, (1, dim) float64. A request is sent when a chunk has been executed."""
         steps = self.modalities.steps
         self._frames[observation.step] = self._seen(observation)
         oldest = observation.step + min(wanted[0] for wanted in steps.values())
@@ -339,7 +339,7 @@ class Gr00tOverlapClient(Gr00tClient):
         self._told = False
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; the rest of the last chunk is dropped."""
+        """Begin an episode, and drop the rest of the last chunk."""
         super().reset(start)
         self._last = None
 
@@ -374,7 +374,7 @@ class Gr00tOverlapClient(Gr00tClient):
         return {"action": action}, options
 
     def _compare(self, sent: Mapping[str, np.ndarray], answered: Mapping[str, np.ndarray]) -> None:
-        """Warn once if a server changes the frozen actions; the server then silently ignores real-time chunking."""
+        """Warn once if a server changes the frozen actions, because it then silently ignores real-time chunking."""
         kept = slice(0, self._overlap.frozen)
         for name, old in sent.items():
             new = answered.get(name)
@@ -384,8 +384,8 @@ class Gr00tOverlapClient(Gr00tClient):
             if np.abs(new[:, kept] - old[:, kept]).max() > FROZEN_TOLERANCE * max(float(np.abs(old).max()), 1e-6):
                 self._told = True
                 logger.warning(
-                    "%s does not keep the %d actions of rtc_frozen_steps: it does not continue chunks. The "
-                    "policies of NVIDIA's main branch ignore rtc_overlap_steps; see NVIDIA/Isaac-GR00T#520.",
+                    "%s does not keep the %d actions of rtc_frozen_steps, so it does not continue chunks. The "
+                    "policies of NVIDIA's main branch ignore rtc_overlap_steps (see NVIDIA/Isaac-GR00T#520).",
                     self._where,
                     self._overlap.frozen,
                 )
@@ -405,7 +405,7 @@ def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
 
 
 def _forget(server: Gr00tServer, timeout_s: float) -> None:
-    """Reset the server at the beginning of an episode; N1.5 servers have no such endpoint."""
+    """Reset the server at the beginning of an episode. N1.5 servers have no such endpoint."""
     try:
         server.call("reset", {"options": None}, timeout_s)
     except PolicyError as error:

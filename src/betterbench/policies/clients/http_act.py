@@ -1,9 +1,9 @@
-"""Client of servers with ``POST /act``: ``http://host:port/act``; for OpenVLA, OpenVLA-OFT, X-VLA, Dexbotic and others.
+"""Client of servers with ``POST /act`` (``http://host:port/act``), such as OpenVLA, OpenVLA-OFT, X-VLA and Dexbotic.
 
 Each request uses a new connection, without a handshake. Because these servers do not declare their inputs and outputs,
 the address must name a preset or an adapter. Dexbotic's server (:mod:`betterbench.policies.clients.dexbotic`) declares
-images and action size, which the client compares.
-Source: OpenVLA and OpenVLA-OFT, ``vla-scripts/deploy.py``; X-VLA, ``models/modeling_xvla.py``.
+its images and action size, which the client compares with the adapter. Source: OpenVLA and OpenVLA-OFT,
+``vla-scripts/deploy.py``; X-VLA, ``models/modeling_xvla.py``.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class HttpServer:
         socket.create_connection((self._host, self._port), min(timeout_s, _KNOCK_S)).close()
 
     def post(self, body: bytes, timeout_s: float, *, kind: str = JSON, path: str | None = None) -> HttpAnswer:
-        """Send a body to the path of the address or to another path, and return the answer; see :meth:`ask`."""
+        """Send a body to the path of the address or to another path, and return the answer (see :meth:`ask`)."""
         return self.ask("POST", path or self._path, body, timeout_s, kind=kind)
 
     def ask(self, method: str, path: str, body: bytes, timeout_s: float, *, kind: str = JSON) -> HttpAnswer:
@@ -190,7 +190,7 @@ class HttpActClient(ServerClient[HttpServer]):
         return request
 
     def _post(self, server: HttpServer, body: bytes, timeout_s: float, kind: str) -> HttpAnswer:
-        """Send a body and return a valid answer; raise HandshakeError if the server rejects or redirects it."""
+        """Send a body and return a valid answer. Raises HandshakeError if the server rejects or redirects it."""
         answer = server.post(body, timeout_s, kind=kind)
         status, path = answer.status, self._address.path
         if status == http.client.OK:
@@ -232,7 +232,7 @@ class HttpActClient(ServerClient[HttpServer]):
 
 
 def _stacked(reply: object) -> object:
-    """Return a list of arrays as one array; return other values unchanged."""
+    """Return a list of arrays as one array, and other values unchanged."""
     if isinstance(reply, list) and any(isinstance(row, np.ndarray) for row in reply):
         try:
             return np.stack([number_array(row) for row in reply])

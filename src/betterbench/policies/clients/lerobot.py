@@ -1,12 +1,12 @@
-"""LeRobot policies in this process: ``lerobot:CHECKPOINT``, a folder or a hub id.
+"""LeRobot policies in this process, with the address ``lerobot:CHECKPOINT`` (a folder or a hub id).
 
 The checkpoint declares the images, the state and the action size used in training. The adapter is derived from these
 declarations, unless the address names an adapter. The checkpoint's own processors do the normalization.
 
-:mod:`betterbench.policies.clients.lerobot_types` lists policy types and their requirements. Policies that
-answer a chunk from one observation (ACT, pi0, pi0.5, SmolVLA) take batches: one instance serves many environments.
-Each answer, including the noise of flow policies, depends only on its own observation. All other types (diffusion,
-VQ-BeT, TD-MPC and policies with a memory of observations) are called at every step and execute their own chunks, as in
+:mod:`betterbench.policies.clients.lerobot_types` lists policy types and their requirements. Policies that answer a
+chunk from one observation (ACT, pi0, pi0.5, SmolVLA) take batches, so one instance serves many environments. Each
+answer, including the noise of flow policies, depends only on its own observation. All other types (diffusion, VQ-BeT,
+TD-MPC and policies with a memory of observations) are called at every step and execute their own chunks, as in
 LeRobot's evaluation. Their instances share the weights.
 """
 
@@ -38,7 +38,7 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
     "ee": ("ee_position", "ee_axis_angle", "gripper_fingers"),
     "joints": ("joint_positions", "gripper_width"),
 }
-"""State layouts of betterbench's LeRobot environment; if actions are motor positions, the state has the same units."""
+"""State layouts of betterbench's LeRobot environment. If actions are motor positions, the state has the same units."""
 
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
@@ -78,7 +78,7 @@ class LerobotPolicy(AdaptedPolicy):
         )
 
     def _execution(self) -> Execution:
-        """Return the execution of chunks, from the address or else as in LeRobot's evaluation."""
+        """Return the execution settings for chunks, from the address or else as in LeRobot's evaluation."""
         if self._address.given(EXECUTION):
             return self._address.execution()
         config = self._checkpoint.config
@@ -88,11 +88,11 @@ class LerobotPolicy(AdaptedPolicy):
         return Execution(horizon=max(1, int(getattr(config, "n_action_steps", 1))))
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one environment; raise HandshakeError if the episode uses another action space."""
+        """Begin an episode in one environment. Raises HandshakeError if the episode uses another action space."""
         check_start(self.adapter, start, self._where)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64; raise PolicyError if the answer cannot be read."""
+        """Return the next actions, (horizon, dim) float64. Raises PolicyError if the answer cannot be read."""
         return self.act_batch([observation])[0]
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
@@ -120,14 +120,14 @@ class LerobotPolicy(AdaptedPolicy):
 
 
 class LerobotStepPolicy(AdaptedPolicy):
-    """Policy with a memory. Each environment has its own instance; all instances share the weights."""
+    """Policy with a memory. Each environment has its own instance, and all instances share the weights."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         given = address.given(EXECUTION)
         if given:
             raise address.error(
                 f"a policy of type {checkpoint.type} gets every observation and executes its own chunks",
-                f"Leave out {', '.join(given)}; n_action_steps of the checkpoint sets the horizon",
+                f"Leave out {', '.join(given)}. The checkpoint's n_action_steps sets the horizon",
             )
         self._inner = LerobotPolicy(address, checkpoint)
         self._checkpoint, self._policy = checkpoint, checkpoint.sibling()
@@ -136,13 +136,13 @@ class LerobotStepPolicy(AdaptedPolicy):
         self._seed = 0
 
     def reset(self, start: EpisodeStart) -> None:
-        """Reset the memory; raise HandshakeError if the new episode uses another action space."""
+        """Reset the memory. Raises HandshakeError if the new episode uses another action space."""
         self._inner.reset(start)
         self._policy.reset()
         self._seed = start.episode
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next action, (1, dim) float64; raise PolicyError if the answer cannot be read."""
+        """Return the next action, (1, dim) float64. Raises PolicyError if the answer cannot be read."""
         batch = self._inner._batch([observation])
         seed = seed_of(observation, self._seed)
         return self.adapter.actions({_ACTION[0]: self._checkpoint.step(self._policy, batch, seed)}, observation)
@@ -165,7 +165,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
     """Derive the adapter from a checkpoint and from the options state, action_space and camera.KEY of an address.
 
     Raises:
-        InvalidInputError: If a convention remains unknown; the message names the option to give.
+        InvalidInputError: If a convention remains unknown. The message names the option to give.
         UnknownNameError: If an option's value does not exist.
     """
     where = f"policy {address}"

@@ -1,6 +1,6 @@
 """Policy types of LeRobot, with their additional requirements.
 
-Facts: LeRobot's ``pyproject.toml`` and ``src/lerobot/policies/factory.py``, 0.4.4 and 0.6.
+Sources: ``pyproject.toml`` and ``src/lerobot/policies/factory.py`` in LeRobot 0.4.4 and 0.6.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from betterbench.installation import package_command
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """Requirements of a policy type: the required modules, and the LeRobot extra that installs them."""
+    """Requirements of a policy type, with the required modules and the LeRobot extra that installs them."""
 
     extra: str = ""
     modules: tuple[str, ...] = ()
@@ -44,7 +44,7 @@ POLICY_TYPES: Mapping[str, Needs] = {
     "vla_jepa": Needs("vla_jepa", ("transformers", "diffusers", "qwen_vl_utils")),
     "lingbot_va": Needs("lingbot_va", ("transformers", "diffusers", "accelerate")),
 }
-"""Policy types by name; the installed release of LeRobot decides which of them are available."""
+"""Policy types by name. The installed release of LeRobot decides which of them are available."""
 
 REWARD_MODELS = ("reward_classifier", "sarm", "robometer", "topreward")
 """Reward models of LeRobot, which are listed among its policies but do not return actions."""
@@ -60,7 +60,7 @@ def require_type(kind: str, known: Collection[str], where: str) -> None:
 
     Raises:
         InvalidInputError: If the type is not a policy, or not known.
-        MissingDependencyError: If a package that the type needs is not installed; the message names the extra.
+        MissingDependencyError: If a package that the type needs is not installed. The message names the extra.
     """
     release = _release()
     if kind in REWARD_MODELS:
@@ -72,7 +72,7 @@ def require_type(kind: str, known: Collection[str], where: str) -> None:
         raise InvalidInputError(
             where,
             f"its type {one_line(kind, most=60)!r} is not known to LeRobot {release}",
-            f"Give a checkpoint of one of these types: {listed}; or install a release that supports its type",
+            f"Install a release that supports its type, or give a checkpoint of one of these types: {listed}",
         )
     needs = POLICY_TYPES.get(kind, Needs())
     missing = [module for module in needs.modules if importlib.util.find_spec(module) is None]

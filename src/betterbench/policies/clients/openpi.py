@@ -1,11 +1,11 @@
 """Client of openpi's websocket protocol: ``openpi://host:port``, or ``openpi://host:port/path``.
 
 The server first sends a metadata map, and then answers each observation frame with an action frame. A text frame is an
-error and ends the connection. No reset is needed: each observation is independent. Source: openpi's
+error and ends the connection. No reset is needed, because each observation is independent. Source: openpi's
 ``packages/openpi-client``.
 
-Other servers with this protocol differ in details, which are supported too. Arrays may be marked as by msgpack-numpy:
-in answers, and in requests if the metadata does so or ``arrays=nd`` is given. vLLM-Omni
+Other servers with this protocol differ in details, which are supported too. Arrays in answers may be marked as by
+msgpack-numpy. Arrays in requests are marked in this way if the metadata does so or ``arrays=nd`` is given. vLLM-Omni
 (``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) serves at a path, answers with a plain action
 array, and reports an error as a map with ``type`` "error". It distinguishes episodes by a ``session_id``, which is sent
 if its metadata contains ``needs_session_id``.
@@ -152,7 +152,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         return {"prev_action_chunk": moved_up(*self._last, step=step), "inference_delay": self._delay, **executed}
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect, read the metadata and compare conventions; also called after a restart of the server."""
+        """Connect, read the metadata and compare conventions. This is also called after a restart of the server."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
         with connection.greeting("it accepted the connection but sent no metadata and may not be an openpi server"):
@@ -187,7 +187,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._metadata = {str(k): v for k, v in metadata.items()}
 
     def _read(self, frame: bytes | str, kinds: tuple[type, ...]) -> Any:  # noqa: ANN401 - one of the kinds
-        """Decode a frame; raise PolicyError for a server error or a value of another type."""
+        """Decode a frame. Raises PolicyError for a server error or a value of another type."""
         if isinstance(frame, str):
             if self._within:
                 raise PolicyError(printable(frame, most=_LONGEST_REASON))

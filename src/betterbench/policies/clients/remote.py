@@ -31,10 +31,10 @@ def describe_remote_policy(
 ) -> PolicyInfo:
     """Return a client's declaration of its policy for storage with the run.
 
-    ``needs_images`` is False if the server declares that it does not use images; None infers this from the adapter,
-    whose cameras are rendered and sent in any case. ``cameras`` are the cameras declared by the server, None for all.
-    ``says_actions`` is False if the server does not declare its actions. If the address has neither preset nor adapter,
-    the assumed conventions are then stored in the metadata as "assumed" and reported before a run.
+    ``needs_images`` is False if the server declares that it does not use images. If None, this is inferred from the
+    adapter, whose cameras are rendered and sent in any case. ``cameras`` are the cameras that the server declares, or
+    None for all. ``says_actions`` is False if the server does not declare its actions. If the address has neither
+    preset nor adapter, the assumed conventions are then stored in the metadata as "assumed" and reported before a run.
     """
     named = any(camera != EVERY_CAMERA for camera in adapter.cameras)
     metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
@@ -90,11 +90,11 @@ class AdaptedPolicy:
 
     @property
     def _compared(self) -> Declaration:
-        """Declaration with which a run's conventions are compared."""
+        """Declaration that is compared with the conventions of a run."""
         return self.server
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare a run's conventions with the policy's; raise a HandshakeError with both sides if they differ."""
+        """Compare a run's conventions with the policy's. Raises HandshakeError with both sides if they differ."""
         adapter, theirs = self.adapter, self._compared
         ours = replace(declare_adapter("the run", adapter, rate_hz=rate_hz), action_space=space)
         compare_declarations(ours, theirs)
@@ -114,7 +114,7 @@ class AdaptedPolicy:
         if adapter.depths and not observation.depth:
             raise HandshakeError(
                 f"depth: adapter {adapter.name} needs depth images, which the observation {observation.name} lacks. "
-                "In CALVIN, give --observation calvin_depth; elsewhere, remove depths from the adapter."
+                "In CALVIN, give --observation calvin_depth. Elsewhere, remove depths from the adapter."
             )
         if adapter.control_rate_hz != rate_hz:
             raise HandshakeError(
@@ -136,7 +136,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
     :mod:`betterbench.policies.conventions.adapter`)."""
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, *, seed: int) -> None:
-        """Store the settings; a subclass opens the connection when it is ready to compare conventions.
+        """Store the settings. A subclass opens the connection when it is ready to compare conventions.
 
         ``seed`` is the seed of the jitter between attempts.
         """
@@ -152,7 +152,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
         self._declared: dict[str, str] | None = None  # set at the first handshake
 
     def _dial(self, timeout_s: float) -> Connection:
-        """Connect and compare conventions within a time [s]; also called after a restart of the server."""
+        """Connect and compare conventions within a time [s]. This is also called after a restart of the server."""
         raise NotImplementedError
 
     def _require_same(self, declared: Mapping[Any, Any]) -> None:
@@ -177,7 +177,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
         return self._connection.figures
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; raise HandshakeError if the episode uses another action space."""
+        """Begin an episode. Raises HandshakeError if the episode uses another action space."""
         check_start(self.adapter, start, self._where)
         self._connection.count_anew()
 

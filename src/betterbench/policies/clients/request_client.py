@@ -21,12 +21,12 @@ _SETTLE_S = 0.002
 class RequestClient:
     """Socket to one server that, like a REQ socket, sends an empty frame and then the request.
 
-    A REQ socket silently discards an unexpected reply; this client raises an error. After an OSError, close the client
-    and create a new one, so that a late reply cannot be mistaken for the answer to the next request.
+    A REQ socket silently discards an unexpected reply, but this client raises an error. After an OSError, close the
+    client and create a new one, so that a late reply cannot be mistaken for the answer to the next request.
     """
 
     def __init__(self, host: str, port: int, *, timeout_s: float) -> None:
-        """Connect; raise OSError if no server listens, which ZeroMQ itself would not report."""
+        """Connect. Raises OSError if no server listens, which ZeroMQ itself would not report."""
         self.where = f"{f'[{host}]' if ':' in host else host}:{port}"
         try:
             socket.create_connection((host, port), min(timeout_s, _KNOCK_S)).close()

@@ -50,7 +50,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         self.info = describe_remote_policy(address, self.adapter, declared, says_actions=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments; no state needs to be reset."""
+        """Begin an episode in one of the environments. No state needs to be reset."""
         check_start(self.adapter, start, self._where)
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -70,7 +70,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         ]
 
     def _example(self, observation: Observation) -> dict[str, Any]:
-        """Return one example: images as a list in the adapter's order, and a state as (1, size)."""
+        """Return one example, with the images as a list in the adapter's order and a state as (1, size)."""
         message = replace(self.adapter, constants=()).request(observation)
         images = message.get(_IMAGES)
         if isinstance(images, Mapping):
@@ -102,7 +102,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that do not answer the request.")
 
     def _data(self, reply: Mapping[Any, Any]) -> Mapping[Any, Any]:
-        """Return the data of an answer; raise PolicyError if the server reports an error."""
+        """Return the data of an answer. Raises PolicyError if the server reports an error."""
         data, status = reply.get("data"), reply.get("status")
         if not isinstance(status, str) or status != "ok" or not isinstance(data, Mapping):
             error = reply.get("error", data.get("error") if isinstance(data, Mapping) else None)
@@ -135,7 +135,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         return [{name: array[i] for name, array in arrays.items()} for i in range(count)]
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect and compare the metadata with the first connection; also called after a restart of the server."""
+        """Connect and compare the metadata with the first connection. This is also called after a server restart."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key)
         with connection.greeting("it accepted the connection but sent no metadata and may not be a starVLA server"):
@@ -145,7 +145,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         return connection
 
     def _read(self, frame: bytes | str) -> Mapping[Any, Any]:
-        """Return the map in a frame; raise PolicyError for an error of the server or a frame that is not a map."""
+        """Return the map in a frame. Raises PolicyError for an error of the server or a frame that is not a map."""
         if isinstance(frame, str):
             raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'no message'}")
         value = decode_openpi(frame)

@@ -54,7 +54,7 @@ _GRIPPERS = {
     "closed_at_least": ("binary_close_01", "continuous_01"),
 }
 _SIGNED = ("binary_close_positive",)
-"""Gripper formats in which the sign decides; read as a fraction with threshold 0."""
+"""Gripper formats in which the sign decides. They are read as a fraction with threshold 0."""
 _STATES = {
     ("ee_position", "ee_axis_angle", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
     ("ee_position", "ee_axis_angle_short", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
@@ -116,7 +116,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
 
     @property
     def _compared(self) -> Declaration:
-        """Empty, because the handshake has already compared the server's declaration in the harness's terms."""
+        """An empty declaration, because the handshake has already compared the server's declaration."""
         return Declaration(self._where)
 
     def close(self) -> None:
@@ -125,7 +125,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         super().close()
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect, exchange hellos and compare; also called after a restart of the server."""
+        """Connect, exchange hellos and compare. This is also called after a restart of the server."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
         said = {
@@ -244,9 +244,9 @@ def _unshortened(rule: StateRule) -> StateRule:
 def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple[Declaration, Declaration]:
     """Return the declarations of server and adapter in common terms.
 
-    As in the harness, the format ``raw`` declares nothing, and ranges are not compared: the harness's own constant for
-    rotation vectors allows +-3.15 for numbers scaled to +-1. Image names are not compared either, only the number of
-    images, because servers take images in order.
+    As in the harness, the format ``raw`` declares nothing. Ranges are not compared, because the harness's own constant
+    for rotation vectors allows +-3.15 for numbers scaled to +-1. Image names are not compared either, only the number
+    of images, because servers take images in order.
 
     Raises:
         HandshakeError: If the server's specs are malformed, or the server answers with joints and the adapter reads
@@ -294,7 +294,7 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class _Spec:
-    """Component as declared by one side: its format, and other formats that it accepts."""
+    """A component as declared by one side, with its format and other formats that it accepts."""
 
     format: str | None
     accepts: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Policy conventions: translation of observations and actions, and the handshake that compares both sides.
+"""Policy conventions, which include the translation of observations and actions, and the handshake with a server.
 
-``presets`` names the conventions of known checkpoints; ``adapter`` applies them.
+``presets`` lists the conventions of known checkpoints, and ``adapter`` applies them.
 """

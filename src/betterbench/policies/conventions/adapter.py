@@ -1,4 +1,4 @@
-"""Adapters: mapping from observations to a policy's inputs and from answers to actions, stored as data."""
+"""Adapters, which map observations to a policy's inputs and answers to actions. They are stored as data."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ class InstructionRule:
     """Format of the instruction in a request.
 
     Attributes:
-        depth: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists (batch, time).
+        depth: Nesting of the instruction: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists
+            (batch, time).
         template: Sentence template used in the training data, in which ``{}`` is the instruction.
     """
 
@@ -53,7 +54,7 @@ class InstructionRule:
         return self.template.replace("{}", instruction)
 
     def read(self, text: str) -> str:
-        """Return the instruction in a sent text; return a text that does not match the template unchanged."""
+        """Return the instruction in a sent text, or the unchanged text if it does not match the template."""
         before, _, after = self.template.partition("{}")
         follows = text.startswith(before) and text.endswith(after) and len(text) > len(before) + len(after)
         return text[len(before) : len(text) - len(after)] if follows else text
@@ -65,7 +66,7 @@ class ConstantRule:
     """Constant entry of every request, such as the name of a normalization.
 
     Attributes:
-        value: Value to send; None for an entry without a safe default, which the address must give (``send.KEY=``).
+        value: Value to send, or None for an entry without a safe default, which the address must give (``send.KEY=``).
     """
 
     key: tuple[str, ...]
@@ -105,18 +106,18 @@ class Adapter:
     The server is responsible for statistics and normalization.
 
     Attributes:
-        leading_axes: Leading axes of length 1 for images and states: 1 for a batch, 2 for batch and time.
-        ee_offset_m: Offset added to the end-effector position in the robot's base frame, for a policy with another
-            origin; (-0.66, 0, 0.912) is LIBERO's world frame for its table scenes [m].
+        leading_axes: Number of leading axes of length 1 for images and states: 1 for a batch, 2 for batch and time.
+        ee_offset_m: Offset added to the end-effector position in the robot's base frame [m], for a policy with another
+            origin. The offset of LIBERO's world frame is (-0.66, 0, 0.912) m in its table scenes.
         tool_offset_m: The policy's tool point in the tool frame of betterbench, for positions in states and absolute
-            poses. LIBERO's tool point is 6.4 mm nearer to the hand, (0, 0, -0.0064) [m]. Deltas are applied at our tool
-            point.
+            poses. LIBERO's tool point is 6.4 mm nearer to the hand, at (0, 0, -0.0064) m. Deltas are applied at our
+            tool point.
         gripper_opening_m: Opening width of a fully open gripper [m].
         episode_key: Key under which betterbench servers receive the start of the episode, or None.
         constants: Entries that are the same in every request.
-        depths: Depth images, for a run that renders them (``--observation calvin_depth``); not for GR00T.
-        feedback: State that contains the policy's last answer, or None; used only by ``POST /act``.
-        horizon: Default execution horizon (executed actions per chunk), as in the policy's own client; None for all.
+        depths: Depth images, for a run that renders them (``--observation calvin_depth``). GR00T does not use them.
+        feedback: State that contains the policy's last answer, or None. Only ``POST /act`` uses it.
+        horizon: Default number of executed actions per chunk, as in the policy's own client, or None for all actions.
     """
 
     name: str
@@ -175,7 +176,7 @@ class Adapter:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """The required cameras, each once; ``*`` for all cameras."""
+        """The required cameras, each once, or ``*`` for all cameras."""
         return tuple(dict.fromkeys([rule.camera for rule in self.views] + [rule.camera for rule in self.depths]))
 
     def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
@@ -196,7 +197,7 @@ class Adapter:
         return shown
 
     def state(self, rule: StateRule, observation: Observation) -> np.ndarray | float | int:
-        """Return a state input: (size,) of the required type, or a number for a scalar."""
+        """Return a state input, which is an array (size,) of the required type, or a number for a scalar."""
         return rule.read(
             observation,
             ee_offset_m=self.ee_offset_m,
@@ -207,7 +208,7 @@ class Adapter:
     def request(
         self, observation: Observation, start: EpisodeStart | None = None, trial: TrialId | None = None
     ) -> dict[str, Any]:
-        """Return the request for actions; entries are nested if their key has several names.
+        """Return the request for actions. Entries are nested if their key has several names.
 
         ``trial`` is only sent to a server with a shadow simulation (a served expert), and ``start`` only if the adapter
         has an ``episode_key``. Raises PolicyError if the run does not render a required camera.
@@ -281,7 +282,7 @@ class Adapter:
         return message
 
     def with_cameras(self, cameras: Mapping[str, str]) -> Adapter:
-        """Return the adapter with different cameras for some keys; nested keys are joined by "/".
+        """Return the adapter with different cameras for some keys. Nested keys are joined by "/".
 
         Raises UnknownNameError if the adapter has no such key.
         """
@@ -293,7 +294,7 @@ class Adapter:
         return replace(self, views=changed)
 
     def with_constants(self, values: Mapping[str, bool | int | float | str]) -> Adapter:
-        """Return the adapter with changed or additional constants; nested keys are joined by "/"."""
+        """Return the adapter with changed or additional constants. Nested keys are joined by "/"."""
         known = {"/".join(rule.key): rule for rule in self.constants}
         known |= {key: ConstantRule(tuple(key.split("/")), value) for key, value in values.items()}
         return replace(self, constants=tuple(known.values()))
@@ -322,7 +323,7 @@ class Adapter:
 
     @classmethod
     def load(cls, path: Path) -> Adapter:
-        """Read an adapter from a JSON file; raise InvalidInputError with the field name if it cannot be read."""
+        """Read an adapter from a JSON file. Raises InvalidInputError with the field name if it cannot be read."""
         where = f"adapter {path}"
         form = read_form(
             _ANYTHING, read_bounded(path, max_bytes=_MAX_BYTES, cure="Give a JSON file"), where=where, cure=_CURE

@@ -1,4 +1,4 @@
-"""Conversion of a policy's answer to actions: meaning of columns, units, frame and gripper polarity."""
+"""Conversion of a policy's answer to actions, given its columns, units, frame and gripper polarity."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class AnswerPart:
 
     Attributes:
         key: Path of the array in the reply. Parts with the same key are consecutive columns of one array.
-        size: Number of columns; None for the usual number of this kind.
+        size: Number of columns, or None for the usual number of this kind.
     """
 
     key: tuple[str, ...]
@@ -103,18 +103,18 @@ class AnswerPart:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerRule:
-    """Mapping of a policy's answer to actions: its columns, frame, units and gripper convention.
+    """Mapping of a policy's answer to actions, with its columns, frame, units and gripper convention.
 
-    By default, rotation format, units and gripper polarity come from the action space: the numbers of a
-    ``calvin_relative`` answer are then executed unchanged.
+    By default, rotation format, units and gripper polarity come from the action space. For example, the numbers of a
+    ``calvin_relative`` answer are executed unchanged.
 
     Attributes:
         frame: Frame of a delta: the robot's base frame, or the tool frame at each step.
-        translation_unit_m: Translation for a delta of 1 [m]: 0.05 as scaled in LIBERO, 1 for meters.
+        translation_unit_m: Translation for a delta of 1 [m]. It is 0.05 as scaled in LIBERO, and 1 for meters.
         rotation_unit_rad: Rotation for a delta of 1 in a rotation vector or in angles [rad].
         joint_unit_rad: Rotation for a joint step of 1 [rad].
         step_rate_hz: Control rate of the training data [Hz], if deltas are executed as velocities at the run's control
-            rate; None if each action is one step at any rate.
+            rate, or None if each action is one step at any rate.
         gripper_threshold: Fraction above which ``closed_fraction`` closes and ``open_fraction`` opens.
         precision: Number type to which the policy's own client rounds an action before execution.
     """
@@ -181,8 +181,8 @@ class AnswerRule:
             raise InvalidInputError(
                 "answer",
                 f"it has {', '.join(given) or 'nothing'}",
-                f"{self.space} needs each of {', '.join(sorted(needed))} once; a translation or rotation may be given "
-                "as its three axes (translation_x, translation_y, translation_z)",
+                f"{self.space} needs each of {', '.join(sorted(needed))} once. A translation or rotation may be given "
+                f"as its three axes (translation_x, translation_y, translation_z)",
             )
         if "rotation_x" in given and ROTATION_SIZES[self.rotation] != len(_BY_AXIS["rotation"]):
             raise InvalidInputError(
@@ -256,9 +256,9 @@ class AnswerRule:
     ) -> np.ndarray:
         """Return the actions in a reply, (horizon, dim) float64 in the action space.
 
-        Rows with non-finite numbers remain non-finite, so that they can be recognized. ``ee_offset_m``, which was added
-        to the observed end-effector position, is subtracted from absolute positions. So is ``tool_offset_m``, the
-        policy's tool point in betterbench's tool frame.
+        Rows with non-finite numbers remain non-finite, so that they can be recognized. ``ee_offset_m`` was added to the
+        observed end-effector position and is subtracted from absolute positions. ``tool_offset_m``, the policy's tool
+        point in betterbench's tool frame, is also subtracted.
 
         Raises:
             PolicyError: If the reply lacks these arrays, or contains an invalid rotation.
@@ -414,7 +414,7 @@ class AnswerRule:
         control_rate_hz: float,
         tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> dict[tuple[str, ...], np.ndarray]:
-        """Return the reply for these actions, (horizon, columns) float64 by key: the inverse of :meth:`read`."""
+        """Return the reply for these actions, (horizon, columns) float64 by key. This reverses :meth:`read`."""
         given = np.asarray(actions, dtype=np.float64)
         scale, pace = np.array(action_space(self.space).scale[:-1]), self._pace(control_rate_hz)
         body, gripper = given[:, :-1], given[:, -1:]
@@ -504,7 +504,7 @@ def own_conventions(space: str) -> dict[str, Any]:
 
 
 def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
-    """Return the value under a key of a reply; raise a PolicyError with the existing keys if it is missing."""
+    """Return the value under a key of a reply. Raises PolicyError with the existing keys if it is missing."""
     found: object = reply
     for name in key:
         if not isinstance(found, Mapping) or name not in found:
@@ -545,8 +545,8 @@ def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndar
         array = array[:, None] if width == 1 else array[None]
     if array.ndim != 2 or array.shape[1] != width:
         raise PolicyError(
-            f"the reply's {name!r} has shape {shape}. The adapter reads ({width},) or (horizon, {width}); "
-            "choose another preset, or correct the adapter."
+            f"the reply's {name!r} has shape {shape}. The adapter reads ({width},) or (horizon, {width}). Choose "
+            f"another preset, or correct the adapter."
         )
     if len(array) == 0:
         raise PolicyError(f"the reply's {name!r} is an empty chunk of shape {shape}. Send at least one action.")

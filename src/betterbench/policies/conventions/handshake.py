@@ -1,4 +1,4 @@
-"""Handshakes: declarations of conventions by both sides, and a comparison that stops the run at a difference."""
+"""Handshakes, in which both sides declare their conventions and a difference stops the run."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Declaration:
 
 
 class _ServerForm(BaseModel, strict=True, allow_inf_nan=False):
-    """Declaration made by a betterbench server; newer servers may declare more fields."""
+    """Declaration made by a betterbench server. Newer servers may declare more fields."""
 
     preset: str
     action_space: dict[str, Any]
@@ -99,7 +99,7 @@ def declare_space(who: str, space: ActionSpace) -> Declaration:
 def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None) -> Declaration:
     """Return the declaration of an adapter's inputs and answers.
 
-    ``rate_hz`` None means the adapter's own control rate.
+    If ``rate_hz`` is None, it is the adapter's own control rate.
     """
     answer = adapter.answer
     space = action_space(answer.space)
@@ -127,7 +127,7 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
 
 
 def read_server(who: str, form: object) -> Declaration:
-    """Read a betterbench server's declaration; raise HandshakeError if it is malformed or has another version."""
+    """Read a betterbench server's declaration. Raises HandshakeError if it is malformed or has another version."""
     version = form.get("protocol") if isinstance(form, Mapping) else None
     if not isinstance(version, int) or version != PROTOCOL:
         raise HandshakeError(
@@ -172,7 +172,7 @@ def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]
     """
     if len(frame) > MAX_DECLARED_BYTES:
         raise HandshakeError(
-            f"{who} sends a declaration of {len(frame)} bytes; the limit is {MAX_DECLARED_BYTES}. "
+            f"{who} sends a declaration of {len(frame)} bytes, but the limit is {MAX_DECLARED_BYTES}. "
             "The server should declare only names, sizes and conventions."
         )
     value = decode(frame)
@@ -191,7 +191,7 @@ def space_cure(space: str) -> str:
     Other worlds have a fixed action space, so the option does not exist there.
     """
     return (
-        f"Give --action-space {space} in a suite of betterbench; in LIBERO and CALVIN, choose another policy or preset"
+        f"Give --action-space {space} in a suite of betterbench. In LIBERO and CALVIN, choose another policy or preset"
     )
 
 

@@ -1,4 +1,4 @@
-"""Image inputs of a policy: rotation, mirroring, cropping and resizing."""
+"""Image inputs of a policy, with rotation, mirroring, cropping and resizing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ QuarterTurn = Annotated[Literal[0, 90, 180, 270], NO_TRUTH]
 """Degrees, counter-clockwise."""
 
 EVERY_CAMERA = "*"
-"""Camera name for all cameras of the observation; the key then contains ``{camera}``."""
+"""Camera name for all cameras of the observation. The key then contains ``{camera}``."""
 
 _LARGEST_SIDE = 4096
 
@@ -26,13 +26,13 @@ _LARGEST_SIDE = 4096
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ImageRule:
-    """Image input for a policy: key, camera, and transformation of the camera image.
+    """Image input for a policy, with its key, its camera and the transformation of the camera image.
 
     An image is rotated, then mirrored, then cropped, then fitted.
 
     Attributes:
         camera: Camera name, or ``*`` for all cameras.
-        width: Required width [pixel]; None to keep the image's size.
+        width: Required width [pixel], or None to keep the image's size.
         fit: Fitting of an image with another aspect ratio.
         keep: Share of the image area kept by a center crop, before fitting. Policies trained with random crops are
             evaluated with 0.9 (OpenVLA) or 0.95.

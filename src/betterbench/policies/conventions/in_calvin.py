@@ -1,12 +1,12 @@
 """Requests and actions of existing evaluation clients in CALVIN.
 
-CALVIN's images are upright. ``ee_position``, ``ee_rpy``, ``gripper_width`` and ``gripper_command`` are the entries 0 to
-2, 3 to 5, 6 and 14 of its ``robot_obs``.
+CALVIN's images are upright. In its ``robot_obs``, ``ee_position`` has the entries 0 to 2, ``ee_rpy`` 3 to 5,
+``gripper_width`` 6 and ``gripper_command`` 14.
 
 Sources: starVLA ``examples/simBenchmarks/calvin/eval_files/eval_calvin.py``; vla-evaluation-harness
 ``benchmarks/calvin/benchmark.py``; X-VLA ``evaluation/calvin/calvin_client.py``; RLinf
 ``toolkits/eval_scripts_openpi/calvin_eval.py`` for openpi; VLA-Adapter ``vla-scripts/evaluate_calvin.py`` for the
-OpenVLA family. No GR00T or Being-H client for CALVIN has been published; these presets follow the layout of starVLA's
+OpenVLA family. No GR00T or Being-H client for CALVIN has been published. These presets follow the layout of starVLA's
 training data (``train_files/modality.json``), and Being-H's convention that 1 opens.
 """
 
@@ -66,7 +66,7 @@ VLA_EVAL_CALVIN = Adapter(
 )
 """vla-evaluation-harness in CALVIN: deltas in meters and radians, accumulated to absolute poses.
 
-The harness scales images to [-1, 1] and back, which can change a value by 1 of 255; here they are sent unchanged.
+The harness scales images to [-1, 1] and back, which can change a value by 1 of 255. Here they are sent unchanged.
 """
 
 VLA_EVAL_CALVIN_ABSOLUTE = replace(
@@ -81,7 +81,7 @@ VLA_EVAL_CALVIN_ABSOLUTE = replace(
         precision="float32",
     ),
 )
-""":data:`VLA_EVAL_CALVIN` with ``absolute_action``, as the harness's X-VLA server requests; above 0 closes."""
+""":data:`VLA_EVAL_CALVIN` with ``absolute_action``, as the harness's X-VLA server requests. Values above 0 close."""
 
 X_VLA_CALVIN = Adapter(
     "x_vla_calvin",
@@ -106,9 +106,9 @@ X_VLA_CALVIN = Adapter(
     constants=(ConstantRule(("domain_id",), 2), ConstantRule(("steps",), 10)),
     feedback=Feedback(("proprio",), ("action",), 10),
 )
-"""X-VLA's CALVIN client: absolute poses, 25 actions per chunk, domain 2; after the first answer, its state is the
-last commanded pose. X-VLA's own loop gives each instruction 720 steps and executes the rest of a chunk under the next
-instruction. Here, an instruction has CALVIN's 360 steps and begins with a new chunk."""
+"""X-VLA's CALVIN client, with absolute poses, 25 actions per chunk, and domain 2. After the first answer, its state is
+the last commanded pose. X-VLA's own loop gives each instruction 720 steps and executes the rest of a chunk under the
+next instruction. Here, an instruction has CALVIN's 360 steps and begins with a new chunk."""
 
 _AXES: tuple[tuple[str, AnswerKind], ...] = (
     ("x", "translation_x"),
@@ -203,7 +203,7 @@ _USUAL: Mapping[str, Adapter] = {"gr00t_new_embodiment": GR00T_CALVIN, "being_h_
 
 
 def in_calvin(adapter: Adapter, *, chosen: bool) -> Adapter:
-    """Return the adapter of CALVIN's clients for a policy; ``chosen`` is True if its address named the preset."""
+    """Return the adapter of CALVIN's clients for a policy. ``chosen`` is True if its address named the preset."""
     if adapter.name == "native":
         return adapter.in_space(CALVIN_RELATIVE.name)
     return _NAMED.get(adapter.name) or (adapter if chosen else _USUAL.get(adapter.name, adapter))

@@ -1,8 +1,8 @@
 """Requests and actions of existing evaluation clients in LIBERO, by preset.
 
-A preset such as ``starvla`` describes a policy that was fine-tuned on betterbench demonstrations. In LIBERO the same
-name describes a checkpoint that was trained on LIBERO, and its answers are executed as in the policy's own client: the
-number passed to ``env.step`` is the same (tests/sim/worlds/test_answers.py).
+A preset such as ``starvla`` describes a policy that was fine-tuned on betterbench demonstrations. In LIBERO, the same
+name describes a checkpoint that was trained on LIBERO. Its answers are executed as in the policy's own client, so the
+numbers passed to ``env.step`` are the same (tests/sim/worlds/test_answers.py).
 
 Sources: starVLA ``examples/simBenchmarks/LIBERO/eval_files/eval_libero.py`` (``_binarize_gripper_open``); Being-H
 ``BeingH/benchmark/libero/run_libero_eval.py``; Isaac-GR00T's LIBERO environments, openvla and openvla-oft
@@ -37,7 +37,7 @@ _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
 
 
 def in_libero(adapter: Adapter) -> Adapter:
-    """Return the adapter of LIBERO's clients for a preset; the preset itself if it needs no change."""
+    """Return the adapter of LIBERO's clients for a preset, or the preset itself if it needs no change."""
     if adapter.name == "x_vla":
         return _x_vla(adapter)
     if adapter.name not in _CHANGES:
@@ -49,7 +49,7 @@ def in_libero(adapter: Adapter) -> Adapter:
 
 
 def _x_vla(adapter: Adapter) -> Adapter:
-    """Return X-VLA's LIBERO client: absolute poses, the pose measured by robosuite's controller, and domain 3.
+    """Return X-VLA's LIBERO client, with absolute poses, the pose measured by robosuite's controller, and domain 3.
 
     The client rotates the front image by 180 degrees and uses the wrist image as rendered by robosuite.
     """

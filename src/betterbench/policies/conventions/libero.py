@@ -6,10 +6,11 @@
   measured values.
 - **Origin.** Positions are in LIBERO's world frame, where the robot base position depends on the kind of scene
   (``libero/libero/envs/robots``: ``base_xpos_offset``, with the table lengths in ``envs/problems``).
-- **Tool point.** LIBERO's is 0.097 m from the hand (robosuite's ``grip_site``), ours 0.1034 m, so ours is 6.4 mm lower.
+- **Tool point.** LIBERO's tool point (robosuite's ``grip_site``) is 0.097 m from the hand. Ours is 0.1034 m from the
+  hand, so it is 6.4 mm lower.
 - **Images.** LIBERO's renderer delivers the rows from the bottom up (robosuite's "opengl" convention), and its clients
-  rotate images by 180 degrees. The images in training are therefore upright and *mirrored* (openvla/openvla issue
-  295, huggingface/lerobot issue 3830, ARISE-Initiative/robosuite issue 56).
+  rotate images by 180 degrees. The images in training are therefore upright and *mirrored* (openvla/openvla issue 295,
+  huggingface/lerobot issue 3830, ARISE-Initiative/robosuite issue 56).
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ BASES_M: Mapping[str, tuple[float, float, float]] = {
 }
 """Position of the robot's base in LIBERO's world [m], by suite, and by scene if it differs within the suite.
 
-LIBERO-10 and LIBERO-90 contain kitchens, living rooms and studies; the position in the kitchens is used for both.
+LIBERO-10 and LIBERO-90 contain kitchens, living rooms and studies. The position in the kitchens is used for both.
 """
 
 

@@ -23,8 +23,8 @@ class Modalities:
     """Modalities of a server, each with entries and time steps.
 
     Attributes:
-        video: Names of the required images; None if not declared. The same applies to the other modalities.
-        steps: Control steps of each sample relative to now, by modality in ``SEEN``; the last one is 0.
+        video: Names of the required images, or None if not declared. The same applies to the other modalities.
+        steps: Control steps of each sample relative to now, by modality in ``SEEN``. The last step is 0.
         prefixed: Whether names have their modality as a prefix ("video.front"), as in N1.5.
     """
 
@@ -38,7 +38,7 @@ class Modalities:
 
     @classmethod
     def read(cls, reply: object, where: str) -> Modalities:
-        """Read the answer to ``get_modality_config``; a plain map, as from starVLA's server, declares nothing.
+        """Read the answer to ``get_modality_config``. A plain map, as from starVLA's server, declares nothing.
 
         Raises HandshakeError if the answer is malformed, or requires inputs that no client has.
         """
@@ -71,7 +71,7 @@ class Modalities:
     def check(self, adapter: Adapter, where: str) -> None:
         """Raise HandshakeError, with both declarations of each modality, if the adapter differs.
 
-        The key of the instruction is not compared: the server's key is used.
+        The key of the instruction is not compared, because the server's key is used.
         """
         given = {
             "video": [name_of(rule.key) for rule in adapter.views],

@@ -64,7 +64,7 @@ NATIVE = Adapter(
     instruction=InstructionRule(("prompt",)),
     episode_key=("better/episode",),
 )
-"""The complete observation of betterbench in openpi's protocol; answers are executed unchanged."""
+"""The complete observation of betterbench in openpi's protocol. Answers are executed unchanged."""
 
 OPENPI_LIBERO = Adapter(
     "openpi_libero",
@@ -79,7 +79,7 @@ OPENPI_LIBERO = Adapter(
 )
 """The LIBERO layout of openpi (``src/openpi/policies/libero_policy.py`` and ``examples/libero/main.py``).
 
-This layout is for a policy fine-tuned on demonstrations of betterbench; ``openpi_libero_SUITE`` is for a checkpoint
+This layout is for a policy fine-tuned on demonstrations of betterbench. ``openpi_libero_SUITE`` is for a checkpoint
 trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`). Our images are upright, so they must not be
 rotated by 180 degrees. The state is the tool's position and rotation vector and the two finger joints. openpi's example
 client executes 5 actions of a chunk.
@@ -113,7 +113,7 @@ the client thresholds at 0.5. The actions are executed as velocities: at our 20 
 ``joint_delta`` is clipped at 0.1 rad (2 rad/s, the slowest joint's limit), so velocities above two thirds are reduced
 and counted as clipped. DROID adds a step to the measured joint angles, betterbench to the last commanded angles.
 DROID's exterior camera is at the side of the robot. Our closest camera is ``left_shoulder``, which ``--observation
-droid`` renders; ``camera.observation/exterior_image_1_left=front`` uses the front view instead. openpi's example client
+droid`` renders. ``camera.observation/exterior_image_1_left=front`` uses the front view instead. openpi's example client
 executes 8 actions of a chunk.
 """
 
@@ -131,7 +131,7 @@ GR00T_NEW_EMBODIMENT = Adapter(
 )
 """GR00T with the embodiment tag ``new_embodiment`` (Isaac-GR00T, ``getting_started/data_preparation.md``).
 
-A new embodiment gets its keys and slices from the ``meta/modality.json`` used for its fine-tuning; this preset uses
+A new embodiment gets its keys and slices from the ``meta/modality.json`` used for its fine-tuning. This preset uses
 those of our export. The server declares its keys at connection, and the handshake compares them.
 """
 
@@ -159,7 +159,7 @@ GR00T_LIBERO_PANDA = Adapter(
 embodiment_configs.py``), and the LIBERO example of N1.5 (``examples/Libero/custom_data_config.py``).
 
 The values named roll, pitch and yaw are a rotation vector (``quat2axisangle`` in the clients), in the state and in the
-action. In the data, a gripper value of 1 is open; the clients invert it. ``gr00t_libero_panda_SUITE`` is for a
+action. In the data, a gripper value of 1 is open, but the clients invert it. ``gr00t_libero_panda_SUITE`` is for a
 checkpoint that was trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`).
 """
 
@@ -190,10 +190,9 @@ GR00T_OXE_WIDOWX = Adapter(
 """GR00T with the embodiment tag ``oxe_widowx`` (N1.6; ``simpler_env_widowx`` in N1.7), and the WidowX example of N1.5
 (``examples/SimplerEnv/custom_data_config.py``).
 
-BridgeData V2 conventions: meters, and angles about the base axes, at 5 Hz; a gripper value of 1 is open.
-Rotations are measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``:
-``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are treated as velocities: each step at 20 Hz executes a
-quarter of a delta.
+BridgeData V2 conventions: meters, and angles about the base axes, at 5 Hz. A gripper value of 1 is open. Rotations are
+measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``: ``DEFAULT_ROTATION``;
+SimplerEnv's clients do the same). Deltas are treated as velocities: each step at 20 Hz executes a quarter of a delta.
 """
 
 GR00T_OXE_DROID = Adapter(
@@ -215,9 +214,9 @@ GR00T_OXE_DROID = Adapter(
     leading_axes=2,
 )
 """GR00T N1.6 with the embodiment tag ``oxe_droid`` (``examples/DROID``): joint angles as input and output. The server
-has already converted the model's relative angles to absolute ones; a gripper value of 1 is closed.
+has already converted the model's relative angles to absolute ones. A gripper value of 1 is closed.
 
-GR00T's client executes the angles at 15 Hz; here they are executed at 20 Hz, a third faster. N1.7's tag
+GR00T's client executes the angles at 15 Hz. Here they are executed at 20 Hz, a third faster. N1.7's tag
 ``oxe_droid_relative_eef_relative_joint`` is different: it has two more entries (``eef_9d``) in a tool frame of DROID.
 For the camera see :data:`OPENPI_DROID`.
 """
@@ -237,7 +236,7 @@ BEING_H_LIBERO = Adapter(
 )
 """Being-H0.5 with its LIBERO data config ``libero_nonorm`` (BeingBeyond/Being-H, ``configs/data_config.py``).
 
-As in Being-H's client (``BeingH/benchmark/utils/policy.py``), images are sent as rendered; the server resizes them, and
+As in Being-H's client (``BeingH/benchmark/utils/policy.py``), images are sent as rendered. The server resizes them, and
 8 actions of a chunk are executed.
 
 ``being_h_libero_SUITE`` is for a checkpoint trained on LIBERO itself. In its data, a gripper value of 1 is open
@@ -312,8 +311,8 @@ OPENVLA_OFT = Adapter(
     instruction=InstructionRule(("instruction",)),
     answer=AnswerRule("ee_delta", twist("actions"), gripper="open_fraction"),
 )
-"""The body of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state; the answer is a chunk. See
-:data:`OPENVLA`; ``openvla_oft_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
+"""The body of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state. The answer is a chunk. See
+:data:`OPENVLA`. ``openvla_oft_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
 
 X_VLA = Adapter(
     "x_vla",
@@ -335,10 +334,10 @@ X_VLA = Adapter(
 )
 """The body of X-VLA's ``POST /act`` (``models/modeling_xvla.py``, ``evaluation/libero/libero_client.py``).
 
-It contains images and a state with ten numbers per arm for two arms, of which a single arm fills nine; the answer
+It contains images and a state with ten numbers per arm for two arms, of which a single arm fills nine. The answer
 consists of absolute tool poses. Arrays are sent as strings (``arrays=text``). ``domain_id`` selects the data set whose
 prompt the model uses (3 is LIBERO) and must be given: ``send.domain_id=3``. X-VLA's client sends the last commanded
-pose; this preset sends the measured pose.
+pose. This preset sends the measured pose.
 """
 
 DEXBOTIC = Adapter(
@@ -440,7 +439,7 @@ UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LA
 
 
 def preset(name: str) -> Adapter:
-    """Return a preset by name; raise UnknownNameError if no such preset exists."""
+    """Return a preset by name. Raises UnknownNameError if no such preset exists."""
     try:
         return PRESETS[name]
     except KeyError:
@@ -467,8 +466,9 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
 
     In another world, a preset matches that world's own clients for such a policy.
 
-    Raises InvalidInputError if the address has both or, without a default, neither, if an option is malformed, or if
-    the world cannot execute such actions. Raises UnknownNameError if a preset or another name does not exist.
+    Raises InvalidInputError if the address has both, or has neither and there is no default. It is also raised if an
+    option is malformed, or if the world cannot execute such actions. Raises UnknownNameError if a preset or another
+    name does not exist.
     """
     options, where = address.options, f"policy {address}"
     if "preset" in options and "adapter" in options:
@@ -501,7 +501,7 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
 
 
 def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -> Adapter:
-    """Return the adapter with the offset in an address; raise InvalidInputError if the offset would have no effect."""
+    """Return the adapter with the offset in an address. Raises InvalidInputError if the offset would have no effect."""
     if "ee_offset" not in address.options:
         return adapter
     if adapter.name == NATIVE.name:
@@ -564,7 +564,7 @@ def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 
 def _constant(text: str) -> bool | int | float | str:
-    """Parse a number or boolean; return any other text unchanged."""
+    """Parse a number or boolean, and return any other text unchanged."""
     if text in ("true", "false"):
         return text == "true"
     for kind in (int, float):

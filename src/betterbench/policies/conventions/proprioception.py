@@ -1,4 +1,4 @@
-"""Proprioceptive inputs of a policy: selection, format and order of parts of the robot's state."""
+"""Proprioceptive inputs of a policy, which select, format and order parts of the robot's state."""
 
 from __future__ import annotations
 
@@ -64,11 +64,11 @@ StatePart = Literal[
 
 ``ee_rpy_from_down`` is the tool's rotation relative to pointing straight down, as angles about the fixed axes of the
 base (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions [m] of two finger joints, the second
-negated, as in robosuite and LIBERO; the fractions are of the full opening. ``zero`` fills an entry that the policy does
+negated, as in robosuite and LIBERO. The fractions are of the full opening. ``zero`` fills an entry that the policy does
 not use. ``ee_axis_angle_short`` has a length of at most pi, so it may jump between two steps.
 
 Some parts come from other simulators. ``controller_position`` and its rotations are the pose measured by robosuite's
-controller in LIBERO, one physics step earlier; elsewhere they are the pose of the tool. ``gripper_command`` is the last
+controller in LIBERO, one physics step earlier. Elsewhere they are the pose of the tool. ``gripper_command`` is the last
 gripper command in CALVIN, 1 to open and -1 to close, and ``gripper_command_closed`` is 1 after a command to close.
 """
 
@@ -94,7 +94,7 @@ _SIZES: dict[str, int] = {
     **{name: space.dim for name, space in ROBOT_ACTION_SPACES.items()},
     **{f"ee_{form}": size for form, size in ROTATION_SIZES.items()},
 }
-"""Number of values of each part; for the Panda if it depends on the robot."""
+"""Number of values of each part. If it depends on the robot, it is that of the Panda."""
 
 _PER_JOINT = ("joint_positions", "joint_velocities")
 """Parts with one value per arm joint."""
@@ -106,11 +106,11 @@ MotorPart = Literal["so101_degrees", "so101_normalized"]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StateRule:
-    """State input for a policy: one vector under a key, with parts of the robot's state.
+    """State input for a policy, which is one vector with parts of the robot's state under a key.
 
     Attributes:
         dtype: Type of its numbers.
-        scalar: Whether to send a plain number instead of an array; only for a single number.
+        scalar: Whether to send a plain number instead of an array. This is only possible for a single number.
     """
 
     key: tuple[str, ...]
@@ -153,7 +153,7 @@ class StateRule:
         gripper_opening_m: float,
         tool_offset_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray | float | int:
-        """Return the state input for an observation: (size,) of ``dtype``, or a number for a scalar.
+        """Return the state input for an observation, which is an array (size,) of ``dtype``, or a number for a scalar.
 
         ``ee_offset_m`` is added to the end-effector position, for policies with another origin.
         ``tool_offset_m`` is the policy's tool point in our tool frame. ``gripper_opening_m`` is treated as fully open.

@@ -1,7 +1,7 @@
-"""Parsing of requests to a betterbench server: observations in one of two layouts, checked field by field.
+"""Parsing of requests to a betterbench server. They contain observations in one of two layouts and are fully checked.
 
-The *native* layout (keys ``better/...``) contains the complete :class:`Observation`. Other clients send the LIBERO
-layout of openpi: two images, eight numbers and the instruction. This layout lacks joint angles; they are then NaN, so
+The *native* layout (keys ``better/...``) contains the complete :class:`Observation`. Other clients send openpi's LIBERO
+layout, which has two images, eight numbers and the instruction. This layout lacks joint angles. They are set to NaN, so
 that no policy can mistake them for a measurement.
 """
 
@@ -28,21 +28,21 @@ NATIVE_IMAGES = "better/images/"
 _LARGEST = 2**31 - 1
 _LARGEST_SIDE = 4096
 _LARGEST_NUMBER = 1e6
-"""Limit of positions, angles and speeds of a robot [m, rad, m/s, rad/s]; squares of much larger numbers overflow."""
+"""Limit of positions, angles and speeds of a robot [m, rad, m/s, rad/s]. Squares of much larger numbers overflow."""
 _MEASURED = {"joint_positions": None, "joint_velocities": None, "ee_position": 3, "ee_quaternion": 4}
-"""Number of values of each measurement; None for one per joint of the client's robot."""
+"""Number of values of each measurement, or None for one per joint of the client's robot."""
 _MOST_JOINTS = 32
 _LIBERO_CAMERAS = {"observation/image": "front", "observation/wrist_image": "wrist"}
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Checked request of a client: an instruction with an observation.
+    """Checked request of a client, with an instruction and an observation.
 
     Attributes:
         step: Control steps since reset, or None if the client does not send it.
         start: Start of the episode, or None if the client does not send it.
-        trial: The trial, if the client names it; only a served expert needs it.
+        trial: The trial, if the client names it. Only a served expert needs it.
         observation: The client's observation, or None if the client sends neither joints nor state.
         measured: Whether the observation contains joint angles, which the shadow simulation compares.
     """
@@ -56,7 +56,7 @@ class Request:
 
 
 def read_request(message: Mapping[Any, Any]) -> Request:
-    """Read a request; raise InvalidInputError with the field name if one is missing or malformed."""
+    """Read a request. Raises InvalidInputError with the field name if one is missing or malformed."""
     message = {key: value for key, value in message.items() if isinstance(key, str)}
     instruction = message.get("prompt")
     if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":

@@ -2,8 +2,8 @@
 
 A quaternion and its negative describe the same rotation, but w < 0 gives a rotation vector longer than pi. Every
 conversion here normalizes to w >= 0 with :func:`betterbench.geometry.normalize`, which suits the small rotations of
-actions. In the state, the tool's rotation is close to half a turn, where this rule would cause jumps; see
-``_rotation`` in :mod:`betterbench.policies.conventions.proprioception`.
+actions. In the state, the tool's rotation is close to half a turn, where this rule would cause jumps (see ``_rotation``
+in :mod:`betterbench.policies.conventions.proprioception`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ RotationFormat = Literal[
     "matrix",
 ]
 """``rpy`` are angles [rad] about the fixed axes x, y, z, in this order. ``rotation_6d`` contains the first column of
-the matrix, then the second (Zhou et al. 2019); ``_rows`` contains the first two rows instead (pytorch3d, GR00T);
+the matrix, then the second (Zhou et al. 2019). ``_rows`` contains the first two rows instead (pytorch3d, GR00T).
 ``_interleaved`` contains the first two columns read row by row (vla-evaluation-harness simulators). ``matrix`` contains
 the nine numbers row by row.
 """
@@ -46,7 +46,7 @@ ROTATION_SIZES: dict[RotationFormat, int] = {
 
 
 def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
-    """Return a rotation in a policy's format; raise ValueError if all components of the quaternion are zero."""
+    """Return a rotation in a policy's format. Raises ValueError if all components of the quaternion are zero."""
     w, x, y, z = unit = normalize(q)
     if form == "quaternion_wxyz":
         return [w, x, y, z]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from betterbench.policies.address import AddressForm, Option, PolicyAddress
 
 MAX_ACTION_NOISE_M = 0.02
-"""Maximum action noise [m]; with more noise, the robot knocks over objects in every trial."""
+"""Maximum action noise [m]. With more noise, the robot knocks over objects in every trial."""
 
 OPTIONS = (
     Option("strength", "the share of the trials in which the faulty rule applies", "number", 1.0),

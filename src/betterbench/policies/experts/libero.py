@@ -1,4 +1,4 @@
-"""Privileged policies in LIBERO: a pick-and-place expert, and faulty policies that calibrate the diagnosis there.
+"""A pick-and-place expert for LIBERO, and faulty policies that calibrate the diagnosis there.
 
 The policies act through robosuite's ``OSC_POSE``, whose deltas start from the measured pose. Each action is therefore
 the difference between the goal and the measured pose. The fingers close along the x axis of LIBERO's tool.
@@ -76,7 +76,9 @@ class LiberoAgent:
         """
         asked = parse_address(address)
         if asked.name not in POLICIES:
-            raise InvalidInputError("policy", f"{address} does not support LIBERO", f"Give {', '.join(POLICIES)}")
+            raise InvalidInputError(
+                "policy", f"{address} does not support LIBERO", f"Give one of {', '.join(POLICIES)}"
+            )
         self._name, self._rule, self._noise_m = address, asked.name, asked.action_noise_m
         self._scene = scene
         self._random = stream(scene.task.id, scene.seed, f"{asked.name}:{scene.condition.name}")
@@ -231,7 +233,7 @@ class LiberoAgent:
 
 @dataclass(frozen=True, slots=True)
 class CarriedStep:
-    """Goal relation reached by carrying an object; ``number`` is the index in the goal."""
+    """Goal relation reached by carrying an object. ``number`` is the index in the goal."""
 
     number: int
     relation: str
@@ -274,7 +276,7 @@ def standing_in(state: WorldState, slot: str) -> str | None:
 
 
 def grasp_of(state: WorldState, thing: ObjectInfo) -> Pose:
-    """Return the tool pose of a grasp from above: across the narrow side of an object, or at its rim."""
+    """Return the tool pose of a grasp from above, across the narrow side of an object or at its rim."""
     pose = state.pose(thing.name)
     depth, width, height = thing.size_m
     x, y, z = pose.position
@@ -328,7 +330,7 @@ def _place_of(state: WorldState, step: CarriedStep) -> Vector:
 
 
 def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
-    """Return the target position of a step for a target at ``there`` [m]; for a container, it is above the rim."""
+    """Return the target position of a step for a target at ``there`` [m]. For a container, it is above the rim."""
     target, (x, y, z) = state.info.object(step.target), there
     if step.relation == "in":
         return (x, y, z + target.size_m[2] + 0.01)

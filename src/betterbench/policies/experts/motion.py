@@ -65,7 +65,7 @@ def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:
 
 
 def _span(a: Pose, b: Pose, pace: Pace) -> float:
-    """Return the length [m] of a segment at a pace: the translation, or the rotation as an equivalent length."""
+    """Return a segment's length [m] at a pace, which is the translation or the rotation as an equivalent length."""
     return max(distance(a.position, b.position), angle_between(a.quaternion, b.quaternion) * pace.speed / pace.turning)
 
 
@@ -76,7 +76,7 @@ def follow(
 
     Args:
         state: Current state.
-        waypoints: Poses on the path; the motion stops at the last one.
+        waypoints: Poses on the path. The motion stops at the last one.
         gripper: Gripper command during the motion.
         pace: Speed limits of the motion.
         period_s: Control period [s].

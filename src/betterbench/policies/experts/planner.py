@@ -34,9 +34,9 @@ from betterbench.tasks.relations.inside import inside
 DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 """Tool rotation that points straight down with the fingers opening along -y."""
 CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
-"""Allowed position and angle error of a checked configuration; clearances are larger."""
+"""Allowed position and angle error of a checked configuration. Clearances are larger."""
 MAX_JOINT_STEP_RAD = 0.6
-"""Maximum joint motion between two checked configurations; a larger motion implies a different arm posture."""
+"""Maximum joint motion between two checked configurations. A larger motion implies a different arm posture."""
 COMFORT_RAD = 0.3
 """Preferred distance from joint limits [rad], because a wrist at its limit cannot rotate further."""
 RISES_M = (0.0, 0.002, 0.004)
@@ -54,10 +54,10 @@ class PickPlan:
 
     Attributes:
         object: Object name.
-        way: Poses of the tool center point on the path, the last one above the grasp.
+        way: Poses of the tool center point on the path. The last one is above the grasp.
         grasp: Pose ``T_world_tcp`` at the end of the straight approach.
-        close: Pose at which the gripper closes: ``grasp`` or, for a gripper with a fixed finger, the pose beside it at
-            which this finger touches the object.
+        close: Pose at which the gripper closes. This is ``grasp``, or for a gripper with a fixed finger the pose beside
+            it at which this finger touches the object.
         width_m: Opening width on the way down [m].
     """
 
@@ -192,7 +192,7 @@ class Planner:
         Args:
             state: Current state.
             name: Drawer name.
-            travel_m: Distance to move the drawer [m]; positive opens it.
+            travel_m: Distance to move the drawer [m]. Positive distances open it.
 
         Raises:
             PlanningError: If its knob cannot be grasped, or the path along the rails is not free.
@@ -220,7 +220,7 @@ class Planner:
         Args:
             state: Current state, with the object in the gripper.
             name: Object name.
-            goals: Final poses with their approaches, the best first.
+            goals: Final poses with their approaches, starting with the best.
 
         Raises:
             PlanningError: If none of them can be reached without a collision.
@@ -384,7 +384,7 @@ class Planner:
         return result.q if free >= margin else None
 
     def _tool_at(self, joints: Sequence[float], wanted: Pose) -> Pose:
-        """Return the tool pose at joint angles found for a wanted pose; some arms cannot reach its exact rotation."""
+        """Return the tool pose at joint angles found for a wanted pose. Some arms cannot reach its exact rotation."""
         return self._ik.forward(joints) if self._robot.ik.rotation_slack_rad else wanted
 
     def _transit(
@@ -426,7 +426,7 @@ class Planner:
         ignore: frozenset[str] = frozenset(),
         lenient_start: bool = False,
     ) -> tuple[str | None, list[float]]:
-        """Follow a path in joint space, in the state of the last plan, and return the first obstacle.
+        """Follow a path in joint space in the state of the last plan, and return the first obstacle on it.
 
         As in the controller, each configuration starts from the previous one, so a path that reaches a joint limit or
         needs another elbow posture is not free.
@@ -441,7 +441,7 @@ class Planner:
             lenient_start: Whether to ignore contacts at the beginning of the path, which is the current pose.
 
         Returns:
-            The obstacle, or None if the path is free; and the joint angles where the check ended.
+            The obstacle, or None if the path is free, and the joint angles where the check ended.
         """
         # plain Python loops take half the time of NumPy arrays of seven elements
         traveled, now = 0.0, [float(angle) for angle in joints]
@@ -470,7 +470,7 @@ class Planner:
 
 
 def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
-    """Yield the equivalent poses of an annotated grasp: rotated about the object's axis, and with swapped fingers."""
+    """Yield the equivalent poses of an annotated grasp, rotated about the object's axis and with swapped fingers."""
     turns = [i * math.pi / 8.0 for i in range(16)] if grasp.symmetric_yaw else [0.0]
     half_turn = Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, math.pi)))
     for turn in turns:
@@ -481,6 +481,6 @@ def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
 
 
 def _approach(T_world_tcp: Pose) -> float:
-    """Return the vertical component of the approach direction: -1 points straight down."""
+    """Return the vertical component of the approach direction, which is -1 straight down."""
     _, x, y, _ = T_world_tcp.quaternion
     return 1.0 - 2.0 * (x * x + y * y)

@@ -29,7 +29,7 @@ MAX_DECISIONS = 12
 
 @dataclass(frozen=True, slots=True)
 class ExecutionNoise:
-    """Execution noise of a policy: motion errors while executing decisions.
+    """Execution noise of a policy, which causes motion errors while it executes decisions.
 
     Attributes:
         grasp_offset: Deliberate grasp error, or None.
@@ -47,8 +47,8 @@ class ExecutionNoise:
 class _DecisionLoop:
     """Loop that turns the decisions of a rule into actions.
 
-    Neither the loop nor its generator refers to the agent: a reference cycle would keep the scene in memory until
-    garbage collection.
+    Neither the loop nor its generator refers to the agent, because a reference cycle would keep the scene in memory
+    until garbage collection.
     """
 
     def __init__(self, scene: Scene, rule: BrokenRule, noise: ExecutionNoise, skills: Skills | None) -> None:
@@ -143,8 +143,8 @@ class PrivilegedAgent:
             name: Policy address.
             scene: The episode's scene.
             rule: Decision rule.
-            noise: Execution noise of the decisions; none if not given.
-            skills: Motor skills; default: the expert's skills.
+            noise: Execution noise of the decisions. If not given, there is no noise.
+            skills: Motor skills. By default, the expert's skills.
         """
         self._name = name
         self._execution = noise or ExecutionNoise()
@@ -162,7 +162,7 @@ class PrivilegedAgent:
     def ground_truth(self) -> dict[str, str]:
         """Ground truth about the policy's episode, stored in the run journal but not in records.
 
-        ``truth`` is the outcome label of the first wrong decision (``fault``), empty if all decisions were right.
+        ``truth`` is the outcome label of the first wrong decision (``fault``), or empty if all decisions were right.
         ``mishap`` describes a right decision that the gripper could not execute. A witness adds ``same``, the names of
         the rules that made the same decisions, separated by spaces.
         """
@@ -179,7 +179,7 @@ class PrivilegedAgent:
     def act_on_state(self, state: WorldState) -> np.ndarray:
         """Return the next action in the scene's action space, shape (dim,).
 
-        Motions are planned in ``ee_delta``; a scene with absolute joint angles gets the same motion in its own space.
+        Motions are planned in ``ee_delta``. A scene with absolute joint angles gets the same motion in its own space.
 
         Raises:
             RuntimeError: At the control step of a planned crash.

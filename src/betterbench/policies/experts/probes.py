@@ -84,7 +84,7 @@ def twin_of(scene: Scene) -> Condition:
 
 
 def by_sentence(scene: Scene) -> Condition:
-    """Return the training condition with the closest instruction; ties are broken by the trial's random stream."""
+    """Return the training condition with the closest instruction. The trial's random stream decides between ties."""
     said = scene.condition.instruction.text
     closeness = [SequenceMatcher(None, said, c.instruction.text).ratio() for c in scene.task.training]
     best = [c for c, value in zip(scene.task.training, closeness, strict=True) if value >= max(closeness) - 1e-9]

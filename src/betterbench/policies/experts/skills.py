@@ -38,7 +38,7 @@ SkillRun = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
 """Generator of a skill, which yields actions, receives states, and returns the last state and whether it succeeded."""
 
 SURE = 0.6
-"""Share of the certificate's tolerances within which a goal counts as trained; the rest is a margin for position errors
+"""Share of the certificate's tolerances within which a goal counts as trained. The rest is a margin for position errors
 of the arm."""
 PRESS_M = 0.004
 """Distance beyond the stop to which a drawer is pushed, to overcome friction when closing [m]."""
@@ -53,12 +53,12 @@ class Skills:
     Attributes:
         planner: Planner of the scene.
         period_s: Control period [s].
-        choice: Returns the trial's random stream for a purpose; it chooses between equally good goals.
-        trained: Returns the release points of demonstrations at a target, by relation and region; None if unknown.
+        choice: Returns the trial's random stream for a purpose. It chooses between equally good goals.
+        trained: Returns the release points of demonstrations at a target, by relation and region, or None if unknown.
         attempts: Number of times that a failed grasp is repeated.
         grasp_offset: Deliberate grasp error, or None.
         speed: Fraction of the usual speed.
-        obstacle: Reason why the last motion could not be planned; empty if planning succeeded.
+        obstacle: Reason why the last motion could not be planned. It is empty if planning succeeded.
     """
 
     planner: Planner
@@ -84,7 +84,7 @@ class Skills:
     def passing(
         self, state: WorldState, way: tuple[Pose, ...], width_m: float, *, held: str | None = None
     ) -> tuple[Pose, ...]:
-        """Return the path to take instead of a planned one; by default the planned path, for subclasses to override.
+        """Return the path to take instead of a planned one. By default, the planned path, for subclasses to override.
 
         Args:
             state: Current state.
@@ -96,7 +96,7 @@ class Skills:
         return way
 
     def wait(self, state: WorldState, *, gripper: float) -> Motion:
-        """Wait before the next motion; by default do nothing, for subclasses to override."""
+        """Wait before the next motion. By default, do nothing. Subclasses can override this."""
         return (yield from hold(state, 0, gripper=gripper))
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
@@ -263,7 +263,7 @@ class Skills:
         Args:
             state: Current state.
             name: Drawer name.
-            distance_m: Distance to move the drawer [m]; positive opens it.
+            distance_m: Distance to move the drawer [m]. Positive distances open it.
 
         Returns:
             The last state and whether the knob was in the gripper.
@@ -333,7 +333,7 @@ class Skills:
         return (yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s))
 
     def wander(self, state: WorldState) -> Motion:
-        """Move back and forth in mid-air without end; the amplitude is proportional to the arm's reach."""
+        """Move back and forth in mid-air without end. The amplitude is proportional to the arm's reach."""
         start = state.commanded_pose
         scale = self.planner.reach_m / SWING_REACH_M
         while True:

@@ -27,7 +27,7 @@ class NoLanguage(BrokenRule):
 def possible_instructions(situation: Situation) -> tuple[Instruction, ...]:
     """Return the instructions of the task that are possible in a trial's scene, in a stable order.
 
-    A text may refer to other objects in other scenes ("all the fruits"); the trial's own text keeps its meaning.
+    A text may refer to other objects in other scenes ("all the fruits"). The trial's own text keeps its meaning.
     """
     task, own = situation.task, situation.condition.instruction
     conditions = (*task.training, *(vary(task, v)[0] for v in task.variations))

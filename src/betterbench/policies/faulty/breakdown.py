@@ -12,7 +12,7 @@ class Slow(BrokenRule):
     """Decides like the expert, but moves too slowly to finish within the step limit."""
 
     speed = 0.1
-    """Fraction of the expert's speed; the step limit leaves three times the expert's time."""
+    """Fraction of the expert's speed. The step limit leaves three times the expert's time."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the expert's next decision."""

@@ -1,4 +1,4 @@
-"""``zoo:lexical``: each word triggers the motion associated with it in training, regardless of the present scene."""
+"""``zoo:lexical``: a policy in which each word triggers the motion that training associated with it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks import Label
 
 
 class Lexical(BrokenRule):
-    """Executes, for each word, the pick at the slot from which training picked for that word.
+    """For each word of the instruction, picks at the slot from which training picked for that word.
 
     If training picked from several slots for a word, the policy uses a slot that contains an object.
     """
@@ -17,7 +17,7 @@ class Lexical(BrokenRule):
     label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision: one pick per word, at the next trained slot of that word."""
+        """Return the next decision, which is one pick per word, at the next trained slot of that word."""
         index = open_subgoal(state, self.condition)
         if index is not None and not carried(self.goals[index]):
             return super().broken(state, history)

@@ -77,7 +77,7 @@ class BrokenRule(ExpertRule):
 
         Args:
             situation: The trial.
-            strength: Fraction of trials in which the rule applies, drawn from the trial's random stream; in the other
+            strength: Fraction of trials in which the rule applies, drawn from the trial's random stream. In the other
                 trials, the expert decides.
         """
         super().__init__(situation)
@@ -99,7 +99,7 @@ class BrokenRule(ExpertRule):
         return decision
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the decision of the faulty rule; by default, the expert's decision."""
+        """Return the decision of the faulty rule. By default, this is the expert's decision."""
         return super().decide(state, history)
 
     def draw(self, purpose: str) -> float:
@@ -119,14 +119,14 @@ class BrokenRule(ExpertRule):
         return min(near)[1] if near else None
 
     def slots_of_word(self, word: str) -> tuple[str, ...]:
-        """Return the slots from which training picked for a word, in this scene; see :meth:`_in_this_scene`."""
+        """Return the slots in this scene from which training picked for a word (see :meth:`_in_this_scene`)."""
         return self._in_this_scene(
             self.trained.word_slots.get(word, ()),
             lambda known, goal: known.resolve(goal.reference) if goal.word == word else (),
         )
 
     def slots_of_kind(self, kind: str) -> tuple[str, ...]:
-        """Return the slots from which training picked a requested kind, in this scene; see :meth:`_in_this_scene`."""
+        """Return the slots in this scene from which training picked a requested kind (see :meth:`_in_this_scene`)."""
         return self._in_this_scene(
             self.trained.kind_slots.get(kind, ()),
             lambda known, goal: [n for n in known.resolve(goal.reference) if known.object(n).kind == kind],
@@ -157,7 +157,7 @@ class BrokenRule(ExpertRule):
         return sum(kinds.get(slot) == self.condition.object(n).kind for n, slot in self.condition.layout.items())
 
     def absent_step(self, state: WorldState) -> str | None:
-        """Return the slot of the next step of training if its object is not in the scene at all, or None.
+        """Return the slot of the next training step if its object is not in the scene at all, or None otherwise.
 
         The steps are those of the most similar training condition with the same instruction. The next step is the one
         after the last finished step, or the first one.
@@ -172,7 +172,7 @@ class BrokenRule(ExpertRule):
         return next((known.layout[n] for n in known.resolve(steps[number].reference) if n in known.layout), None)
 
     def out_of_order(self, state: WorldState) -> bool:
-        """Return whether a step of training is finished although an earlier one with a present object is not."""
+        """Return whether a training step is finished before an earlier one whose object is in the scene."""
         known = self._same_instruction()
         if known is None:
             return False
@@ -209,7 +209,7 @@ class BrokenRule(ExpertRule):
         Args:
             state: Current state.
             slot: The slot.
-            goal: Subgoal of the object; the first one if not given.
+            goal: Subgoal of the object. If not given, the first one is used.
         """
         name = self.standing_in(state, slot)
         goal = self.goals[0] if goal is None else goal

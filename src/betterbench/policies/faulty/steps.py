@@ -72,7 +72,7 @@ class Repeat(BrokenRule):
 
 
 class Sequence(BrokenRule):
-    """After the first step, executes the step that followed it in training, whether requested or not."""
+    """After the first step, executes the step that followed it in training, even if it is not requested."""
 
     label = Label.CAUSAL_CONFUSION
 

@@ -1,4 +1,4 @@
-"""Public names for a file that adds a policy kind; see docs/adding-a-policy-kind.md."""
+"""Public names for a file that adds a policy kind (see docs/adding-a-policy-kind.md)."""
 
 from betterbench.policies.address import AddressForm, Option, PolicyAddress
 from betterbench.policies.kinds.kind import (

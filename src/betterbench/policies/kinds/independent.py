@@ -1,4 +1,4 @@
-"""Policies of the independent family, which are in a separate distribution (betterbench-calibration)."""
+"""Policies of the independent family, which are in a separate package (betterbench-calibration)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FORM = AddressForm(scheme="independent", example="independent:HABIT-MANNER")
 
 
 def _family(address: str) -> ModuleType:
-    """Return the registry of the family; raise an error with the install command if the distribution is missing."""
+    """Return the registry of the family. Raises an error with the install command if the package is missing."""
     from betterbench.installation import calibration_module
 
     problem = f"{address} is a policy of the independent family, which needs betterbench-calibration"

@@ -45,7 +45,7 @@ class PolicyNeeds:
         trial: The identity of the trial. A policy is created for each episode.
         thread: A thread that waits for answers while other trials are simulated. Built-in policies answer at once and
             need no thread.
-        process: A separate process, for users' code: a crash there costs at most its own trial.
+        process: A separate process for users' code, in which a crash affects at most its own trial.
         server: A running server, started by the user.
     """
 
@@ -103,7 +103,7 @@ def _leaves_open(address: PolicyAddress) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyKind:
-    """Policy kind: address format, requirements, and constructor.
+    """Policy kind, with its address format, requirements and constructor.
 
     The functions get an address checked by :attr:`read`, and raise a BetterError on failure.
 
@@ -111,20 +111,19 @@ class PolicyKind:
         form: Form of the addresses, with options.
         shown: Address in ``better list policies``, with placeholders ("openpi://HOST:PORT").
         summary: One sentence about the policies.
-        needs: Needs of the policies; a function if the needs depend on the address.
+        needs: Needs of the policies, or a function if the needs depend on the address.
         make: Makes a policy that gets observations and runs one episode after the other.
-        make_for: Makes a policy for one episode in a scene; the trial is None outside a run.
-        named: One sentence for each policy, by address, if the kind has a fixed list of policies; else None.
-        read: Reads an address for a world ("libero"), or for our own world (""); by default ``form`` is used.
+        make_for: Makes a policy for one episode in a scene. The trial is None outside a run.
+        named: One sentence for each policy, by address, if the kind has a fixed list of policies, or None otherwise.
+        read: Reads an address for a world ("libero"), or for our own world (""). By default, ``form`` is used.
         describe: Returns a policy's declarations, or None if the policy must be made first.
         compares: Whether the policies have a ``check`` method that compares conventions with the run.
         source_of: Returns name and SHA-256 of the user's file behind a policy, for comparison when a run resumes.
-        risk: Risk of evaluating an address of this kind, with ``{target}``; the user must accept the risk with
-            ``--trust``.
+        risk: Risk of evaluating an address of this kind, with ``{target}``. The user must accept it with ``--trust``.
         require_world: Raises InvalidInputError if a policy cannot act in another world ("LIBERO").
-        space_in_world: Returns the action space of a policy's answers in the address's world; None if not fixed.
-        spaces: Action spaces that the policies support, from which the run chooses; empty if each policy has a fixed
-            one.
+        space_in_world: Returns the action space of a policy's answers in the address's world, or None if not fixed.
+        spaces: Action spaces that the policies support, from which the run chooses. It is empty if each policy has a
+            fixed one.
     """
 
     form: AddressForm
@@ -167,7 +166,7 @@ class PolicyKind:
     def entries(self) -> tuple[PolicyEntry, ...]:
         """Return the rows for ``better list policies``.
 
-        A kind without a summary has no rows: it exists only to explain why its addresses are rejected.
+        A kind without a summary has no rows, because it exists only to explain why its addresses are rejected.
         """
         privileged = not isinstance(self.needs, PolicyNeeds) or self.needs.state
         rows = {self.shown: self.summary} if self.named is None else self.named()
@@ -185,7 +184,7 @@ def register(kind: PolicyKind) -> PolicyKind:
         ValueError: If another kind has its name.
     """
     if KINDS.setdefault(kind.name, kind) is not kind:
-        raise ValueError(f"another policy kind has the name {kind.name!r}; choose another scheme")
+        raise ValueError(f"another policy kind has the name {kind.name!r}. Choose another scheme")
     return kind
 
 
@@ -198,7 +197,7 @@ def kind_of(address: str) -> PolicyKind:
     """Return the kind of an address.
 
     Raises:
-        UnknownNameError: If no kind has such addresses; the message names the closest kinds.
+        UnknownNameError: If no kind has such addresses. The message names the closest kinds.
     """
     kind = find_kind(address)
     if kind is None:
@@ -215,7 +214,7 @@ def unknown_policy(address: str) -> UnknownNameError:
 
 
 def known_policies() -> tuple[PolicyEntry, ...]:
-    """Return all policies that can be evaluated: privileged policies first, and servers last."""
+    """Return all policies that can be evaluated, with privileged policies first and servers last."""
     entries = [(kind, entry) for kind in KINDS.values() for entry in kind.entries()]
     return tuple(entry for _, entry in sorted(entries, key=lambda pair: _place(*pair)))
 
@@ -263,7 +262,7 @@ def make_policy(address: str, *, world: str = "") -> Policy:
 
 
 def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None) -> AnyPolicy:
-    """Return a policy for one episode in a scene; the trial is None outside a run.
+    """Return a policy for one episode in a scene. The trial is None outside a run.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
@@ -281,7 +280,7 @@ def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None)
 
 
 def make_privileged(address: str, scene: Scene) -> PrivilegedPolicy:
-    """Return a policy that uses the privileged state, for one episode; raise the errors of :func:`make_for`."""
+    """Return a policy that uses the privileged state, for one episode. Raises the errors of :func:`make_for`."""
     made = make_for(address, scene)
     if not needs_of(address).state:
         raise read_address(address).error(

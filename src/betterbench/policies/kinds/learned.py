@@ -1,4 +1,4 @@
-"""Learners trained by ``better train``; they use the privileged state or, in the family ``pixels``, observations."""
+"""Learners trained by ``better train``. They use the privileged state or, in the family ``pixels``, observations."""
 
 from __future__ import annotations
 

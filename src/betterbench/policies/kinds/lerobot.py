@@ -1,4 +1,4 @@
-"""LeRobot checkpoints, in a separate process; LeRobot's own server is rejected."""
+"""LeRobot checkpoints, in a separate process. LeRobot's own server is rejected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Code shared by the kinds of built-in privileged policies: names, options and constructor."""
+"""Names, options and constructor that the kinds of built-in privileged policies share."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def describe_privileged(address: PolicyAddress) -> PolicyInfo:
 
 
 def own_scene(address: PolicyAddress, scene: TrialScene) -> Scene:
-    """Return the scene if it belongs to our own world; raise InvalidInputError otherwise."""
+    """Return the scene if it belongs to our own world. Raises InvalidInputError otherwise."""
     from betterbench.sim.scenes import Scene
 
     if not isinstance(scene, Scene):

@@ -24,7 +24,7 @@ def load_plugin(address: str) -> Policy:
     """Return an instance of a user's class.
 
     The address is "module:Class" or "file.py:Class". Arguments for the class follow as in a URL
-    ("?checkpoint=a/b&k=8"): a value that is valid JSON (8, 0.5, true, null, "8") is parsed; any other value is a
+    ("?checkpoint=a/b&k=8"). A value that is valid JSON (8, 0.5, true, null, "8") is parsed, and any other value is a
     string.
 
     Raises InvalidInputError if the module, the class, one of the methods or an argument is missing or unknown, or the
@@ -152,7 +152,7 @@ def _rest(text: str) -> str:
 
 
 def _read(text: str, world: str) -> PolicyAddress:
-    """Read an address whose options are arguments for the user's class; they are checked when the class is loaded."""
+    """Read an address whose options are arguments for the user's class. They are checked when the class is loaded."""
     _parts(_rest(text))
     return PolicyAddress(text, _FORM, _rest(text).partition("?")[0], {}, world)
 

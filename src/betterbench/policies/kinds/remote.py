@@ -50,10 +50,10 @@ def register_server(
         transport: Transport protocol of such a server.
         port: Default port.
         connect: Returns a connected client after the handshake, given an address and the seed of its retry jitter.
-        usual: Default preset of an address; empty if the address must name a preset.
+        usual: Default preset of an address. It is empty if the address must name a preset.
         options: Options of this kind only.
         constants: Whether an address may add constants to each request.
-        shown: Form of the address in lists; scheme, host and port if empty.
+        shown: Form of the address in lists. If empty, scheme, host and port are shown.
     """
     form = AddressForm(
         scheme=scheme,

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 class Replay:
-    """Replay of the record with the same seed in another run, from the same condition or else from its twin.
+    """Replay of the record with the same seed in another run. The record is of the same condition, or else of its twin.
 
     After the end of the record, the policy holds still.
     """
 
     def __init__(self, folder: str, *, task: str, condition: str, base: str, seed: int) -> None:
-        """Load the actions; raise InvalidInputError if the run lacks both records, or no folder is given."""
+        """Load the actions. Raises InvalidInputError if the run lacks both records, or no folder is given."""
         from betterbench.records import RunFolder
 
         if not folder:
@@ -47,7 +47,7 @@ class Replay:
         self.info = PolicyInfo(f"replay:{folder}", action_space=self._space, needs_images=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Go back to the first action; raise InvalidInputError if the run uses another action space than the record."""
+        """Go back to the first action. Raises InvalidInputError if run and record use different action spaces."""
         if start.action_space != self._space:
             from betterbench.policies.conventions.handshake import space_cure
 
@@ -83,7 +83,7 @@ def _read(text: str, world: str) -> PolicyAddress:
 
 
 def _describe(address: PolicyAddress) -> PolicyInfo:
-    """Return the declarations known before a trial; the action space depends on each record."""
+    """Return the declarations known before a trial. The action space depends on each record."""
     from betterbench.records import RunFolder
 
     RunFolder.open(Path(address.target))

@@ -1,6 +1,6 @@
-"""Learned policies: inputs, networks, checkpoints, and the policies that run them.
+"""Learned policies, with their inputs, networks and checkpoints.
 
-Only :mod:`network`, :mod:`pixels`, :mod:`networks`, :mod:`checkpoint` and :mod:`policy` need torch; :mod:`loading`
+Only :mod:`network`, :mod:`pixels`, :mod:`networks`, :mod:`checkpoint` and :mod:`policy` need torch. :mod:`loading`
 imports them on demand.
 """
 

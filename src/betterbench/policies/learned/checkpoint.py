@@ -1,4 +1,4 @@
-"""Checkpoints: tensors in safetensors, with recipe, vocabulary and a digest in the header."""
+"""Checkpoints, which are safetensors files with the recipe, the vocabulary and a digest in the header."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Trained:
         step: Number of training steps.
         data: SHA-256 over the training data's records.
         action_space: Action space of the answers.
-        code: Code that defines the family, from :func:`~betterbench.tasks.user_files.code_of`; None for a built-in
+        code: Code that defines the family, from :func:`~betterbench.tasks.user_files.code_of`, or None for a built-in
             family.
     """
 
@@ -75,9 +75,9 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], about: Mapping[str,
 
 
 def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Return the tensors and metadata of a file; raise InvalidInputError if any byte is wrong.
+    """Return the tensors and metadata of a file. Raises InvalidInputError if any byte has changed.
 
-    Files of earlier versions have a digest of only the tensors, which a warning reports once.
+    Files of earlier versions have a digest of only the tensors. A warning reports this once.
     """
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
     try:
@@ -139,13 +139,13 @@ def checkpoint_file(place: str) -> Path:
 
 
 def read_vocabulary(path: Path) -> Vocabulary:
-    """Return a checkpoint's vocabulary; raise InvalidInputError if the file is damaged."""
+    """Return a checkpoint's vocabulary. Raises InvalidInputError if the file is damaged."""
     _, about = read_tensors(path)
     return _trained(about, str(path)).vocabulary
 
 
 def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: str) -> None:
-    """Load weights into a network; raise InvalidInputError if they do not match."""
+    """Load weights into a network. Raises InvalidInputError if they do not match."""
     _require_fit(network, weights, where)
     network.load_state_dict(dict(weights))
 
@@ -194,7 +194,7 @@ def require_code(about: Mapping[str, Any], where: str) -> None:
     here = code_of("family", family)
     if here is not None and here != code:
         problem = f"its family {family!r} was defined by {code or 'an unknown file'}, but is now defined by {here}"
-        cure = f"Pass the file used in training; better train keeps a copy in {COPIES} next to the checkpoint"
+        cure = f"Pass the file used in training. better train keeps a copy in {COPIES} next to the checkpoint"
         raise InvalidInputError(where, problem, cure)
 
 

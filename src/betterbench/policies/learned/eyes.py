@@ -15,7 +15,7 @@ from betterbench.policies.learned.recipe import Eyes
 def looked_at(eyes: Eyes, pictures: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the input images of a learner, (views, size, size, 3) uint8, from upright images by camera.
 
-    Each pixel is the mean over the part of the camera image that it covers; at scale one, pixels are copied.
+    Each pixel is the mean over the part of the camera image that it covers. At scale one, pixels are copied.
 
     Raises InvalidInputError if a camera is missing, or an image has another size than in the recipe's observation.
     """

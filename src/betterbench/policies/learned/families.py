@@ -1,6 +1,6 @@
 """Families of learners with their inputs, sizes and freezable parts. User files can add families.
 
-This module does not import torch; :mod:`networks` builds a family's network.
+This module does not import torch. :mod:`networks` builds a family's network.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _HEAD = "head"
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Capacity:
-    """Transformer size: token width, layers, and attention heads."""
+    """Transformer size, given by the token width and the numbers of layers and attention heads."""
 
     width: Annotated[int, Field(ge=8, le=1024)]
     layers: Annotated[int, Field(ge=1, le=24)]
@@ -53,7 +53,7 @@ class Family:
         capacities: Sizes ``small``, ``base`` and ``large``.
         parts: Parts of the network that recipes may freeze.
         options: Own options for recipes, with defaults.
-        make: Function that builds the network from recipe and vocabulary; None for a built-in family.
+        make: Function that builds the network from recipe and vocabulary, or None for a built-in family.
     """
 
     name: str
@@ -97,9 +97,9 @@ def learner(
     Args:
         name: Name in the field ``family`` of recipes.
         sees: ``objects`` for the state, ``pixels`` for the images of the recipe's ``eyes``.
-        capacities: Sizes ``small``, ``base`` and ``large``; default: the sizes of the built-in family with the same
+        capacities: Sizes ``small``, ``base`` and ``large``. By default, the sizes of the built-in family with the same
             input.
-        parts: Names of its modules that recipes may freeze; the head can always be frozen.
+        parts: Names of its modules that recipes may freeze. The head can always be frozen.
         options: Fields that recipes may set in their ``options``, with default values, which also define the types.
 
     Raises:
@@ -131,7 +131,7 @@ def _wrong(name: object, sees: object, capacities: object, parts: object, option
             'Write @learner("mine", sees="objects") or sees="pixels"',
         )
     if not isinstance(capacities, Mapping) or set(capacities) != set(_SIZES):
-        yield f"its capacities have the names {_listed(capacities)}", f"Give {', '.join(_SIZES)}"
+        yield f"its capacities have the names {_listed(capacities)}", f"Give the names {', '.join(_SIZES)}"
     elif not all(isinstance(size, Capacity) for size in capacities.values()):
         yield f"its capacities are {_listed(capacities.values())}", "Give a Capacity object for each size"
     if not isinstance(parts, tuple | list) or not all(isinstance(part, str) and part for part in parts):
@@ -149,7 +149,7 @@ def _listed(given: object) -> str:
 
 
 def learner_family(name: str) -> Family:
-    """Return a family; raise UnknownNameError if neither betterbench nor a user's file defines it."""
+    """Return a family. Raises UnknownNameError if neither betterbench nor a user's file defines it."""
     load_declared()
     if name not in _FAMILIES:
         raise UnknownNameError("family", name, _FAMILIES)

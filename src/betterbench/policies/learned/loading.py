@@ -24,7 +24,7 @@ _MOST_HEADER = 1 << 24
 def is_seeing(address: PolicyAddress) -> bool:
     """Return whether the learner at an address uses observations, as in the family ``pixels``.
 
-    Returns False if the checkpoint is missing, damaged or of an unknown family; loading it raises an error.
+    Returns False if the checkpoint is missing, damaged or of an unknown family. Loading it then raises an error.
     """
     path = checkpoint_of(address)
     try:
@@ -50,7 +50,7 @@ def learned_info(address: PolicyAddress) -> PolicyInfo:
 
 
 def make_learned(address: PolicyAddress, instruction: str, seed: int) -> PrivilegedPolicy:
-    """Return a learned policy for one episode; raise the errors of :func:`learned_info`."""
+    """Return a learned policy for one episode. Raises the errors of :func:`learned_info`."""
     learner = load_learner(address)
     from betterbench.policies.learned.policy import LearnedPolicy  # noqa: PLC0415 - needs torch
 
@@ -59,7 +59,7 @@ def make_learned(address: PolicyAddress, instruction: str, seed: int) -> Privile
 
 
 def make_seeing(address: PolicyAddress) -> SeeingPolicy:
-    """Return a learned policy that uses observations; raise the errors of :func:`learned_info`."""
+    """Return a learned policy that uses observations. Raises the errors of :func:`learned_info`."""
     learner = load_learner(address)
     from betterbench.policies.learned.policy import SeeingPolicy  # noqa: PLC0415 - needs torch
 
@@ -67,7 +67,7 @@ def make_seeing(address: PolicyAddress) -> SeeingPolicy:
 
 
 def _executed(address: PolicyAddress, learner: Learner) -> int:
-    """Return the execution horizon, from the address or else from the recipe.
+    """Return the execution horizon, which the address or else the recipe gives.
 
     Raises InvalidInputError if the chunk has fewer actions.
     """

@@ -1,4 +1,4 @@
-"""Learner networks: the base class, the transformer used by both built-in families, and the ``objects`` network."""
+"""Learner networks, with the base class, the transformer of both built-in families, and the ``objects`` network."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class ShownBatch:
     Attributes:
         words: (B, w) int64 word indices of the instruction, at most MOST_WORDS words.
         tools: (B, history, 10) float32, states of the tool, the present state first.
-        blind: (B,) bool: samples without state; None for none.
+        blind: (B,) bool, True for samples without state, or None if all samples have a state.
     """
 
     words: Tensor
@@ -53,7 +53,7 @@ class ObjectsBatch(ShownBatch):
     Attributes:
         poses: (B, n, 9) float32.
         sizes: (B, n, 3) float32.
-        categories: (B, n) int64; :data:`ABSENT` where there is no object.
+        categories: (B, n) int64, or :data:`ABSENT` where there is no object.
         colors: (B, n) int64.
     """
 
@@ -65,7 +65,7 @@ class ObjectsBatch(ShownBatch):
 
 @dataclass(frozen=True, slots=True)
 class AskedBatch:
-    """Questions of a batch: inputs, in which the question replaces the instruction, and answers.
+    """Questions of a batch, with inputs in which the question replaces the instruction, and answers.
 
     Attributes:
         answers: (B,) int64 indices of the correct answers.
@@ -129,16 +129,16 @@ _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"}
 
 
 class LearnerNetwork(nn.Module):
-    """Base network of learners: maps a batch of inputs to a chunk of normalized actions, (B, chunk, 7).
+    """Base network of learners, which maps a batch of inputs to a chunk of normalized actions, (B, chunk, 7).
 
     A family creates its modules in :meth:`build` and reduces the inputs to one vector per sample in :meth:`summary`.
     The head that maps this vector to actions, the losses, and the answers to questions are the same for all families.
 
     Attributes:
-        recipe: Recipe of the training; ``recipe.size`` is the capacity.
+        recipe: Recipe of the training. ``recipe.size`` is the capacity.
         options: Family options.
-        tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. Similar
-            buffers exist for actions, (7,), and for the inputs given to :meth:`keep_scale`.
+        tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. Similar buffers exist for
+            actions, (7,), and for the inputs given to :meth:`keep_scale`.
     """
 
     tool_mean: Tensor
@@ -187,7 +187,7 @@ class LearnerNetwork(nn.Module):
         del words
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
-        """Return the parameters by freezable part of the network; by default, each module is a part."""
+        """Return the parameters by freezable part of the network. By default, each module is a part."""
         found: dict[str, list[nn.Parameter]] = {}
         for name, parameter in self.named_parameters():
             first = name.partition(".")[0]
@@ -197,7 +197,7 @@ class LearnerNetwork(nn.Module):
     def keep_scale(self, name: str, count: int) -> None:
         """Store the mean and scale of training data values with the weights.
 
-        Possible names are ``tool`` (10), ``position`` of objects (3) and ``action`` (7); tool and action are always
+        Possible names are ``tool`` (10), ``position`` of objects (3) and ``action`` (7). Tool and action are always
         stored. Raises InvalidInputError for other names.
         """
         if _SCALES.get(name) != count:
@@ -208,7 +208,7 @@ class LearnerNetwork(nn.Module):
         self.register_buffer(f"{name}_scale", torch.ones(count))
 
     def _gathered(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return the summary; raise InvalidInputError if a user's learner fails, or returns another shape or type."""
+        """Return the summary. Raises InvalidInputError if a user's learner fails, or returns another shape or type."""
         with explaining("family", self.recipe.family):
             found = self.summary(shown, heard)
         wanted = (len(shown.words), self.recipe.size.width)
@@ -264,7 +264,7 @@ class LearnerNetwork(nn.Module):
     def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
         """Return the loss of a training step, computed in ``forward`` so that several processes share gradients.
 
-        Each question has the same weight as each frame with actions; its loss is the cross-entropy.
+        Each question has the same weight as each frame with actions. Its loss is the cross-entropy.
         """
         loss = self.loss(shown, actions, counted)
         if asked is None:

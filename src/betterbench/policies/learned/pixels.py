@@ -1,4 +1,4 @@
-"""Network of the ``pixels`` family: a strided convolutional network with FiLM, whose key points become tokens."""
+"""Network of the ``pixels`` family, a strided convolutional network with FiLM, whose key points become tokens."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class PicturesBatch(ShownBatch):
 
     Attributes:
         pictures: (B, V, size, size, 3) uint8.
-        light: (B, 2) float32 changes of contrast and brightness; None for no change.
+        light: (B, 2) float32, changes of contrast and brightness, or None for no change.
     """
 
     pictures: Tensor
@@ -64,7 +64,7 @@ class _Convolutions(nn.Module):
 
 
 class PixelsNetwork(TokenNetwork):
-    """Network for ``pixels``, with one token per view: key points from a convolutional net modulated by the words.
+    """Network for ``pixels``, with one token per view. It contains the key points of a convolutional network.
 
     The words scale and shift each channel (FiLM, Perez et al. 2018). A channel's output is the mean position of its
     softmax over the image and the peak value (spatial softmax, Levine et al. 2016, "End-to-End Training of Deep
@@ -77,7 +77,7 @@ class PixelsNetwork(TokenNetwork):
         self.eyes = _Convolutions(width, len(self.recipe.eyes.windows))
 
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
-        """Return one token per view; no view is masked."""
+        """Return one token per view. No view is masked."""
         if not isinstance(shown, PicturesBatch):
             raise TypeError("PixelsNetwork needs a PicturesBatch")
         batch, views = shown.pictures.shape[:2]

@@ -34,7 +34,7 @@ class Learner:
 
     Attributes:
         trained: Its checkpoint's metadata.
-        fingerprint: SHA-256 of the checkpoint's file; empty during training.
+        fingerprint: SHA-256 of the checkpoint's file. It is empty during training.
     """
 
     def __init__(self, network: LearnerNetwork, trained: Trained, fingerprint: str = "") -> None:
@@ -44,7 +44,7 @@ class Learner:
 
     @classmethod
     def load(cls, path: Path) -> Learner:
-        """Read a checkpoint; raise the errors of :func:`read_checkpoint`."""
+        """Read a checkpoint. Raises the errors of :func:`read_checkpoint`."""
         network, trained = read_checkpoint(path)
         # One thread, because sums over several threads differ in the last bits, and results must not depend on the
         # machine's load.
@@ -109,10 +109,10 @@ class Learner:
 
 
 class LearnedPolicy:
-    """Policy of an ``objects`` learner for one episode; it predicts a new chunk after ``execute`` executed actions."""
+    """Policy of an ``objects`` learner for one episode. It predicts a new chunk after ``execute`` executed actions."""
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
-        """Store the instruction; ``episode`` seeds the noise of a flow-matching learner."""
+        """Store the instruction. ``episode`` seeds the noise of a flow-matching learner."""
         self.name = name
         self._learner, self._instruction, self._episode, self._execute = learner, instruction, episode, execute
         self._things: Things | None = None
@@ -149,7 +149,7 @@ class SeeingPolicy:
     """Policy of a ``pixels`` learner, which gets observations like every evaluated policy."""
 
     def __init__(self, address: str, learner: Learner, *, execute: int) -> None:
-        """Prepare the policy; raise InvalidInputError if its history stride is not a multiple of ``execute``."""
+        """Prepare the policy. Raises InvalidInputError if its history stride is not a multiple of ``execute``."""
         recipe = learner.trained.recipe
         if recipe.history > 1:
             require_asked(recipe.history_stride, execute, f"policy {address}: history_stride")

@@ -1,4 +1,4 @@
-"""Training recipes: all settings that determine a learner's weights."""
+"""Training recipes, which contain all settings that determine a learner's weights."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.policies.learned.families import Capacity, Option, Sees, learne
 RECIPE_VERSION: Literal[1] = 1
 """Version of the training procedure."""
 
-CURE = "Correct the recipe; see docs/training.md for an example"
+CURE = "Correct the recipe. docs/training.md shows an example"
 
 _Loss = Literal["l1", "flow"]
 
@@ -58,7 +58,7 @@ class Augmentation:
         object_noise_m: Standard deviation of noise on each object's position [m].
         shift_m: Half the side length of the square in which tool and all objects are shifted together [m].
         shift_px: Largest shift of an image along each axis [pixel], with edge padding, as by padding and a random crop.
-        light: Standard deviation of changes in image contrast and brightness, as fractions of the full range.
+        light: Standard deviation of changes in image contrast and brightness, as a fraction of the full range.
     """
 
     object_noise_m: _Length = 0.0
@@ -70,12 +70,12 @@ class Augmentation:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class View:
-    """Image input of a learner in the ``pixels`` family: a camera image, or part of it.
+    """Image input of a learner in the ``pixels`` family, which is a camera image or part of it.
 
     Attributes:
         camera: Camera name.
         window: Left, top, right and bottom edge of the crop, as fractions of the camera image. A window of ``size``
-            pixels is copied one to one; the complete image is scaled.
+            pixels is copied one to one, and the complete image is scaled.
     """
 
     camera: str
@@ -95,8 +95,8 @@ class Eyes:
     """Image inputs for a learner of the ``pixels`` family.
 
     Attributes:
-        observation: Observation preset with the cameras of the images; evaluation must use the same preset.
-        views: The images: names of cameras, or cameras with windows.
+        observation: Observation preset with the cameras of the images. Evaluation must use the same preset.
+        views: The images, given as names of cameras or as cameras with windows.
         size: Side of each image for the network [pixel].
         quality: Render preset of the training images.
     """
@@ -132,7 +132,7 @@ class CoTraining:
     Attributes:
         sets: Folders of ``better vqa`` about the training demonstrations.
         weight: Number of questions per frame with actions. The paper samples actions with weight 8.0 and each of four
-            sets of texts with 0.5 (appendix A.2), which gives 0.25.
+            sets of texts with weight 0.5 (appendix A.2), which gives 0.25.
     """
 
     sets: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -142,34 +142,34 @@ class CoTraining:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrainingRecipe:
-    """Recipe for training a learner: its data, network, optimization and validation.
+    """Recipe for training a learner, with its data, network, optimization and validation.
 
     Attributes:
         data: Folders written by ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
-        family: Learner input: ``objects`` gets poses, sizes, categories and colors as from a perfect detector,
-            ``pixels`` gets images; or the name of a user's family.
+        family: ``objects`` for poses, sizes, categories and colors as from a perfect detector, ``pixels`` for images,
+            or the name of a user's family.
         options: Options of a user's family.
-        tasks: Tasks whose demonstrations are used; all in the data if empty.
+        tasks: Tasks whose demonstrations are used. If empty, all tasks in the data are used.
         variations: Whether to include demonstrations of test variations, as in the covered training distribution.
-        demonstrations: Maximum number of demonstrations per condition, lowest seeds first; None for all.
-        longest_pause: Maximum number of control steps used from a pause of the demonstrator; None for all.
-        every: Stride between input frames in training; a chunk's actions are consecutive.
+        demonstrations: Maximum number of demonstrations per condition, lowest seeds first, or None for all.
+        longest_pause: Maximum number of control steps that are used from a pause of the demonstrator, or None for all.
+        every: Stride between input frames in training. The actions of a chunk are consecutive.
         eyes: Image inputs for a ``pixels`` learner.
         capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
-        history: Number of tool states as input: the present state and earlier states.
-        history_stride: Control steps between these states; for ``pixels``, whose learners answer every ``execute``
-            steps, a multiple of ``execute``.
+        history: Number of tool states in the input, which are the present state and earlier states.
+        history_stride: Control steps between these states. For ``pixels``, whose learners answer every ``execute``
+            steps, it must be a multiple of ``execute``.
         chunk: Number of actions in one answer.
-        execute: Execution horizon: executed actions of an answer before the next answer.
+        execute: Execution horizon, which is the number of actions executed from an answer before the next answer.
         loss: ``l1``, or ``flow`` for flow matching.
         flow_steps: Number of integration steps when an action chunk is sampled from a flow.
         dropout: Share of activations dropped in training.
-        gripper_weight: Sampling weight for a sample at a gripper change; other samples have weight 1.
+        gripper_weight: Sampling weight for a sample at a gripper change. Other samples have weight 1.
         co_training: Questions learned in addition to actions, or None.
         start: Checkpoint with the initial weights, or None.
         frozen: Parts whose weights are not trained.
-        learning_rate: Largest rate of AdamW, after ``warmup`` steps; it falls to zero along a cosine.
-        ema: Decay of the moving average of the weights; this average is used for evaluation.
+        learning_rate: Largest rate of AdamW, reached after ``warmup`` steps. It then falls to zero along a cosine.
+        ema: Decay of the moving average of the weights. This average is used for evaluation.
         clip: Largest norm of the gradient.
         validation: Share of seeds that are held out, chosen as by ``better export --validation``.
         validate_every: Steps between two validations.
@@ -270,13 +270,13 @@ class TrainingRecipe:
 
     @property
     def size(self) -> Capacity:
-        """The capacity; a name such as ``small`` is looked up in the family."""
+        """The capacity. A name such as ``small`` is looked up in the family."""
         named = learner_family(self.family).capacities
         return named[self.capacity] if isinstance(self.capacity, str) else self.capacity
 
     @property
     def sees(self) -> Sees:
-        """Learner input: the state as objects, or images."""
+        """Learner input, which is the state as objects, or images."""
         return learner_family(self.family).sees
 
     @property
@@ -310,7 +310,7 @@ class TrainingRecipe:
         return 0 if self.co_training is None else round(self.co_training.weight * self.batch)
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict with all defaults; unused ``co_training`` and ``options`` are left out."""
+        """Return a JSON-serializable dict with all defaults. Unused ``co_training`` and ``options`` are left out."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         if self.co_training is None:
             del form["co_training"]  # omitted so that trainings begun before this field existed can be resumed
@@ -337,10 +337,10 @@ def read_training_recipe(
     Args:
         form: The fields, as a mapping or a JSON string.
         where: File name for errors.
-        changes: Fields that override the form; None keeps a field.
+        changes: Fields that override the form. None keeps a field.
 
     Raises:
-        InvalidInputError: If a field is missing, unknown or out of range; the message names it.
+        InvalidInputError: If a field is missing, unknown or out of range. The message names it.
     """
     if changes and isinstance(form, Mapping):
         form = {**form, **{name: value for name, value in changes.items() if value is not None}}

@@ -1,4 +1,4 @@
-"""Inputs for a learner of the ``objects`` family: the tool state, and visible properties of each object.
+"""Inputs for a learner of the ``objects`` family, which are the tool state and visible properties of each object.
 
 Names, roles and slots of objects, the held object and the task's goal are excluded, because they would reveal the task.
 """
@@ -21,7 +21,7 @@ POSE_NUMBERS = 9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Things:
-    """Inputs that are constant during an episode: the instruction, and the appearance of n objects.
+    """Inputs that are constant during an episode, which are the instruction and the appearance of n objects.
 
     Attributes:
         words: (w,) indices of the instruction's words.
@@ -69,7 +69,7 @@ def pose_numbers(positions: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
 
 
 def moment_of(state: WorldState) -> tuple[np.ndarray, np.ndarray]:
-    """Return a state's tool values, (10,), and object pose values, (n, 9); both float32."""
+    """Return a state's tool values, (10,), and object pose values, (n, 9), both float32."""
     pose = state.ee_pose
     tool = tool_numbers(np.array([pose.position]), np.array([pose.quaternion]), np.array([state.finger_width_m]))
     poses = pose_numbers(np.array(state.positions).reshape(-1, 3), np.array(state.quaternions).reshape(-1, 4))

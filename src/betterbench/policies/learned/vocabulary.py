@@ -16,7 +16,7 @@ UNKNOWN = 1
 """Index for a word that is not in the training data."""
 _FIRST = 2
 MOST_WORDS = 40
-"""Maximum number of words used from an instruction; later words are ignored."""
+"""Maximum number of words used from an instruction. Later words are ignored."""
 
 _WORD = re.compile(r"[a-z0-9]+(?:'[a-z]+)?")
 
@@ -43,7 +43,7 @@ class Vocabulary:
         return cls(tuple(sorted(words)), tuple(sorted(set(categories))), tuple(sorted(set(colors))))
 
     def to_json(self) -> dict[str, list[str]]:
-        """Return a JSON-serializable dict; the field ``answers`` is left out if there are none."""
+        """Return a JSON-serializable dict. The field ``answers`` is left out if there are none."""
         named = {name: list(values) for name, values in asdict(self).items()}
         return named if self.answers else {name: values for name, values in named.items() if name != "answers"}
 

@@ -1,4 +1,4 @@
-"""Main function of a user policy's process: it loads the policy and answers a run's requests over a socket.
+"""Main function of a user policy's process, which loads the policy and answers a run's requests over a socket.
 
 This module imports no simulator, so the process starts fast and leaves memory to the policy.
 """
@@ -35,7 +35,7 @@ ERRORS = (
     "RecordError",
     "MissingDependencyError",
 )
-"""betterbench errors that keep their class when sent to the run; all others become PolicyError."""
+"""Errors of betterbench that keep their class when sent to the run. All others become PolicyError."""
 
 # imported here, before a policy can replace these functions
 _exit, _killpg, _write, _loads = os._exit, os.killpg, os.write, ForkingPickler.loads
@@ -44,8 +44,8 @@ _exit, _killpg, _write, _loads = os._exit, os.killpg, os.write, ForkingPickler.l
 def main(address: str, link: int, life: int, world: str = "") -> None:
     """Load the policy of an address, and answer requests until the socket is closed.
 
-    ``link`` is the file descriptor of the socket; ``life`` is a file descriptor that reaches its end when the run has
-    ended. ``world`` is the world whose conventions are used with a server, if any.
+    ``link`` is the file descriptor of the socket. ``life`` is a file descriptor that reaches its end when the run ends.
+    ``world`` is the world whose conventions are used with a server, if any.
     """
     threading.Thread(target=_end_with_run, args=(life,), daemon=True).start()
     with contextlib.suppress(OSError):

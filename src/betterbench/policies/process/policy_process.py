@@ -1,4 +1,4 @@
-"""User policies in separate processes, so that a crash costs at most that policy's current trial."""
+"""User policies in separate processes, so that a crash affects at most the current trial of the policy."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ class PolicyProcess:
         info: Policy declarations.
         source: Name and SHA-256 of the file with the policy, or empty.
         takes_batches: Whether the policy answers several observations at once.
-        ready_at: Time at which the policy starts to accept requests, from ``time.perf_counter`` [s]; infinite during
-            loading.
+        ready_at: Time at which the policy starts to accept requests, from ``time.perf_counter`` [s]. It is infinite
+            during loading.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class PolicyProcess:
         self.ready_at = time.perf_counter()
 
     def reset(self, start: EpisodeStart) -> None:
-        """Tell the policy that an episode begins; raises the same errors as :meth:`act`.
+        """Tell the policy that an episode begins. Raises the same errors as :meth:`act`.
 
         If the call fails in a process that has run other episodes, it is repeated in a new process.
         """
@@ -137,7 +137,7 @@ class PolicyProcess:
         self._failed = not self.info.heavy
 
     def close(self) -> None:
-        """Close the policy and end its process; if a request is running, only end the process.
+        """Close the policy and end its process. If a request is running, only end the process.
 
         If another thread is already closing the policy, return at once.
         """
@@ -181,7 +181,7 @@ class PolicyProcess:
             raise _error(answer.error, answer.texts)
 
     def _prepare(self, *, begins: bool) -> None:
-        """Ensure that a process exists; an episode begins with a process in which no trial has failed."""
+        """Ensure that a process exists. An episode begins with a process in which no trial has failed."""
         running = self._running
         if running is not None and not (begins and (self._failed or not running.waits)):
             return
@@ -223,7 +223,7 @@ class BatchPolicyProcess(PolicyProcess):
     """Client side of a policy that answers several observations at once, in a separate process."""
 
     def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
-        """Return one answer per observation; raises the errors of :meth:`act`.
+        """Return one answer per observation. Raises the errors of :meth:`act`.
 
         Each answer depends only on its observation, so a batch whose process was killed can be repeated.
         """
@@ -238,7 +238,7 @@ class BatchPolicyProcess(PolicyProcess):
 
 
 def start_policy(address: str, *, world: str = "", load_s: float = LOAD_S) -> PolicyProcess:
-    """Return an address's policy, loaded in a separate process; raises the same errors as :class:`PolicyProcess`."""
+    """Return an address's policy, loaded in a separate process. Raises the same errors as :class:`PolicyProcess`."""
     started = _loaded(address, world, load_s)
     kind = BatchPolicyProcess if started[1].batches else PolicyProcess
     return kind(address, world=world, load_s=load_s, started=started)

@@ -1,9 +1,9 @@
 """Messages between a run and a policy's process (:mod:`betterbench.jobs.frames`).
 
-A request from the run is a pickle in a byte array; a request without arrays ends the process. An answer contains no
+A request from the run is a pickle in a byte array. A request without arrays ends the process. An answer contains no
 Python objects, because a policy can write anything to its socket. The run reads answers in
-:mod:`betterbench.policies.process.process_reader`. This module does not import the checks of answers, so that
-the process of a policy starts fast.
+:mod:`betterbench.policies.process.process_reader`. This module does not import the checks of answers, so that the
+process of a policy starts fast.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from betterbench.interface import Execution, PolicyInfo
 from betterbench.jobs.frames import MAX_ARRAY_BYTES, FrameContent
 
 MAX_ANSWER_BYTES = 64 << 20
-"""Largest answer [bytes]; a chunk of 1,000 actions with 7 numbers takes 56,000 bytes."""
+"""Largest answer [bytes]. A chunk of 1,000 actions with 7 numbers takes 56,000 bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,10 +57,10 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class ProcessAnswer:
-    """Message of a policy's process: an answer, or an error.
+    """Message of a policy's process, which is an answer or an error.
 
     Attributes:
-        error: Class of the raised betterbench error; empty for another exception, None without an error.
+        error: Class of the raised betterbench error. It is empty for another exception, None without an error.
         texts: Texts of the error.
         declared: Policy declarations, in the first message only.
     """

@@ -15,7 +15,7 @@ _ANSWER = TypeAdapter(strict_form(ProcessAnswer))
 
 
 def read_answer(content: FrameContent) -> tuple[ProcessAnswer, list[np.ndarray]]:
-    """Return a message of a process and its writable arrays; raise PolicyError if the message is not an answer."""
+    """Return a message of a process and its writable arrays. Raises PolicyError if the message is not an answer."""
     document, arrays = content
     answer = read_form(
         _ANSWER,

@@ -1,8 +1,8 @@
 """Encoding of ``POST /act`` bodies: JSON with arrays in json-numpy format.
 
 An array is a map with its bytes in base64 (``__numpy__``), its type and its shape. The body may contain that map, or a
-string with the JSON of the map. Bodies are untrusted, like the frames of :mod:`betterbench.policies.protocols.wire`:
-any bytes give a value or a :class:`PolicyError`.
+string with the JSON of the map. Bodies are untrusted, like the frames of :mod:`betterbench.policies.protocols.wire`.
+Any bytes give a value or a :class:`PolicyError`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ with images as base64-encoded PNG files (Dexbotic).
 def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:
     """Encode a value made of maps, lists, strings, numbers, None and NumPy number arrays as a body.
 
-    With ``encoded``, the body is a map with the single key ``encoded`` and the JSON as a string; some servers need this
+    With ``encoded``, the body is a map with the single key ``encoded`` and the JSON as a string. Some servers need this
     for arrays. Raises InvalidInputError for values of other types.
     """
 
@@ -54,7 +54,7 @@ def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = F
 
 
 def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
-    """Decode a body to a value with read-only arrays; a string with the JSON of such a value is decoded too.
+    """Decode a body to a value with read-only arrays. A string with the JSON of such a value is decoded too.
 
     Raises PolicyError if it is malformed, too deep, or larger than ``MAX_BODY_BYTES``.
     """

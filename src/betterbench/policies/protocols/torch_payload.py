@@ -34,7 +34,7 @@ _READING = threading.Lock()
 
 
 class _Kind:
-    """Stand-in for numpy.dtype: the type string, and its byte order."""
+    """Stand-in for numpy.dtype, with the type string and its byte order."""
 
     def __init__(self, text: object = "", *_: object) -> None:
         self.text, self.order = text, "="
@@ -50,7 +50,7 @@ class _Kind:
 
 
 class _Array:
-    """Stand-in for numpy.ndarray: the data from which an array is built."""
+    """Stand-in for numpy.ndarray, with the data from which an array is built."""
 
     def __init__(self, *_: object) -> None:
         self.state: object = None
@@ -79,7 +79,7 @@ class _Array:
 
 
 class _Scalar:
-    """Stand-in for a NumPy number: its type and bytes."""
+    """Stand-in for a NumPy number, with its type and bytes."""
 
     def __init__(self, kind: object = None, data: object = b"", *_: object) -> None:
         self.kind, self.data = kind, data
@@ -94,7 +94,7 @@ class _Scalar:
 
 
 def _no_bytes(*_: object) -> bytes:
-    """Stand in for bytes: an empty array is serialized as a call without arguments."""
+    """Stand in for bytes, because an empty array is serialized as a call without arguments."""
     return b""
 
 
@@ -109,7 +109,7 @@ _STAND_INS = [
 
 
 def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types are checked
-    """Return torch; raise MissingDependencyError if it is not installed, or too old to read untrusted data."""
+    """Return torch. Raises MissingDependencyError if it is not installed, or too old to read untrusted data."""
     try:
         torch = importlib.import_module("torch")
     except ImportError as error:

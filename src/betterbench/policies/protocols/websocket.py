@@ -1,4 +1,4 @@
-"""Websocket connection that sends and receives complete messages with deadlines; failures raise OSError."""
+"""Websocket connection that sends and receives complete messages with deadlines. Failures raise OSError."""
 
 from __future__ import annotations
 
@@ -70,12 +70,12 @@ class WebSocket:
             raise self._not_connected(error) from error
 
     def send(self, message: bytes, timeout_s: float) -> None:
-        """Send one binary message; raise OSError if the connection broke or the message was not sent in time."""
+        """Send one binary message. Raises OSError if the connection broke or the message was not sent in time."""
         with self._cut_after(timeout_s, "the server accepts no more data"):
             self._socket.send(message)
 
     def receive(self, timeout_s: float) -> bytes | str:
-        """Return the next message; raise OSError if none arrives in time, PolicyError if it is too large."""
+        """Return the next message. Raises OSError if none arrives in time, PolicyError if it is too large."""
         seconds = max(0.0, timeout_s)
         try:
             with self._cut_after(seconds + _GRACE_S, "no answer in time"):
@@ -109,7 +109,7 @@ class WebSocket:
 
     @contextlib.contextmanager
     def greeting(self, silence: str) -> Iterator[None]:
-        """Close the connection if the first exchange fails; ``silence`` is the message for a silent server."""
+        """Close the connection if the first exchange fails. ``silence`` is the message for a silent server."""
         try:
             yield
         except TimeoutError as error:
@@ -135,8 +135,8 @@ class WebSocket:
         A server that sends pings and reads nothing would block it forever.
 
         Raises:
-            OSError: Also if the connection is broken; PolicyError if this side broke it because a message was too
-                large.
+            OSError: Also if the connection is broken.
+            PolicyError: If this side broke the connection because a message was too large.
         """
         late = threading.Event()
 

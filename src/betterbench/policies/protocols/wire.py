@@ -1,11 +1,11 @@
-"""Wire formats: conversion between values and bytes in the msgpack variants of policy servers.
+"""Wire formats, which convert between values and bytes in the msgpack variants of policy servers.
 
-All variants send maps of strings, numbers and arrays, but mark arrays differently: as in openpi's client, as in
-vla-evaluation-harness, as a .npy file (GR00T to N1.6), or as in the package msgpack-numpy (the ``nd`` variant, used by
-GR00T N1.7 and some servers with openpi's protocol). Frames are untrusted: any byte string gives a value or a
-:class:`PolicyError` (no other error), and takes at most a few times its size in memory. A scan before decoding
-bounds depth and number of values. Arrays must have exactly the number of bytes that their type and shape require.
-Images are bounded before decompression.
+All variants send maps of strings, numbers and arrays, but they mark arrays differently. Arrays are marked as in
+openpi's client, as in vla-evaluation-harness, as a .npy file (GR00T up to N1.6), or as in the package msgpack-numpy.
+The last variant, ``nd``, is used by GR00T N1.7 and some servers with openpi's protocol. Frames are untrusted. Any byte
+string gives a value or a :class:`PolicyError`, and no other error. It takes at most a few times its size in memory. A
+scan before decoding bounds depth and number of values. Arrays must have exactly the number of bytes that their type and
+shape require. Images are bounded before decompression.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MAX_DEPTH = 32
 """Deepest nesting of lists and maps in a frame."""
 
 MAX_DECLARED_BYTES = 4 * 1024 * 1024
-"""Largest server declaration [byte]; statistics of many data sets take about 100 kB."""
+"""Largest server declaration [byte]. Statistics of many data sets take about 100 kB."""
 
 MAX_DECLARED_DEPTH = 16
 """Deepest nesting of lists and maps in a declaration."""
@@ -98,7 +98,7 @@ def encode_openpi(value: object, *, arrays: OpenpiArrays = "openpi") -> bytes:
 
 
 def decode_openpi(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Decode a frame in openpi's protocol, with read-only arrays; raise PolicyError if it is malformed.
+    """Decode a frame in openpi's protocol, with read-only arrays. Raises PolicyError if it is malformed.
 
     Arrays may be marked as in openpi's client or in msgpack-numpy.
     """
@@ -152,7 +152,7 @@ def _mark_nd(thing: object) -> object:
 
 
 def _is_nd(form: Mapping[Any, Any]) -> bool:
-    """Return whether a map is an array or a number; with string keys it may also be an ordinary map."""
+    """Return whether a map is an array or a number. With string keys, it may also be an ordinary map."""
     return b"nd" in form or (isinstance(form.get("nd"), bool) and "type" in form and "data" in form)
 
 
@@ -198,7 +198,7 @@ def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
 
 
 def decode_vla_eval(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Decode a frame in the vla-evaluation-harness dialect; see :func:`decode_openpi`."""
+    """Decode a frame in the vla-evaluation-harness dialect (see :func:`decode_openpi`)."""
     return _decode(data, "vla-eval", _read_vla_eval)
 
 
@@ -269,12 +269,12 @@ def _image(form: dict[Any, Any]) -> np.ndarray:
 
 
 def encode_gr00t(value: object) -> bytes:
-    """Return the frame of a value in GR00T's dialect, which has modality configs too; see :func:`encode_openpi`."""
+    """Return the frame of a value in GR00T's dialect, which has modality configs too (see :func:`encode_openpi`)."""
     return _encode(value, _mark_gr00t)
 
 
 def decode_gr00t(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Decode a frame in GR00T's dialect, from any release; see :func:`decode_openpi`."""
+    """Decode a frame in GR00T's dialect, from any release (see :func:`decode_openpi`)."""
     return _decode(data, "GR00T", _read_gr00t)
 
 
@@ -468,10 +468,10 @@ def _shape(given: object) -> tuple[int, ...]:
 
 
 def read_array(data: object, dtype_text: object, given_shape: object, *, texts: bool = True) -> np.ndarray:
-    """Return an array from bytes, NumPy type string and shape: read-only, in native byte order.
+    """Return a read-only array in native byte order from bytes, a NumPy type string and a shape.
 
-    Raises ValueError or TypeError if bytes, type and shape do not match, or if the type is not allowed: only plain
-    numbers and, with ``texts``, strings are.
+    Raises ValueError or TypeError if bytes, type and shape do not match, or if the type is not allowed. Only plain
+    numbers and, with ``texts``, strings are allowed.
     """
     dtype, shape = _dtype(dtype_text, texts=texts), _shape(given_shape)
     if not isinstance(data, bytes):

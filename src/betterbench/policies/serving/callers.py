@@ -1,4 +1,4 @@
-"""Access control for local servers: programs and the server's own pages may connect, pages of other sites may not.
+"""Access control for local servers. Programs and the server's own pages may connect, but pages of other sites may not.
 
 It is needed because a browser lets any page connect to this machine. The browser sends the page's site (``Origin``) and
 the host name of the server (``Host``), which differs from this machine's names if a foreign name resolves to it.
@@ -17,8 +17,8 @@ _ANY = frozenset({"0.0.0.0", "::", ""})  # noqa: S104 - compared, not bound
 def is_own_host(values: Sequence[str], bound: str) -> bool:
     """Return whether the ``Host`` headers of a request are allowed for a server that listens on an interface.
 
-    On the loopback interface, the loopback names and the interface's name are allowed; on all interfaces also this
-    machine's name and every IP address, because a DNS rebinding attack needs a name.
+    On the loopback interface, the loopback names and the interface's name are allowed. If the server listens on all
+    interfaces, this machine's name and every IP address are allowed too, because a DNS rebinding attack needs a name.
     """
     if len(values) != 1:
         return False

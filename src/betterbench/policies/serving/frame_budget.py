@@ -1,9 +1,9 @@
 """Memory budget for a server, covering all its clients' unfinished and unanswered messages.
 
 A websocket library keeps the received part of a message until the message is complete. The largest message bounds each
-connection; this budget bounds all connections together. A connection that would exceed the budget waits, which stops
-its peer from sending more data. The connection whose message began first never waits, so at least one
-message is always completed. While others wait, connections that do not finish a message in time are dropped.
+connection, and this budget bounds all connections together. A connection that would exceed the budget waits, which
+stops its peer from sending more data. The connection whose message began first never waits, so at least one message is
+always completed. While others wait, connections that do not finish a message in time are dropped.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _CONTROL = 8
 
 
 class MessageMeter:
-    """Counter of the bytes received by one connection: first an HTTP request, then websocket frames.
+    """Counter of the bytes received by one connection, which are first an HTTP request and then websocket frames.
 
     Only the headers of frames are read (RFC 6455, section 5.2).
 
@@ -52,7 +52,7 @@ class MessageMeter:
         return not self.is_greeted or self.unfinished > 0 or bool(self._head) or self._in_frame
 
     def feed(self, data: bytes) -> bool:
-        """Count received data; return whether a message, or the request, is now complete."""
+        """Count received data, and return whether a message, or the request, is now complete."""
         ended, at = False, 0
         if not self.is_greeted:
             self._head += data
@@ -110,7 +110,7 @@ class Metered:
 
     Attributes:
         waited_s: Time spent waiting for its peer within the current message [s].
-        waits_since: Time at which the current wait began [s, monotonic]; None if there is no wait.
+        waits_since: Time at which the current wait began [s, monotonic], or None if there is no wait.
         is_cut: Whether the connection was dropped.
     """
 

@@ -25,13 +25,13 @@ class Listener(socket.socket):
     """
 
     def __init__(self, bound: socket.socket, *, most: int | None, budget: FrameBudget | None = None) -> None:
-        """Store the listening socket; the budget, if given, counts the received data."""
+        """Store the listening socket. The budget, if given, counts the received data."""
         super().__init__(bound.family, bound.type, bound.proto, fileno=bound.detach())
         self._budget = budget
         self._room = None if most is None else threading.BoundedSemaphore(most)
 
     def accept(self) -> tuple[socket.socket, object]:
-        """Return the next connection and its peer's address; raise OSError when the socket is closed."""
+        """Return the next connection and its peer's address. Raises OSError when the socket is closed."""
         while self._room is not None and not self._room.acquire(timeout=_PAUSE_S):
             if self.fileno() < 0:
                 raise OSError(errno.EBADF, "the server has stopped")

@@ -40,7 +40,7 @@ MAX_CLIENTS = 128
 A connection takes four file descriptors and two threads, and most machines allow 1,024 descriptors per process.
 """
 MAX_REQUEST_BYTES = 64 * 1024 * 1024
-"""Largest request; an observation with three cameras of 448 x 448 pixels takes 2 MB."""
+"""Largest request. An observation with three cameras of 448 x 448 pixels takes 2 MB."""
 IDLE_S = 3600.0
 """Time limit for a silent client, after which its connection is closed and its resources are freed [s]."""
 IDLE_WHILE_FULL_S = 600.0
@@ -192,7 +192,7 @@ class PolicyServer:
         return None
 
     def _room_made(self) -> bool:
-        """Drop a client that is stuck in a message or silent for long; return whether a slot will soon be free."""
+        """Drop a client that is stuck in a message or silent for long, and return whether a slot will soon be free."""
         self._budget.cut_stuck()
         is_let_go = self._let_silent_go()
         end = time.monotonic() + _ROOM_S + (_CLOSE_TIMEOUT_S if is_let_go else 0.0)
@@ -282,7 +282,7 @@ class PolicyServer:
         return None if is_let_go else frame
 
     def _reply(self, session: Session, frame: str | bytes) -> dict[str, Any]:
-        """Return the reply to a frame; raise InvalidInputError unless the frame is a request."""
+        """Return the reply to a frame. Raises InvalidInputError unless the frame is a request."""
         if isinstance(frame, str):
             raise InvalidInputError(
                 "the request", "expected a binary frame, got text", "Send one binary msgpack map per observation"

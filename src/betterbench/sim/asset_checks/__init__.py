@@ -1,6 +1,6 @@
-"""Asset certificate: checks that every imported or generated asset should pass before use in a task.
+"""Asset certificate, with checks that every imported or generated asset should pass before use in a task.
 
-- ``certificate``: all checks of one asset; ``result``: the results and their JSON.
+- ``certificate``: all checks of one asset. ``result``: the results and their JSON.
 - ``check``, ``subject``: the registry of checks, and the measurements that they share.
 - ``checks``: one topic per file: license, surfaces, size, upright, mass, collision, lying, holding, lifting.
 - ``rest``, ``lift``: the simulations of one asset on a table and in a gripper.

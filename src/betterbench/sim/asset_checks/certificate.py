@@ -15,8 +15,8 @@ def certify_asset(asset: Asset, *, name: str | None = None, kind: Kind | None = 
 
     Args:
         asset: The asset, from a generator or a mesh file.
-        name: Name in the certificate; by default, the identity of the asset.
-        kind: Kind of object, which determines the limits of size, mass and pose; by default, the asset's declared kind.
+        name: Name in the certificate. By default, the identity of the asset.
+        kind: Kind of object, which determines the limits of size, mass and pose. By default, the asset's declared kind.
             Checks that need a kind do not apply if there is none.
     """
     judged = kind or kind_of(str(asset.parameters.get("kind", "")))

@@ -22,7 +22,7 @@ class Finding:
         measured: Measured value, or None if there is nothing to measure.
         limit: Limit for ``measured``, or None if there is nothing to measure.
         unit: Unit of both.
-        fails: Whether the check fails; None if it does not apply.
+        fails: Whether the check fails, or None if it does not apply.
         said: Description of the finding, in one sentence.
         cure: Remedy for a failed check, in one sentence.
     """
@@ -74,7 +74,7 @@ def run_check(name: str, subject: Subject) -> CheckResult:
 
 
 def at_most(measured: float, limit: float, unit: str, said: str, cure: str) -> Finding:
-    """Return the finding for a value that must not exceed a limit; a non-finite value fails."""
+    """Return the finding for a value that must not exceed a limit. A non-finite value fails."""
     return Finding(measured, limit, unit, not measured <= limit, said, cure)
 
 

@@ -29,13 +29,13 @@ OnCertificate = Callable[[JobProgress[tuple[str, AssetCertificate]]], None]
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Asset to certify: a mesh file with import options, or a registered asset.
+    """Asset to certify, which is a mesh file with import options or a registered asset.
 
     Attributes:
         name: Name in the certificate.
-        file: Mesh file, None for a registered asset.
-        wishes: Import options; ``name`` also determines the kind of a registered asset.
-        color: Color word; None selects the default color of a registered asset.
+        file: Mesh file, or None for a registered asset.
+        wishes: Import options. ``name`` also determines the kind of a registered asset.
+        color: Color word. None selects the default color of a registered asset.
         look: Look of a registered asset.
     """
 
@@ -76,7 +76,9 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
         InvalidInputError: If nothing is given, a folder has no mesh file, or one name is given for several assets.
     """
     if not given:
-        raise InvalidInputError("assets check", "no asset is given", "Name assets, mesh files or folders of them")
+        raise InvalidInputError(
+            "assets check", "no asset is given", "Give assets, mesh files, or folders of mesh files"
+        )
     found: list[Target] = []
     for text in given:
         path = Path(text).expanduser()
@@ -147,7 +149,7 @@ class CertificateJournal(LineJournal):
 def certify_targets(
     targets: Sequence[Target], folder: Path | None = None, *, on_progress: OnCertificate | None = None
 ) -> list[AssetCertificate]:
-    """Certify targets in order; with a folder, the same call resumes after an interruption."""
+    """Certify targets in order. With a folder, the same call resumes after an interruption."""
     keys = {target: target.key() for target in targets}
 
     def work(waiting: list[Target]) -> Iterator[tuple[str, AssetCertificate]]:

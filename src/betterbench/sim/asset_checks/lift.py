@@ -34,7 +34,7 @@ class LiftTrial:
         succeeded: Whether the object was lifted, held and carried.
         slip_mm: Displacement of the object relative to the gripper after the jaw closed.
         swing_degrees: Rotation of the object relative to the gripper after the jaw closed.
-        reason: Why the trial failed, empty if it succeeded.
+        reason: Why the trial failed, or empty if it succeeded.
     """
 
     succeeded: bool

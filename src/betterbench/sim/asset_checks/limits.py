@@ -33,7 +33,7 @@ FOOTING_RATIO = 1.6
 """Ratio of top to foot width above which an object of a standing kind is upside down."""
 END_SHARE, END_AREA_RATIO = 0.15, 1.3
 """Height of each end as a share of the height of the object, and the largest ratio of the cross-sections of the upper
-and the lower end for kinds with a narrow top. A jam jar with a wide lid and a beveled base has 1.14; a jar on its lid,
+and the lower end for kinds with a narrow top. A jam jar with a wide lid and a beveled base has 1.14. A jar on its lid,
 which is a fifth narrower than its body, has 1.54 (measured)."""
 
 # ------------------------------------------------------------------------------------------------------------- at rest
@@ -42,7 +42,7 @@ SETTLE_S, WATCH_S = 4.0, 1.5
 [s]."""
 DROP_M = 0.001
 DRIFT_MM = 1.0
-"""Maximum displacement of the center of mass while the object must be at rest; a stack of good assets moves 0.03 mm in
+"""Maximum displacement of the center of mass while the object must be at rest. A stack of good assets moves 0.03 mm in
 5 s (measured)."""
 TILT_DEGREES = 20.0
 """Maximum rotation of the vertical axis between the described pose and rest, as in the importer: fruit rolls by 5 to 13
@@ -68,9 +68,9 @@ BALL_DENSITY = 1000.0
 BALL_FREE_M = 0.005
 """Height of the ball above the rim at its release [m]."""
 BALL_DEPTH_SHARE = 0.45
-"""Maximum height of the resting ball above the floor as a share of the depth; on a closed opening, the share is 1."""
+"""Maximum height of the resting ball above the floor as a share of the depth. On a closed opening, the share is 1."""
 BALL_BELOW_M = 0.004
-"""Maximum depth of the ball below the visible floor [m]; a deeper ball has fallen through."""
+"""Maximum depth of the ball below the visible floor [m]. A deeper ball has fallen through."""
 BLOCK_M, BLOCK_KG = 0.015, 0.05
 """Half side [m] and mass [kg] of the block that a support must carry."""
 CARRY_DRIFT_MM, CARRY_TILT_DEGREES = 6.0, 10.0
@@ -82,23 +82,23 @@ PAYLOAD_KG = 2.27
 GRASP_TOLERANCE_MM = 6.0
 """Allowed excess of the measured over the stated opening: two cells of a 20 cm solid."""
 LEAST_THICK_M = 0.008
-"""Minimum thickness for a grasp from a table; at flatter objects, the pads touch the table first. Objects of 6 mm
-always failed, objects of 10 mm always succeeded."""
+"""Minimum thickness for a grasp from a table. At flatter objects, the pads touch the table first. Objects of 6 mm
+always failed, and objects of 10 mm always succeeded."""
 LIFT_M, HOLD_S, CARRY_M = 0.15, 1.0, 0.20
 """Lift height, hold time and carry distance of a grasp trial."""
 LIFT_SPEED, CARRY_SPEED = 0.15, 0.20
-"""Speed of the gripper [m/s]; the experts carry at 0.15."""
+"""Speed of the gripper [m/s]. The experts carry objects at 0.15 m/s."""
 SLIP_MM = 15.0
 """Maximum displacement of the object relative to the closed gripper until the end of the trial."""
 SWING_DEGREES = 45.0
 """Maximum rotation of the object relative to the gripper. Plates and bowls held at the rim tilt by 22 to 39 degrees and
-can be carried; heavier objects rotate by 75 degrees (measured)."""
+can be carried. Heavier objects rotate by 75 degrees (measured)."""
 GRASPS_TRIED = 4
 """Number of grasps to try, by preference. One success is enough, because experts try the next grasp after a failure."""
 
 # ------------------------------------------------------------------------------------------------------ mass and shape
 INERTIA_FACTOR = 3.0
-"""Allowed ratio of each principal moment to that of a uniform body of the visible shape; a hollow and a solid body
+"""Allowed ratio of each principal moment to that of a uniform body of the visible shape. A hollow and a solid body
 differ by 1.7."""
 LEAST_FRICTION, MOST_FRICTION = 0.05, 2.0
 """Sliding friction of a collision part: oiled steel has 0.1, rubber on a dry rough surface up to 1.5."""
@@ -124,7 +124,7 @@ DEGENERATE_SHARE = 0.02
 DARK, DARK_SHARE = 8, 0.6
 """Brightness (of 255) below which a texture pixel is black, and maximum share of such pixels."""
 PLACEHOLDER_SHARE = 0.5
-"""Maximum share of magenta (255, 0, 255) in a texture; programs use this color to mark missing textures."""
+"""Maximum share of magenta (255, 0, 255) in a texture. Programs use this color to mark missing textures."""
 LEAST_ALPHA = 0.05
 """Minimum opacity of a visible part."""
 
@@ -148,7 +148,7 @@ FOOTED_KINDS = frozenset({"bottle", "jar", "vase", "pepper mill", "shaker"})
 NARROW_TOP_KINDS = frozenset({"bottle", "jar", "pepper mill", "shaker", "burger", "lid", "tajine", "pumpkin"})
 """Kinds with a neck, a cap, a knob, a stem or a domed top, which is hardly ever broader than their base."""
 HOLLOW_TOP_KINDS = frozenset({"plate", "spoon", "cooking spoon"})
-"""Kinds that are not open, but whose hollow, if they have one, is above; the same applies to open kinds."""
+"""Kinds that are not open, but whose hollow, if they have one, is above. The same applies to open kinds."""
 ALWAYS_LIFTED_KINDS = frozenset(
     {
         "fork", "spoon", "knife", "chopstick", "cooking fork", "cooking spoon", "cooking knife", "whisk",

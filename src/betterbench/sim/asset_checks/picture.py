@@ -1,4 +1,4 @@
-"""Certificate images of one asset: visual shape, collision shape, and pose at rest."""
+"""Certificate images of one asset, which show its visual shape, its collision shape and its pose at rest."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _GOLDEN = 0.618034
 
 
 def asset_pictures(asset: Asset, *, pixels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return three images (pixels, pixels, 3) uint8: the visible parts, the collision parts, and the pose at rest.
+    """Return three images (pixels, pixels, 3) uint8 of the visible parts, the collision parts and the pose at rest.
 
     Raises:
         MissingDependencyError: If off-screen OpenGL does not work on this machine.

@@ -1,4 +1,4 @@
-"""Simulation of one asset settling on a table: its pose at rest, and its residual movement."""
+"""Simulation of one asset that settles on a table, which gives its pose at rest and its residual movement."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Rest:
         drift_mm: Displacement of the center of mass during the observation time.
         tilt_degrees: Rotation of the vertical axis between start and end.
         jitter_mm_s: Root mean square speed of the surface during the observation time.
-        lowest_mm: Height of the lowest visible point above the table at the end; negative below the surface.
+        lowest_mm: Height of the lowest visible point above the table at the end. It is negative below the surface.
     """
 
     pose: Pose

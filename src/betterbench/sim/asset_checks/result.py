@@ -41,11 +41,11 @@ class AssetCertificate:
     Attributes:
         asset: Name or file of the asset.
         content_hash: Hash of all data that affect physics or images.
-        kind: Kind that determined the limits of size, mass and pose; None if unknown.
+        kind: Kind that determined the limits of size, mass and pose, or None if unknown.
         source: Source of the asset.
         license: License of the asset.
         checks: One result per registered check, in order.
-        refused: Import error; there are no checks if the import failed.
+        refused: Import error. There are no checks if the import failed.
     """
 
     asset: str
@@ -67,7 +67,7 @@ class AssetCertificate:
         return tuple(check for check in self.checks if check.outcome == "failed")
 
     def check(self, name: str) -> CheckResult:
-        """Return the result of a check by name; an unknown name raises a KeyError."""
+        """Return the result of a check by name. An unknown name raises a KeyError."""
         return {check.name: check for check in self.checks}[name]
 
     def to_json(self) -> dict[str, Any]:

@@ -13,14 +13,14 @@ from betterbench.sim.assets.importing.child import answer_imports
 from betterbench.sim.assets.importing.importer import Imported
 
 _ENOUGH = 4
-"""Number of successful grasps after which testing stops; experts try the next grasp after a failure."""
+"""Number of successful grasps after which testing stops. Experts try the next grasp after a failure."""
 _SLIP_STEP_MM, _SWING_STEP_DEGREES = 3.0, 10.0
-"""Differences of slip and swing that affect the order; grasps with smaller differences keep the order of the
-proposals."""
+"""Differences of slip and swing that affect the order. Grasps with smaller differences keep the order of the proposals.
+"""
 
 
 def import_for_parent() -> None:
-    """Main function of the child process: import the requested object and test its grasps."""
+    """Import the requested object and test its grasps. This is the main function of the child process."""
     answer_imports(with_tried_grasps)
 
 

@@ -3,7 +3,8 @@
 - ``asset``: the immutable description of one object: visual parts, collision parts, mass, grasps, regions.
 - ``authoring``: meshes, solids, paint and the registry, for writing generators.
 - ``procedural``: the generators, one file per category.
-- ``importing``: conversion of mesh, URDF and MJCF files to assets; ``folders``: folders of imported assets.
+- ``importing``: conversion of mesh, URDF and MJCF files to assets.
+- ``folders``: folders of imported assets.
 - ``catalogue``: a searchable catalogue of assets from several sources.
 - ``licenses``, ``names``, ``gltf``, ``xml_file``: licenses, object names from file names, and file checks.
 """

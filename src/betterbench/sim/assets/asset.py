@@ -1,4 +1,4 @@
-"""Asset: description of one 3-D object for scenes, experts and predicates."""
+"""Asset, which describes one 3-D object for scenes, experts and predicates."""
 
 import hashlib
 from collections.abc import Mapping
@@ -41,10 +41,10 @@ class VisualPart:
     Attributes:
         vertices: (n, 3) float32 positions in the object frame [m].
         faces: (m, 3) int32 vertex indices, counter-clockwise seen from outside.
-        rgba: Color with components in [0, 1]; it is multiplied with the texture, if any.
+        rgba: Color with components in [0, 1]. It is multiplied with the texture, if any.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
-        smooth: Whether normals are shared across faces (for round objects); False for sharp edges.
+        smooth: Whether normals are shared across faces (for round objects), and False for sharp edges.
     """
 
     name: str
@@ -85,12 +85,12 @@ class Grasp:
 
     Attributes:
         name: Grasped part ("handle", "body", "rim").
-        pose: Pose ``T_object_tcp`` of the tool center point when the gripper closes; its z axis is the approach
+        pose: Pose ``T_object_tcp`` of the tool center point when the gripper closes. Its z axis is the approach
             direction, its y axis the finger opening direction.
         width_m: Thickness of the object between the pads [m].
         clearance_m: Free space for the open jaw on each side [m].
         symmetric_yaw: Whether the grasp may be rotated freely about the object's vertical axis.
-        preference: Rank; lower values are tried first.
+        preference: Rank. Lower values are tried first.
     """
 
     name: str
@@ -114,8 +114,8 @@ class Asset:
         size_m: Extents of the bounding box [m].
         center_of_mass: In the object frame [m].
         inertia: About the center of mass, in object frame axes (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
-        visual: Colored meshes; at most 600 faces in all, 1,200 for imported thin walls.
-        collision: Convex geometries; at most about 12.
+        visual: Colored meshes, with at most 600 faces in all, or 1,200 for imported thin walls.
+        collision: Convex geometries, at most about 12.
         regions: Named regions, such as opening, ring, handle and top.
         parameters: Parameters drawn by the generator, for the record.
         keeps_upright: Whether objects of the category, such as drinks, must not lie on their side in a container.
@@ -188,5 +188,5 @@ class Asset:
 
 
 def origin_of(asset: Asset) -> tuple[str, str]:
-    """Return source and license of an asset as listed in records; empty strings for the procedural library."""
+    """Return source and license of an asset as listed in records, or empty strings for the procedural library."""
     return ("", "") if asset.source == LIBRARY_SOURCE else (asset.source, asset.license)

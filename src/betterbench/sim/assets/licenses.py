@@ -38,7 +38,7 @@ def _plain(text: str) -> str:
 
 
 def license_name(text: str) -> str:
-    """Return the usual name of a license: "by-nc" gives "CC-BY-NC-4.0". Unknown names stay unchanged.
+    """Return the usual name of a license, such as "CC-BY-NC-4.0" for "by-nc". Unknown names stay unchanged.
 
     A Creative Commons license without a version gets version 4.0, the version that Objaverse uses.
     """
@@ -69,7 +69,7 @@ def require_license(where: str, name: str, *, any_license: bool, option: str) ->
 
     Args:
         where: The asset, for the message.
-        name: License name; empty or "unknown" if it is not known.
+        name: License name, or empty or "unknown" if it is not known.
         any_license: Whether restricted and unknown licenses are allowed.
         option: How the user states the license and allows any, for the message.
     """

@@ -21,7 +21,7 @@ _WITHOUT_A_NAME = frozenset(_GENERIC.split())
 
 
 def words_of(text: str) -> tuple[str, ...]:
-    """Return the lower-case words of a name: "burgerCheese", "025_mug" and "red-mug" have two, one and two.
+    """Return the lower-case words of a name. For example, "burgerCheese" has two words and "025_mug" has one.
 
     Digits separate words. Digits and single letters are left out unless the name has nothing else.
     """
@@ -30,7 +30,7 @@ def words_of(text: str) -> tuple[str, ...]:
 
 
 def named_by(file: Path, root: Path) -> tuple[Path, str | None]:
-    """Return the folder and the stem that name the object of a file; the stem is empty if only the folder names it.
+    """Return the folder and the stem that name the object of a file. The stem is empty if only the folder names it.
 
     The folder ``root`` and the folders above it never name an object.
     """

@@ -1,4 +1,4 @@
-"""Rendering setup of the processes on this machine: OpenGL back end, devices and environment variables.
+"""Rendering setup of the processes on this machine, with OpenGL back end, devices and environment variables.
 
 ``back_ends`` chooses the back end, ``devices`` finds the EGL devices and distributes processes over them, ``probe`` is
 the program that examines each device, and ``checks`` reports problems in the environment. This package imports no

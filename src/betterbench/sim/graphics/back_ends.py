@@ -1,4 +1,4 @@
-"""OpenGL back ends: choice of a back end for images, and check for its libraries.
+"""Choice of the OpenGL back end for images, and a check for its libraries.
 
 Source: MuJoCo 3.17 ``rendering/classic/gl_context.py`` for the values of ``MUJOCO_GL``.
 """
@@ -24,10 +24,10 @@ PLATFORMS = ("egl", "osmesa")
 
 
 def gl_backend() -> str | None:
-    """Return the off-screen OpenGL back end for images ("egl", "osmesa", "glfw"), None without one.
+    """Return the off-screen OpenGL back end for images ("egl", "osmesa", "glfw"), or None if there is none.
 
-    The environment variable ``MUJOCO_GL`` decides if it names one of the three; "glfw" needs a display. Otherwise EGL
-    is preferred, which also finds graphics cards. Only the presence of the libraries is checked;
+    The environment variable ``MUJOCO_GL`` decides if it names one of the three. "glfw" needs a display. Otherwise EGL
+    is preferred, which also finds graphics cards. Only the presence of the libraries is checked.
     :func:`betterbench.sim.scenes.renderer_fingerprint` tests them.
     """
     asked = asked_back_end()

@@ -23,7 +23,7 @@ from betterbench.sim.graphics.devices import require_device
 
 
 def require_engine() -> None:
-    """Check the variables that MuJoCo reads at its import; its own error would not name a remedy.
+    """Check the variables that MuJoCo reads at its import. Its own error would not name a remedy.
 
     Raises:
         GraphicsError: If a variable has an invalid value.

@@ -1,8 +1,8 @@
 """EGL devices on this machine, and distribution of processes over the devices.
 
-Processes are distributed over devices that render identically: those with the same OpenGL vendor, renderer and version
-as the first working device, so that no image depends on the process that rendered it. A process passes the list on to
-its child processes, in an order that begins with the device of each.
+Processes are distributed over devices that render identically, so that no image depends on the process that rendered
+it. These devices have the same OpenGL vendor, renderer and version as the first working device. A process passes the
+list on to its child processes, in an order that begins with the device of each.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DEVICE_VARIABLE = "MUJOCO_EGL_DEVICE_ID"
 """Environment variable with the number of the EGL device for MuJoCo and robosuite."""
 
 HANDED_DOWN = "BETTERBENCH_EGL_DEVICES"
-"""Device numbers for a process and its children, its own device first; set by the parent process."""
+"""Device numbers for a process and its children, with its own device first. The parent process sets it."""
 
 _BULLET_VARIABLE = "EGL_VISIBLE_DEVICES"
 """The same variable for PyBullet, which CALVIN uses."""
@@ -43,8 +43,8 @@ class EglDevice:
     Attributes:
         number: Its index in EGL's list.
         draws: OpenGL's vendor, renderer and version.
-        cuda: CUDA's number of the graphics card, in the driver's own order; None if unknown.
-        uuid: UUID of the graphics card; empty if unknown.
+        cuda: CUDA's number of the graphics card, in the driver's own order, or None if unknown.
+        uuid: UUID of the graphics card. It is empty if unknown.
     """
 
     number: int
@@ -61,7 +61,7 @@ def device_count() -> int:
 
 @functools.cache
 def egl_devices() -> tuple[EglDevice, ...]:
-    """Return the working devices in EGL's order; on a machine with one device, its renderer is not examined."""
+    """Return the working devices in EGL's order. On a machine with one device, its renderer is not examined."""
     if device_count() <= 1:
         return tuple(EglDevice(number, ("", "", "")) for number in range(device_count()))
     # Without the CUDA environment variables, CUDA's device numbers are the driver's.
@@ -103,7 +103,7 @@ def drawing_devices() -> tuple[int, ...]:
 
 
 def require_device() -> int | None:
-    """Return the device in ``MUJOCO_EGL_DEVICE_ID``, None if it is not set; raise GraphicsError if it is invalid."""
+    """Return the device in ``MUJOCO_EGL_DEVICE_ID``, None if it is not set. Raises GraphicsError if it is invalid."""
     chosen = os.environ.get(DEVICE_VARIABLE)
     if chosen is None:
         return None
@@ -132,7 +132,7 @@ def next_device_variables() -> dict[str, str]:
 
 
 def take_device(turn: int) -> None:
-    """Assign a device to this process by its index among the processes; call this before anything is rendered.
+    """Assign a device to this process by its index among the processes. Call this before anything is rendered.
 
     An invalid variable is reported only with the first image, because a run may render no images.
     """

@@ -33,7 +33,7 @@ class _Egl:
         self._library.eglGetProcAddress.argtypes = (ctypes.c_char_p,)
 
     def __call__(self, name: str, result: Any, *arguments: Any) -> Any:  # noqa: ANN401 - types of ctypes
-        """Return a function; raise AttributeError if it does not exist."""
+        """Return a function. Raises AttributeError if it does not exist."""
         place = self._library.eglGetProcAddress(name.encode())
         if not place:
             raise AttributeError(name)
@@ -53,9 +53,9 @@ def devices() -> list[int]:
 
 
 def draws_with(handle: int) -> dict[str, Any]:
-    """Return the OpenGL of a device: its "vendor", "renderer" and "version", and its CUDA number and UUID.
+    """Return the "vendor", "renderer" and "version" of a device's OpenGL, and its CUDA number and UUID.
 
-    Empty if no OpenGL context can be made on it, for example if the job may not use the graphics card.
+    The result is empty if no OpenGL context can be made on it, for example if the job may not use the graphics card.
     """
     egl, pointer, integer = _Egl(), ctypes.c_void_p, ctypes.c_int
     display = egl("eglGetPlatformDisplayEXT", pointer, ctypes.c_uint, pointer, pointer)(_PLATFORM_DEVICE, handle, None)

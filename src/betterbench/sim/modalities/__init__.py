@@ -1,4 +1,4 @@
-"""Materialization: images, depth, masks, boxes and flow of every recorded state, while recording or later."""
+"""Materialization of images, depth, masks, boxes and flow of every recorded state, while recording or later."""
 
 from typing import TYPE_CHECKING
 

@@ -66,7 +66,7 @@ def check_folder(
     trials: Sequence[TrialId] = (),
     on_progress: OnCount | None = None,
 ) -> FolderCheck:
-    """Read all files in a modality folder, and compare them with the run's records; nothing is written.
+    """Read all files in a modality folder, and compare them with the run's records. This writes nothing.
 
     One file is expected for each view in the folder's settings and each recorded trial, of all or of ``trials``.
     Each header must match, and the checksums must be right. With ``trials``, files of other trials are ignored.

@@ -1,4 +1,4 @@
-"""Optical flow from known poses and depth: displacement of each visible point in the next state's image [pixel]."""
+"""Optical flow from known poses and depth, as the displacement of each visible point in the next image [pixel]."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from betterbench.sim.modalities.poses import matrices
 
 
 def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: float) -> np.ndarray:
-    """Return (height, width, 2) float16: motion of the point at each pixel to the right and down [pixel].
+    """Return (height, width, 2) float16, the motion of the point at each pixel to the right and down [pixel].
 
     The point is located by the depth, moves with the body shown in its pixel, and is projected into the camera in the
     next state, whether or not it is occluded there. The sky is infinitely far away. NaN in the last state, where

@@ -1,4 +1,4 @@
-"""Folder of materialized modalities: its settings, each trial's files, and the list of semantic ids."""
+"""Folder of materialized modalities, with its settings, each trial's files, and the list of semantic ids."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from betterbench.sim.scenes.stage import quality_preset, require_cameras
 from betterbench.tasks import TrialId
 
 SETTINGS_VERSION: Literal[2] = 2
-"""Version of a folder's settings; the second has a seal."""
+"""Version of a folder's settings. The second has a seal."""
 SETTINGS_FILE, SEMANTICS_FILE = "materialize.json", "semantics.json"
 _MAX_BYTES = 1 << 20
 
@@ -40,11 +40,11 @@ _MAX_BYTES = 1 << 20
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Settings of a modality folder, the same for all its trials: views, modalities and renderer.
+    """Settings of a modality folder (views, modalities and renderer), which are the same for all its trials.
 
     Attributes:
         quality: Render preset for the colors, or None for the preset of each record's policy.
-        renderer: Fingerprint of OpenGL; None until the first image is rendered. Pixels of two renderers differ.
+        renderer: Fingerprint of OpenGL, or None until the first image is rendered. Pixels of two renderers differ.
     """
 
     views: tuple[ViewSpec, ...]
@@ -65,7 +65,7 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """Modality folder. It can be resumed with the same settings; once it contains a file, other settings are rejected.
+    """Modality folder. It can be resumed with the same settings. Once it contains a file, other settings are rejected.
 
     Raises:
         RunConflictError: If it contains other modalities, or other files.
@@ -93,7 +93,7 @@ class ModalityFolder:
             write_durably(self.path / SEMANTICS_FILE, text)
 
     def trial(self, trial: TrialId) -> Path:
-        """Return the folder with a trial's files; raise InvalidInputError if a name could leave the folder."""
+        """Return the folder with a trial's files. Raises InvalidInputError if a name could leave the folder."""
         return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
@@ -120,7 +120,7 @@ def require_free_place(path: Path) -> None:
 
 
 def trial_folder(path: Path, trial: TrialId) -> Path:
-    """Return the folder with a trial's files in a modality folder; raise InvalidInputError if a name could leave it."""
+    """Return a trial's folder in a modality folder. Raises InvalidInputError if a name could leave the folder."""
     record = RunFolder(path, {}, {}).record_path(trial.task, trial.condition, trial.seed)
     return path / trial.task / trial.condition / record.stem
 
@@ -141,7 +141,7 @@ def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
 
 
 def read_settings(path: Path) -> Wanted:
-    """Return a modality folder's settings; raise RecordError if it has none, or they are damaged."""
+    """Return a modality folder's settings. Raises RecordError if it has none, or they are damaged."""
     cure = "Give a folder written by better materialize"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     where = str(path / SETTINGS_FILE)

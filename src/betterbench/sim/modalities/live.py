@@ -15,7 +15,7 @@ from betterbench.tasks import TrialId
 
 
 class LiveMaterializer:
-    """Renderer for a scene's views row by row during recording; a context manager.
+    """Renderer for a scene's views row by row during recording. It is a context manager.
 
     Call :meth:`add` after the reset and after every step, when the record's rows are appended, and :meth:`finish` with
     the record. Without :meth:`finish`, no files are left. ``out`` is a folder in the layout of better materialize,
@@ -55,6 +55,6 @@ class LiveMaterializer:
         self._files.add(list(self._sights.draw(self._scene.data)), self._scene.state().time_s)
 
     def finish(self, record: Record, record_sha256: str) -> list[Path]:
-        """Move a record's files to their final paths and return them; the digest is that of the record file."""
+        """Move a record's files to their final paths and return them. The digest is that of the record file."""
         origin = TrialOrigin(record.metadata, record_sha256, self._scene.quality.name, self._fingerprint)
         return self._files.finish(origin)

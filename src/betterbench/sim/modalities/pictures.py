@@ -25,7 +25,7 @@ def object_colors(count: int) -> list[tuple[int, int, int]]:
 
 
 def own_colors(rgb: np.ndarray, instances: np.ndarray, count: int) -> list[tuple[int, int, int]]:
-    """Return a color for each object that is close to its own: a red mug is shown in red.
+    """Return a color for each object that is close to its own, so that a red mug is shown in red.
 
     Similar objects differ in brightness. Objects that are not in the image have the colors of
     :func:`object_colors`.
@@ -58,7 +58,7 @@ _APART = 24
 
 
 def mask_png(instances: np.ndarray, colors: Sequence[tuple[int, int, int]], *, alpha: int = 96) -> bytes:
-    """Return a mask (height, width) as PNG: objects in their colors, other pixels transparent."""
+    """Return a mask (height, width) as PNG, with objects in their colors and other pixels transparent."""
     numbers = np.where(instances >= FIRST_OBJECT, instances - FIRST_OBJECT + 1, 0)
     image = Image.fromarray(np.minimum(numbers, 255).astype(np.uint8), "P")
     image.putpalette([0, 0, 0, *(part for color in colors[:255] for part in color)])
@@ -69,7 +69,7 @@ def mask_png(instances: np.ndarray, colors: Sequence[tuple[int, int, int]], *, a
 
 
 def mask_image(instances: np.ndarray, colors: Sequence[tuple[int, int, int]]) -> np.ndarray:
-    """Return a mask (height, width) in colors, (height, width, 3) uint8: parts that are not objects are gray."""
+    """Return a mask (height, width) in colors, (height, width, 3) uint8. Parts that are not objects are gray."""
     stage = [(24 * i + 30,) * 3 for i in range(FIRST_OBJECT)]
     table = np.array([*stage, *colors], np.uint8)
     return np.asarray(table[np.minimum(instances, len(table) - 1)])

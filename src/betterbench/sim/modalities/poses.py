@@ -19,7 +19,7 @@ def rotations(quaternions: np.ndarray) -> np.ndarray:
 
 
 def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the (n, 4) quaternion products, each with w >= 0; one of the two may be a single (4,)."""
+    """Return the (n, 4) quaternion products, each with w >= 0. One of the two may be a single (4,)."""
     (aw, ax, ay, az), (bw, bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     product = np.stack(
         [

@@ -33,7 +33,7 @@ _POLL_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Materialized:
-    """Result of one materialize command: its trials, its files and the time it took.
+    """Result of one materialize command, with its trials, its files and the time it took.
 
     Attributes:
         trials: Trials whose files are complete now.
@@ -63,7 +63,7 @@ class _Tally:
 
 
 def default_views(run: RunFolder) -> tuple[ViewSpec, ...]:
-    """Return the views of a run's policy; the default preset's views if the policy uses no image."""
+    """Return the views of a run's policy, or the default preset's views if the policy uses no image."""
     told = run.plan.get("observation")
     name = told.get("name") if isinstance(told, dict) else told
     preset = observation_spec(name if isinstance(name, str) else "default")
@@ -81,14 +81,14 @@ def materialize_run(
     follow: bool = False,
     on_progress: OnCount | None = None,
 ) -> Materialized:
-    """Write the missing or damaged files of a run's recorded trials; intact files are kept.
+    """Write the missing or damaged files of a run's recorded trials. Intact files are kept.
 
     The bytes do not depend on the number of workers or on interruptions. With ``follow``, the function waits for
     further recorded trials until the run ends. ``on_progress`` is called with the number of finished and known trials.
 
     Raises:
         RunConflictError: If the folder contains other files, was rendered with another OpenGL, or is in use.
-        RecordError: If records or scenes are missing or damaged; the other trials are finished first.
+        RecordError: If records or scenes are missing or damaged. The other trials are finished first.
         StorageError: If the disk is full, or the folder was removed or moved meanwhile.
         MissingDependencyError: If no off-screen OpenGL works here.
     """
@@ -132,7 +132,7 @@ def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[Trial
 
 
 class _Views:
-    """Limited processes of one thread, one per render preset; a context manager that ends them."""
+    """Limited processes of one thread, with one per render preset. It is a context manager that ends them."""
 
     def __init__(self, run: RunFolder) -> None:
         self._run = run
@@ -148,7 +148,7 @@ class _Views:
             view.close()
 
     def stop(self) -> None:
-        """End the processes from another thread; a rendering thread then gets a RecordError."""
+        """End the processes from another thread. A rendering thread then gets a RecordError."""
         for view in list(self._views.values()):
             view.stop()
 
@@ -168,7 +168,7 @@ class _Writer:
         self._run, self._folder, self._tally, self._lock = run, folder, tally, threading.Lock()
 
     def write(self, views: _Views, trial: TrialId) -> TrialId:
-        """Write the missing files of a trial, and return the trial; a record that cannot be read is noted."""
+        """Write the missing files of a trial, and return the trial. A record that cannot be read is noted."""
         try:
             self._write(views, trial)
         except RecordError as problem:
@@ -194,7 +194,7 @@ class _Writer:
     def _is_there(self, trial: TrialId, view: ViewSpec, digest: str, quality: str) -> bool:
         """Return whether the file for a trial's view exists, belongs to this record, and is intact.
 
-        The complete file is read, because its header does not cover the rest; this takes about 2 % of the rendering
+        The complete file is read, because its header does not cover the rest. This takes about 2 % of the rendering
         time.
         """
         path, wanted = self._folder.trial(trial) / f"{view.name}.parquet", self._folder.wanted

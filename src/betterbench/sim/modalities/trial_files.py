@@ -27,7 +27,7 @@ from betterbench.sim.scenes.sights import ModelFacts
 
 @dataclass(frozen=True, slots=True)
 class TrialOrigin:
-    """Origin of a trial's files: its record with the digest, the render preset, and OpenGL's fingerprint."""
+    """Origin of a trial's files, with the digest of its record, the render preset, and OpenGL's fingerprint."""
 
     metadata: RecordMetadata
     record_sha256: str

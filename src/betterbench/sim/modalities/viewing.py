@@ -1,4 +1,4 @@
-"""A recorded trial for a viewer: views row by row, and time spans of subgoals, grasps and contacts."""
+"""A recorded trial for a viewer, with views row by row, and time spans of subgoals, grasps and contacts."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from betterbench.sim.modalities.values import ViewValues
 from betterbench.sim.scenes.limited import LimitedView
 
 MOST_CONTACTS = 24
-"""Maximum number of body pairs shown; pairs whose contact changes come first."""
+"""Maximum number of body pairs shown. Pairs whose contact changes come first."""
 
 _SHOWN: tuple[Modality, ...] = ("rgb", "depth", "instances", "boxes")
 
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """Timeline lane: spans of rows, each with first row, last row and text.
+    """Timeline lane with spans of rows, each with first row, last row and text.
 
     ``kind`` is "subgoal", "held" or "contact".
     """
@@ -33,7 +33,7 @@ class Lane:
 
 
 def lanes_of(record: Record) -> list[Lane]:
-    """Return the lanes of a record: each subgoal, the held object, and changing contacts.
+    """Return the lanes of a record for each subgoal, the held object, and changing contacts.
 
     Pairs in contact from the first row to the last, such as objects on the table, are left out.
     """

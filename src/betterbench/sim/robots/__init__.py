@@ -1,6 +1,6 @@
-"""Robots: descriptions, inverse kinematics, and the controller that turns actions into motion.
+"""Robots, with descriptions, inverse kinematics, and the controller that turns actions into motion.
 
-Each robot is a folder next to this file, whose ``__init__`` registers it; a new folder is found automatically. The
+Each robot is a folder next to this file, whose ``__init__`` registers it. A new folder is found automatically. The
 controller and the inverse kinematics are imported at first use, because rendering needs neither.
 """
 

@@ -1,4 +1,4 @@
-"""Parts of robot models: links with primitive collision shapes, and joint servos that follow a moving reference."""
+"""Parts of robot models, with links of primitive collision shapes and joint servos that follow a moving reference."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FIRM: dict[str, Any] = {
 """Contact of a finger pad: time constant [s] (three physics steps: firm rubber), damping ratio and impedance.
 
 MuJoCo's default time constant of 20 ms lets a pad sink 1.3 mm into an object at full force. ``solmix`` is the weight of
-the pad's parameters against the object's; unlike a higher priority it keeps the larger friction.
+the pad's parameters against the object's. Unlike a higher priority it keeps the larger friction.
 """
 
 
@@ -44,7 +44,7 @@ the pad's parameters against the object's; unlike a higher priority it keeps the
 class Shape:
     """A collision primitive in the frame of its link [m].
 
-    A "capsule" or "cylinder" goes from ``start`` to ``end``; a "box" has its center at ``start`` and ``end`` as its
+    A "capsule" or "cylinder" goes from ``start`` to ``end``. A "box" has its center at ``start`` and ``end`` as its
     half extents, and is rotated by ``turn``: an axis of the link and an angle [rad].
     """
 
@@ -57,17 +57,17 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """Link: pose in its parent, inertia and collision shapes.
+    """Link, with its pose in its parent, its inertia and its collision shapes.
 
     Attributes:
         name: Body name.
         position: Joint origin in the parent link [m].
-        quaternion: Rotation of the link in its parent at zero joint angle; it need not have unit length.
+        quaternion: Rotation of the link in its parent at zero joint angle. It need not have unit length.
         mass: Mass [kg].
         com: Center of mass in the link frame [m].
         inertia: xx, yy, zz, xy, xz, yz about the center of mass, in link axes [kg m2].
         shapes: Collision primitives.
-        armature: Reflected rotor inertia of the link's joint [kg m2], or moving mass of a slide [kg]; 0 for a link
+        armature: Reflected rotor inertia of the link's joint [kg m2], or moving mass of a slide [kg], or 0 for a link
             without a joint.
     """
 
@@ -95,8 +95,8 @@ def add_link(
     Args:
         parent: Body to which the link is attached.
         link: Description of the link.
-        name: Body name; by default, the link's name.
-        quaternion: Rotation in the parent; by default, the link's rotation.
+        name: Body name. By default, the link's name.
+        quaternion: Rotation in the parent. By default, the link's rotation.
         gravcomp: Share of its weight that the robot's own controller compensates.
     """
     body = parent.add_body(
@@ -117,7 +117,7 @@ def add_link(
 def add_shape(
     body: mujoco.MjsBody, shape: Shape, name: str, contact: Mapping[str, Any] = MappingProxyType({})
 ) -> mujoco.MjsGeom:
-    """Add one collision primitive to a body; ``contact`` are further attributes of the geom."""
+    """Add one collision primitive to a body. ``contact`` are further attributes of the geom."""
     if shape.kind == "box":
         axis, angle = shape.turn
         turn = about(axis, angle) if angle else (1.0, 0.0, 0.0, 0.0)
@@ -149,7 +149,7 @@ def add_joint_servos(
 ) -> None:
     """Add the two servos of each arm joint, both controlled by the joint's reference velocity [rad/s].
 
-    The first integrates it to a reference position (its activation) and pulls with the stiffness; the second damps
+    The first integrates it to a reference position (its activation) and pulls with the stiffness. The second damps
     toward the reference velocity itself. The reference therefore moves evenly within a control step, and a moving arm
     does not lag by damping over stiffness, as it does with a position servo.
 

@@ -1,7 +1,7 @@
 """Arm controller, which converts an action into the references of all servos.
 
-Every action space ends in a joint reference that the position servos integrate evenly over the control step, see
-:mod:`betterbench.sim.robots.panda`. In Cartesian action spaces the controller keeps a **commanded pose**. This pose is
+Every action space ends in a joint reference that the position servos integrate evenly over the control step (see
+:mod:`betterbench.sim.robots.panda`). In Cartesian action spaces the controller keeps a **commanded pose**. This pose is
 constant for a zero action, and may lead the measured pose by at most :data:`POSITION_LEAD_M` and
 :data:`ROTATION_LEAD_RAD`, so a blocked arm causes no windup.
 
@@ -82,7 +82,7 @@ Joints = Sequence[float]
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """Memory of a controller between actions: the commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
+    """Memory of a controller between actions, with the commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
 
     pose: Pose
     joints: tuple[float, ...]
@@ -92,9 +92,9 @@ class ControllerState:
 class ArmController:
     """Controller that converts actions of one action space to servo references, once per control step.
 
-    The robot's base is at the world origin; ``prefix`` is the prefix of the robot's names in the scene. With
-    ``dynamics`` that contain a backlash, the servos hold the joints up to half of the play off their references, see
-    :mod:`betterbench.sim.robots.dynamics`.
+    The robot's base is at the world origin. ``prefix`` is the prefix of the robot's names in the scene. With
+    ``dynamics`` that contain a backlash, the servos hold the joints up to half of the play off their references (see
+    :mod:`betterbench.sim.robots.dynamics`).
 
     Raises InvalidInputError if it does not support the action space, the model lacks a part of the robot or the time
     step does not divide the control period.
@@ -201,7 +201,7 @@ class ArmController:
         """Set the controls of the next control step in ``data`` and return the applied action.
 
         ``measured`` is ``T_base_tcp`` at the current joint angles, if the caller knows it. The returned action is
-        float64 and within the bounds, shape (dim,); applying it again gives the same bits.
+        float64 and within the bounds, shape (dim,). Applying it again gives the same bits.
 
         Raises:
             InvalidActionError: If the action has the wrong shape or type, or a non-finite number.
@@ -229,7 +229,7 @@ class ArmController:
         """Return the gripper command of an applied action, -1 to open and 1 to close.
 
         In an action space that sets the opening itself, the gripper closes while the commanded width is smaller than
-        the measured one by :data:`CLOSING_LEAD_M`, also while it presses on an object; it opens while the width is
+        the measured one by :data:`CLOSING_LEAD_M`, also while it presses on an object. It opens while the width is
         larger, and otherwise keeps its ``last`` command.
         """
         if not self._sets_width:
@@ -241,7 +241,7 @@ class ArmController:
     def own_action(self, action: np.ndarray) -> np.ndarray:
         """Return the action of this controller's action space that moves the arm like an ``ee_delta`` action.
 
-        Planned motions are sequences of ``ee_delta`` actions; this function expresses them in the action space of a
+        Planned motions are sequences of ``ee_delta`` actions. This function expresses them in the action space of a
         policy, for the state in which the controller was reset or last applied an action. It supports ``ee_delta``
         itself and the spaces of absolute joint angles.
 
@@ -282,7 +282,7 @@ class ArmController:
         return ControllerState(self._pose, tuple(self._joints), self._width)
 
     def restore(self, state: ControllerState) -> None:
-        """Restore the result of :meth:`state`; raise InvalidInputError if it belongs to another robot."""
+        """Restore the result of :meth:`state`. Raises InvalidInputError if it belongs to another robot."""
         if len(state.joints) != self.ik.home.size:
             raise InvalidInputError(
                 "controller state", f"has {len(state.joints)} joints", f"Restore a state of the {self.spec.title}"
@@ -357,7 +357,7 @@ class ArmController:
         return self._jaw.width_at_share(self._scale[-1] * command)
 
     def _check_base(self, model: mujoco.MjModel, prefix: str) -> None:
-        """Check that the robot is at the pose assumed by its kinematics: at the world origin, not rotated."""
+        """Check that the robot is at the pose assumed by its kinematics, which is the world origin without rotation."""
         body = model.body(prefix + self.spec.arm_bodies[0]).id
         base = Pose()
         while body:

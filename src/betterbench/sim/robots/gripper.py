@@ -10,9 +10,9 @@ from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.robots.spec import RobotSpec, build_robot_spec, robot
 
 CARRIER_JOINTS = ("carrier_x", "carrier_y", "carrier_z")
-"""Slides of the carrier along the world axes [m]; actuators with the same names set their positions."""
+"""Slides of the carrier along the world axes [m]. Actuators with the same names set their positions."""
 TOOL_BODY = "tool"
-"""Body whose frame is the tool center point frame; its orientation (``body_quat``) may be set before a trial."""
+"""Body whose frame is the tool center point frame. Its orientation (``body_quat``) may be set before a trial."""
 
 PREFIX = "robot_"
 """Prefix for the names of the robot's own bodies, geoms, joints and actuators."""
@@ -25,7 +25,7 @@ _ARMATURE_KG = 1.0
 
 
 def add_floating_gripper(spec: mujoco.MjSpec, name: str = USUAL_ROBOT) -> RobotSpec:
-    """Add the gripper of a robot to a model: its own fingers, pads, coupling and servo, on a carrier with three slides.
+    """Add a robot's gripper with its fingers, pads, coupling and servo to a model, on a carrier with three slides.
 
     The tool center point is at the carrier's position, in the orientation of the body ``tool``. Returns the
     robot's description.

@@ -1,18 +1,17 @@
-"""Inverse kinematics: one control step toward a pose, and joint angles for a pose.
+"""Inverse kinematics for one control step toward a pose, and for joint angles of a pose.
 
-Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinematics from mink
-(:class:`mink.FrameTask`, :class:`mink.Configuration`) on a model of the arm alone. The control step
-(:meth:`ArmIK.solve`) runs 20 times per simulated second with cold caches; it takes the same Jacobian from MuJoCo
-directly, in the base frame, and a test compares the two. The quadratic program is assembled here and passed to DAQP
-with its limits as simple bounds: mink's own front end states them as 28 general inequalities, which takes about three
-times as long.
+Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinematics from mink (:class:`mink.FrameTask`,
+:class:`mink.Configuration`) on a model of the arm alone. The control step (:meth:`ArmIK.solve`) runs 20 times per
+simulated second with cold caches. It takes the same Jacobian from MuJoCo directly, in the base frame, and a test
+compares the two. The quadratic program is assembled here and passed to DAQP with its limits as simple bounds. Mink's
+own front end states them as 28 general inequalities, which takes about three times as long.
 
 Each iteration minimizes over the joint step ``d``
 
     |W (J d - e)|^2  +  posture^2 |q + d - home|^2  +  damping |d|^2
 
 inside the position and velocity limits. The posture term is a million times weaker than the pose, so it moves the elbow
-and displaces the tool by micrometers. Results depend only on the arguments: there is no state between calls.
+and displaces the tool by micrometers. Results depend only on the arguments, because there is no state between calls.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ POSITION_COST = 1.0
 """Weight of a position error [1/m]."""
 
 FOLLOW_ITERATIONS = 6
-"""Newton steps after which :meth:`ArmIK.follow` falls back to :meth:`ArmIK.reach`; it usually takes one or two."""
+"""Newton steps after which :meth:`ArmIK.follow` falls back to :meth:`ArmIK.reach`. It usually takes one or two."""
 
 LIMIT_MARGIN_RAD = 0.06
 """Distance of references from the joint limits [rad], larger than the overshoot of the moving arm."""
@@ -69,7 +68,7 @@ _Window = tuple[Sequence[float], Sequence[float], float]
 class IKResult:
     """Joint angles found for a pose: read-only, shape (n,) [rad], with the remaining errors.
 
-    ``converged`` tells whether both errors are within the requested tolerances; ``iterations`` counts over all
+    ``converged`` tells whether both errors are within the requested tolerances. ``iterations`` counts over all
     restarts.
     """
 
@@ -81,7 +80,7 @@ class IKResult:
 
 
 class ArmIK:
-    """Inverse kinematics of one robot's arm; all poses are ``T_base_tcp``."""
+    """Inverse kinematics of one robot's arm. All poses are ``T_base_tcp``."""
 
     def __init__(self, spec: RobotSpec) -> None:
         """Compile the arm (once per process and robot) and set up the tasks."""
@@ -145,7 +144,7 @@ class ArmIK:
     ) -> list[float]:
         """Return the joint angles of :meth:`solve` as plain numbers.
 
-        It uses plain floats, plain loops and MuJoCo's own small functions: between two physics steps the caches are
+        It uses plain floats, plain loops and MuJoCo's own small functions. Between two physics steps, the caches are
         cold, so an array operation takes three times as long as in an isolated benchmark, and `all` and `map` take
         twice as long as a loop.
         """
@@ -210,9 +209,9 @@ class ArmIK:
     ) -> IKResult:
         """Return joint angles that reach ``T_base_tcp``, from the first start that converged, or the best result.
 
-        The search starts at ``q``, shape (n,) [rad], and with ``restarts`` continues from fixed postures around home;
-        it takes at most ``iterations`` per start. A rotation error within the robot's ``rotation_slack_rad`` counts as
-        reached; it is the smallest one for an exact position. Raises InvalidInputError if ``q`` has the wrong shape or
+        The search starts at ``q``, shape (n,) [rad], and with ``restarts`` continues from fixed postures around home.
+        It takes at most ``iterations`` per start. A rotation error within the robot's ``rotation_slack_rad`` counts as
+        reached. It is the smallest one for an exact position. Raises InvalidInputError if ``q`` has the wrong shape or
         is not finite.
         """
         start = np.asarray(q, dtype=np.float64)
@@ -316,7 +315,7 @@ class ArmIK:
         return self._jacobian
 
     def _factorize(self, weight: float) -> None:
-        """Prepare Newton steps at the current joint angles; ``weight`` is the cost of joint motion."""
+        """Prepare Newton steps at the current joint angles. ``weight`` is the cost of joint motion."""
         factor = self._factor
         mujoco.mju_sqrMatTD(factor, self._world_jacobian(), self._weights)
         numbers = self._factor_numbers
@@ -327,7 +326,7 @@ class ArmIK:
     def _descent(self, q: Sequence[float], target: Pose, window: _Window) -> tuple[list[float], float]:
         """Return the joint angles after one iteration from ``q`` with the prepared Jacobian.
 
-        The second value is the largest distance between a joint and the beginning of the window; both [rad].
+        The second value is the largest distance between a joint and the beginning of the window. Both are in rad.
         """
         # If no bound is active, the minimum is one Newton step, which takes a third of the time of the quadratic
         # program.

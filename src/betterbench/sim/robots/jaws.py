@@ -1,4 +1,4 @@
-"""Jaws of grippers: the relation between finger joints and opening width."""
+"""Gripper jaws, which relate the finger joints to the opening width."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Jaw(Protocol):
 
     @property
     def closing_shift_m(self) -> float:
-        """Motion of the tool before it closes [m], see the class."""
+        """Motion of the tool before it closes [m] (see the class)."""
 
     def width_at(self, joints: Sequence[float]) -> float:
         """Return the opening width [m] at the positions of the finger joints [m or rad]."""
@@ -32,7 +32,7 @@ class Jaw(Protocol):
         """Return the opening width [m] that a control of the gripper's servo commands."""
 
     def width_at_share(self, share: float) -> float:
-        """Return the opening width [m] at a share of the jaw's travel: 0 closed, 1 fully open."""
+        """Return the opening width [m] at a share of the jaw's travel (0 is closed, 1 is fully open)."""
 
     def share_at(self, width_m: float) -> float:
         """Return the share of the jaw's travel at an opening width."""
@@ -43,7 +43,7 @@ class Jaw(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ParallelJaw:
-    """Two fingers on slides that move symmetrically; the servo takes the opening width.
+    """Two fingers on slides that move symmetrically. The servo takes the opening width.
 
     Attributes:
         opening_m: Largest opening width [m].
@@ -82,18 +82,18 @@ class ParallelJaw:
         return width_m / self.opening_m
 
     def object_offset_m(self, width_m: float) -> float:
-        """Return 0: an object is gripped in the middle."""
+        """Return 0, because an object is gripped in the middle."""
         del width_m
         return 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class HingedJaw:
-    """One finger on a hinge, which closes against a fixed finger; the servo takes the angle of the hinge.
+    """One finger on a hinge, which closes against a fixed finger. The servo takes the angle of the hinge.
 
-    The opening width at angle ``a`` is ``offset_m + radius_m sin(a - phase_rad)``: the distance, along the opening
-    direction, between the fixed finger and the point of the moving finger that is level with the tool center point
-    when the jaw is closed.
+    The opening width at angle ``a`` is ``offset_m + radius_m sin(a - phase_rad)``. This is the distance, along the
+    opening direction, between the fixed finger and the point of the moving finger that is level with the tool center
+    point when the jaw is closed.
 
     Attributes:
         offset_m: Distance of the hinge from the fixed finger [m].
@@ -104,7 +104,7 @@ class HingedJaw:
         fixed_m: Distance of the fixed finger from the tool center point, against the opening direction [m].
         clearance_m: Free distance between the fixed finger and an object while the tool moves down to it [m].
         press_m: Distance by which the tool then pushes the fixed finger against the object [m]. The closing jaw is
-            inclined and presses an object down; without the fixed finger beside it, the object would jam on the table.
+            inclined and presses an object down. Without the fixed finger beside it, the object would jam on the table.
     """
 
     offset_m: float

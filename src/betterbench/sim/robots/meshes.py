@@ -6,7 +6,7 @@ are decimated to a fixed triangle budget, distributed by need (:mod:`~betterbenc
 
 The cache file is named after the bytes of the sources, the budget and the recipe. The file is written under another
 name and renamed, so two simultaneous processes both succeed with the same file. The first line is the SHA-256 of the
-name and the rest; a changed or unreadable file is generated again.
+name and the rest. A changed or unreadable file is generated again.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _WELD_M = 1e-4
 """Grid size for merging vertices [m]: the files have open seams of some hundredths of a millimeter."""
 
 _CREASE_DEGREES = 38.0
-"""Angle above which an edge is drawn sharp; the arm's housings are round, with edges at flanges and covers."""
+"""Angle above which an edge is drawn sharp. The arm's housings are round, with edges at flanges and covers."""
 
 _CACHE_SUFFIX, _MOST_CACHE_BYTES = ".meshes", 1 << 26
 
@@ -72,7 +72,7 @@ PaintRule = Callable[[str, int], str]
 
 
 def mesh_folder() -> Path:
-    """Return the folder with the visual STL files; raise MissingDependencyError if they are not installed."""
+    """Return the folder with the visual STL files. Raises MissingDependencyError if they are not installed."""
     found = importlib.util.find_spec("gymnasium_robotics")
     folders = list(found.submodule_search_locations or ()) if found is not None else []
     for folder in folders:
@@ -93,9 +93,9 @@ def visual_parts(
 ) -> tuple[MeshPart, ...]:
     """Return the decimated visual meshes, ordered by link and paint, from the cache if possible.
 
-    ``shares`` gives the weight of shape errors by file stem, ``faces`` the maximum number of triangles over all parts;
-    ``paint`` sorts the connected parts of each file. ``progress`` is called for each link unless the cache is used.
-    Raises MissingDependencyError if a source file is missing.
+    ``shares`` gives the weight of shape errors by file stem, and ``faces`` the maximum number of triangles over all
+    parts. ``paint`` sorts the connected parts of each file. ``progress`` is called for each link unless the cache is
+    used. Raises MissingDependencyError if a source file is missing.
     """
     folder = mesh_folder()
     sources: dict[str, bytes] = {}
@@ -194,13 +194,13 @@ def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
         with open_ordinary(path) as stream:
             seal, _, data = stream.read(_MOST_CACHE_BYTES).partition(b"\n")
         if seal != content_digest(path.stem, data).encode():
-            _log.warning("The mesh cache %s is damaged or was changed; it is generated again.", path)
+            _log.warning("The mesh cache %s is damaged or was changed, so it is generated again.", path)
             return None
         return parts_from_bytes(data)
     except FileNotFoundError:
         return None
     except Exception:  # noqa: BLE001 - what reading a damaged archive raises
-        _log.warning("The mesh cache %s cannot be read; it is generated again.", path)
+        _log.warning("The mesh cache %s cannot be read, so it is generated again.", path)
         return None
 
 
@@ -229,4 +229,6 @@ def _write_cache(path: Path, parts: tuple[MeshPart, ...]) -> None:
             Path(beside).unlink(missing_ok=True)
             raise
     except OSError as error:
-        _log.warning("The mesh cache %s cannot be written (%s); the meshes are prepared on every start.", path, error)
+        _log.warning(
+            "The mesh cache %s cannot be written (%s), so the meshes are prepared on every start.", path, error
+        )

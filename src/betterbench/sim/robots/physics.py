@@ -1,4 +1,4 @@
-"""Benchmark-wide physics options and rates, for every model: scenes, robots and single assets."""
+"""Benchmark-wide physics options and rates for every model, including scenes, robots and single assets."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ class Physics:
 
     Attributes:
         timestep_s: Duration of one physics step [s].
-        control_rate_hz: Action rate [Hz]; a control step is an integer number of physics steps.
-        impratio: Ratio of frictional to normal constraint impedance; values above 1 reduce the creep of held objects.
+        control_rate_hz: Action rate [Hz]. A control step is an integer number of physics steps.
+        impratio: Ratio of frictional to normal constraint impedance. Values above 1 reduce the creep of held objects.
         noslip_iterations: Iterations of the solver that removes the remaining creep.
-        condim: Contact dimensions; 4 has torsional friction, which keeps a flat object from rotating between two pads.
+        condim: Contact dimensions. 4 has torsional friction, which keeps a flat object from rotating between two pads.
         contact_time_constant_s: Time constant of critically damped contacts [s]. An object dropped from 5 cm arrives at
-            1 m/s. MuJoCo's default of 20 ms lets it sink by 7 mm, through the floor of a box; 5 ms limits it to 2 mm
+            1 m/s. MuJoCo's default of 20 ms lets it sink by 7 mm, through the floor of a box. 5 ms limits it to 2 mm
             and is still 2.5 time steps.
         sleep_tolerance_m_s: Speed below which a group of touching objects falls asleep after ten time steps [m/s].
             Rotation is weighted by the object's size. The value is a twentieth of the speed below which a verdict

@@ -29,7 +29,7 @@ def number_reader(array: np.ndarray, indices: Sequence[int]) -> Reader:
     """Return a function that reads the current values of some elements of an array.
 
     Args:
-        array: (n,) float64, contiguous; its memory address must not change.
+        array: (n,) float64, contiguous. Its memory address must not change.
         indices: Indices of the elements, at least one.
     """
     low, high = min(indices), max(indices) + 1
@@ -44,7 +44,7 @@ def row_reader(array: np.ndarray, rows: Sequence[int]) -> Reader:
     Without a change, the function returns the same tuple as the last call, because mostly only the arm moves.
 
     Args:
-        array: (n, width) float64, contiguous; its memory address must not change.
+        array: (n, width) float64, contiguous. Its memory address must not change.
         rows: Indices of the rows.
     """
     if not rows:
@@ -59,7 +59,7 @@ def speed_reader(array: np.ndarray, free: Sequence[int], slides: Sequence[int]) 
     """Return a function that reads the current speeds of objects.
 
     Args:
-        array: (nv,) velocities of all degrees of freedom, float64, contiguous; the memory address must not change.
+        array: (nv,) velocities of all degrees of freedom, float64, contiguous. The memory address must not change.
         free: Index of the first of each object's six degrees of freedom, or -1 if it is not free.
         slides: Index of each sliding object's only degree of freedom, or -1 if the object does not slide.
     """

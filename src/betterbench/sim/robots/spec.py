@@ -20,7 +20,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class CameraMount:
-    """A camera fixed to a body: position, viewed point and upward direction of the image in the body's frame.
+    """A camera fixed to a body, with its position, viewed point and upward image direction in the body's frame.
 
     Attributes:
         position: Position [m].
@@ -39,8 +39,8 @@ class CameraMount:
 class IKWeights:
     """Costs of the inverse kinematics relative to a position error of 1 m, and the slack of the tool's rotation.
 
-    An arm with fewer than six joints cannot take every pose: its rotation cost is small, so that positions are exact
-    and rotations as close as the arm allows; ``rotation_slack_rad`` is the accepted rotation error.
+    An arm with fewer than six joints cannot take every pose. Its rotation cost is small, so that positions are exact
+    and rotations as close as the arm allows. ``rotation_slack_rad`` is the accepted rotation error.
 
     Attributes:
         orientation: Cost of a rotation error [1/rad].
@@ -86,10 +86,12 @@ class SteeringLimits:
 
     Attributes:
         center: Point from which the reach is measured [m].
-        back_m: Distance behind the tool center point, against its approach, of the point whose reach is limited [m]:
-            the length of the gripper for an arm that keeps the rotation of its tool, 0 for an arm that tilts it.
+        back_m: Distance behind the tool center point, against its approach, of the point whose reach is limited [m].
+            This is the length of the gripper for an arm that keeps the rotation of its tool, or 0 for an arm that tilts
+            it.
         longest_m: Largest distance of that point from the center [m].
-        nearest_m: Smallest horizontal distance of the tool from the center [m]; closer, the arm would hit itself.
+        nearest_m: Smallest horizontal distance of the tool from the center [m]. At a smaller distance, the arm would
+            hit itself.
         highest_m: Largest height of the tool [m].
     """
 
@@ -104,9 +106,9 @@ class SteeringLimits:
 class RobotSpec:
     """Robot description, for controllers, scenes and experts.
 
-    Names are those in the robot's own model; a scene that attaches the robot under a prefix passes the prefix. Arm
-    joints are listed from base to flange and all per-joint tuples follow that order: angles [rad], velocity limits
-    [rad/s].
+    Names are those in the robot's own model. A scene that attaches the robot under a prefix passes the prefix. Arm
+    joints are listed from base to flange, and all per-joint tuples follow that order, with angles [rad] and velocity
+    limits [rad/s].
 
     Attributes:
         name: Name in the registry ("panda").
@@ -115,12 +117,13 @@ class RobotSpec:
         position_actuators: For each arm joint, the servo that pulls the joint to its integrated reference.
         velocity_actuators: For each arm joint, the servo that damps the joint toward the reference velocity.
         gripper_actuator: Position servo of the gripper.
-        finger_joints: Joints of the fingers; ``jaw`` relates them to the opening width.
+        finger_joints: Joints of the fingers. ``jaw`` relates them to the opening width.
         finger_bodies: Bodies of the left (+y of the gripper) and right finger.
         pad_geoms: Collision geoms of the left and the right pad.
         hand_body: Body that carries the fingers.
         arm_bodies: Arm bodies without the gripper.
-        tcp_site: Tool center point between the pads; z along the approach, y along the finger opening direction.
+        tcp_site: Tool center point between the pads, with z along the approach and y along the finger opening
+            direction.
         joint_effort: Maximum torque of the servos [N m].
         gripper_opening_m: Largest opening width [m].
         pad_size_m: Width and height of a pad's face [m].
@@ -137,10 +140,10 @@ class RobotSpec:
         wrist_camera: Camera on ``hand_body``.
         front_camera: Camera in the robot's base frame that shows its workspace, or None for the stage's own.
         workspace: Distances of planned motions.
-        steering: Limits of an operator's targets; not part of the JSON form, because they change no results.
-        dynamics: Quantities of the dynamics that a trial draws; empty for a robot whose numbers are known.
-        kept_apart: Pairs of bodies that can touch each other in the workspace, which the planner keeps apart; not part
-            of the JSON form, because they change no physics.
+        steering: Limits of an operator's targets. They are not part of the JSON form, because they change no results.
+        dynamics: Quantities of the dynamics that a trial draws. It is empty for a robot whose numbers are known.
+        kept_apart: Pairs of bodies that can touch each other in the workspace, which the planner keeps apart. They are
+            not part of the JSON form, because they change no physics.
     """
 
     name: str
@@ -245,7 +248,7 @@ _ROBOTS: dict[str, tuple[RobotSpec, RobotBuilder]] = {}
 
 
 def register_robot(spec: RobotSpec, builder: RobotBuilder) -> None:
-    """Register a robot by name; raise InvalidInputError if the name is taken."""
+    """Register a robot by name. Raises InvalidInputError if the name is taken."""
     if spec.name in _ROBOTS:
         raise InvalidInputError(f"robot {spec.name!r}", "the name is taken", "Register each robot once")
     _ROBOTS[spec.name] = (spec, builder)
@@ -257,7 +260,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot(name: str) -> RobotSpec:
-    """Return a robot by name; raise UnknownNameError for an unknown name."""
+    """Return a robot by name. Raises UnknownNameError for an unknown name."""
     try:
         return _ROBOTS[name][0]
     except KeyError:

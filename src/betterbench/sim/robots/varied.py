@@ -22,7 +22,7 @@ class VariedQuantity:
 
     Attributes:
         quantity: Name of the quantity.
-        low: Smallest factor of the model's number; of "backlash", the smallest total play [rad].
+        low: Smallest factor of the model's number. For "backlash", it is the smallest total play [rad].
         high: Largest factor or play.
         source: Source of the range, in one sentence.
     """
@@ -43,7 +43,7 @@ class VariedQuantity:
             raise InvalidInputError(where, problem, f"Give {least:g} ≤ low ≤ high")
 
     def draw(self, generator: np.random.Generator, count: int) -> tuple[float, ...]:
-        """Return values for ``count`` joints: factors are log-uniform, so that 0.5 is as likely as 2."""
+        """Return values for ``count`` joints. Factors are log-uniform, so that 0.5 is as likely as 2."""
         shares = generator.uniform(0.0, 1.0, count)
         if self.quantity == BACKLASH:
             values = self.low + shares * (self.high - self.low)

@@ -1,8 +1,8 @@
-"""Scenes: assets, robot and furniture composed into one compiled MuJoCo model, stepped, rendered and checked.
+"""Scenes, which combine assets, robot and furniture in one compiled MuJoCo model.
 
 - ``builder``, ``appearance``, ``objects``, ``stage``, ``rooms``, ``surfaces``: construction of a model from a condition
   and a seed.
-- ``scene``, ``contacts``, ``clearance``: state, reset and step; contacts, and collision checks for planners.
+- ``scene``, ``contacts``, ``clearance``: state, reset and step, contacts, and collision checks for planners.
 - ``rendering``, ``gl_context``, ``cameras``, ``culling``, ``framing``, ``sights``, ``instances``: images and their
   contents.
 - ``stored``, ``limited``, ``glb``: compiled scenes on disk, opened in a limited process, or written for other viewers.

@@ -1,7 +1,7 @@
-"""Seeded variation that is independent of slots: looks, room, camera poses, light direction, arm start and dynamics.
+"""Seeded variation that does not depend on slots, such as looks, room, camera poses, light and arm start.
 
 A trial and its twin share this variation, because it does not depend on the condition. Looks and room change the
-compiled model, so a trial draws one of a limited number of sets of looks and rooms; the rest does not change the model.
+compiled model, so a trial draws one of a limited number of sets of looks and rooms. The rest does not change the model.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ START_TURN_RAD = math.radians(5.0)
 
 
 def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") -> int:
-    """Return an object's look in a trial; equal objects have the same look in every scene.
+    """Return an object's look in a trial. Equal objects have the same look in every scene.
 
     Over the sets, every look of an object kind occurs equally often, and independently of the looks of other kinds and
     of the room. Categories of one family and color share their look, for example a cabinet and its drawers.
@@ -59,7 +59,7 @@ def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") ->
 
 
 def room_of(task: str, seed: int, *, shown: Looks = "seen") -> Room:
-    """Return the room of a trial: table, wall, floor and light."""
+    """Return the room of a trial, with table, wall, floor and light."""
     rooms = ROOMS if shown == "seen" else UNSEEN_ROOMS
     return rooms[_drawn(task, seed, "room", len(rooms), shown)]
 
@@ -70,7 +70,7 @@ def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
 
 
 def dynamics_of(task: str, seed: int, robot: RobotSpec) -> Dynamics:
-    """Return the dynamics of the robot in a trial; empty for a robot without varied quantities."""
+    """Return the dynamics of the robot in a trial. It is empty for a robot without varied quantities."""
     return draw_dynamics(robot, lambda quantity: stream(task, seed, f"robot dynamics:{quantity}"))
 
 
@@ -99,7 +99,7 @@ def view_jitter_of(task: str, seed: int) -> ViewJitter:
 
 @functools.lru_cache(maxsize=1024)
 def start_joints_of(task: str, seed: int, robot: RobotSpec) -> tuple[float, ...]:
-    """Return the joint angles at the start of a trial [rad]: near home, within the limits.
+    """Return the joint angles at the start of a trial [rad], which are near home and within the limits.
 
     The end effector is off its home by up to 2 cm along each world axis and up to 5 degrees about the tool axis.
 

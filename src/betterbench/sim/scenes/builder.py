@@ -1,4 +1,4 @@
-"""Compilation of a scene from a condition and a seed: placement of assets, and body labels of geoms."""
+"""Compilation of a scene from a condition and a seed, with the placement of assets and body labels of geoms."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from betterbench.tasks.relations.layer import LAYERS
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Object of a scene: description, asset, and pose ``T_world_object`` at reset.
+    """Object of a scene, with its description, its asset, and its pose ``T_world_object`` at reset.
 
     ``shut`` is the closed pose of a drawer.
     """
@@ -44,7 +44,7 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Constant pose in the model: the pose of a fixed object, or of a closed drawer."""
+        """Constant pose in the model, which is the pose of a fixed object or of a closed drawer."""
         return self.pose if self.spec.fixed else self.shut
 
 
@@ -57,8 +57,9 @@ class CompiledScene:
         bodies: Body id of each object, in scene order.
         qpos_addresses: First index into qpos of each object, -1 for fixed ones.
         dof_addresses: First index into qvel of each object, -1 for fixed ones.
-        slides: (n,) bool, true for drawers: they have one joint coordinate, their opening [m].
-        geom_labels: (ngeom,) index into the label table for each geom: objects first, then :data:`LABELS`; -1 for none.
+        slides: (n,) bool, true for drawers, which have their opening [m] as the only joint coordinate.
+        geom_labels: (ngeom,) index into the label table for each geom, or -1 for none. The table has the objects first,
+            and then :data:`LABELS`.
     """
 
     model: mujoco.MjModel
@@ -76,9 +77,9 @@ LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
 
 
 def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
-    """Return the pose of a slot's occupant in a trial: position on the table [m] and heading [rad].
+    """Return the pose of a slot's occupant in a trial, with the position on the table [m] and the heading [rad].
 
-    The jitter belongs to the slot: it does not depend on the objects there or elsewhere.
+    The jitter belongs to the slot and does not depend on the objects there or elsewhere.
     """
     slot = task.slot(slot_name)
     dx, dy, dyaw = stream(task.id, seed, f"slot:{slot_name}").uniform(-1.0, 1.0, 3)
@@ -138,7 +139,7 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
 
 
 def _below(condition: Condition, place: TargetRegion) -> str:
-    """Return the object below a pre-placed one: the next lower layer of a stack, else the target itself."""
+    """Return the object below a pre-placed one, which is the next lower layer of a stack or else the target itself."""
     for name, other in condition.preplaced.items():
         if other.target == place.target and place.region in LAYERS[1:] and other.region == _under(place.region):
             return name
@@ -159,7 +160,7 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 
 
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
-    """Return the pose of a pre-placed object at its target: a pose from a demonstration, drawn from the trial's stream.
+    """Return the pose of a pre-placed object at its target, drawn from the demonstrations by the trial's stream.
 
     In a container, the object is moved away from the walls if necessary (never with the assets of a demonstration).
 
@@ -211,7 +212,7 @@ def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping
 def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mapping[str, Asset]) -> None:
     """Separate two objects that were drawn into the same container and would overlap.
 
-    This applies where no demonstration left the same assets together; see :func:`_drawn_together`.
+    This applies where no demonstration left the same assets together (see :func:`_drawn_together`).
 
     Each pose comes from a demonstration, but from two different ones. The objects keep their headings and their line,
     and rest on both sides of the container's center. Layers of a stack are regions of their own and do not move.

@@ -1,4 +1,4 @@
-"""Camera poses and projections in a model: pinhole cameras in OpenCV conventions."""
+"""Camera poses and projections in a model, with pinhole cameras in OpenCV conventions."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class CameraMatrices:
     """Pinhole camera in OpenCV's conventions: (3, 3) intrinsic matrix ``K`` [pixel], pose, and image size [pixel].
 
     The camera frame has x to the right of the image, y down and z forward along the optical axis. In pixel (u, v), u is
-    the column from the left and v the row from the top, with integers at pixel centers: the image spans u from -0.5 to
-    width - 0.5.
+    the column from the left and v the row from the top, with integers at pixel centers. The image therefore spans u
+    from -0.5 to width - 0.5.
     """
 
     K: np.ndarray
@@ -34,7 +34,7 @@ class CameraMatrices:
     height: int
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project points (n, 3) [m] of the world frame into the image; raise InvalidInputError for another shape.
+        """Project points (n, 3) [m] of the world frame into the image. Raises InvalidInputError for another shape.
 
         Returns: (n, 2) float64 pixels (u, v), which may be outside the image, and (n,) depths along the optical axis
             [m]. A point that is not in front of the camera has a depth of at most 0 and the pixel (nan, nan).
@@ -52,7 +52,7 @@ class CameraMatrices:
         return pixels, depth
 
     def unproject(self, depth: np.ndarray) -> np.ndarray:
-        """Return the points in a depth image [m]: (height, width, 3) float64 in the world frame [m].
+        """Return the points in a depth image [m] as (height, width, 3) float64 in the world frame [m].
 
         They are not finite where the depth is infinite. Raises InvalidInputError if the image has another size.
         """
@@ -70,7 +70,7 @@ class ViewPlacement:
     """Placement of a model's cameras and key light for a trial, offset from their nominal poses by its jitter."""
 
     def __init__(self, model: mujoco.MjModel, jitter: ViewJitter) -> None:
-        """Store the nominal poses; jitter of cameras that the model lacks is ignored."""
+        """Store the nominal poses. Jitter of cameras that the model lacks is ignored."""
         self._model = model
         self._bodies = model.cam_bodyid
         # Camera poses in the frames of their bodies. The engine does not update the cameras of static bodies at every
@@ -123,7 +123,7 @@ def camera_matrices(
 
 
 def camera_number(model: mujoco.MjModel, camera: str) -> int:
-    """Return a camera's index; raise UnknownNameError if the model has no such camera."""
+    """Return a camera's index. Raises UnknownNameError if the model has no such camera."""
     number = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_CAMERA), camera))
     if number < 0:
         raise UnknownNameError("camera", camera, (model.camera(other).name for other in range(model.ncam)))

@@ -1,4 +1,4 @@
-"""Collision checks for planners: the contacts in a configuration, on a private copy of the scene."""
+"""Collision checks for planners, which find the contacts in a configuration on a private copy of the scene."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class Clearance:
     """
 
     def __init__(self, scene: Scene, *, margin_m: float = 0.004, penetration_m: float = 0.002) -> None:
-        """Copy the scene's model; the robot must keep a distance of ``margin_m`` from all bodies.
+        """Copy the scene's model. The robot must keep a distance of ``margin_m`` from all bodies.
 
-        ``penetration_m`` is the allowed overlap between the held object and others; it must exceed the depth of a
+        ``penetration_m`` is the allowed overlap between the held object and others. It must exceed the depth of a
         resting contact.
         """
         self._compiled = scene.compiled
@@ -87,9 +87,9 @@ class Clearance:
         held_pose: Pose | None = None,
         ignore: frozenset[str] = frozenset(),
     ) -> tuple[str, ...]:
-        """Return the contacts at these joint angles [rad]: one string "a-b" per pair, empty without contact.
+        """Return the contacts at these joint angles [rad], as one string "a-b" per pair.
 
-        ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); contacts with ``ignore`` are allowed.
+        ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``). Contacts with ``ignore`` are allowed.
         """
         data = self._data
         for address, angle in zip(self._arm, joints, strict=True):

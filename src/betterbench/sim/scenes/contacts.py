@@ -40,7 +40,7 @@ class _Row(NamedTuple):
         groups: The pairs listed by the engine.
         kept: Contacts of the sleeping objects.
         order: Indices of all touching pairs.
-        contacts: Their contacts in this order; those with a force to be read are placeholders.
+        contacts: Their contacts in this order. Those with a force to be read are placeholders.
         awake: Contacts with a force to be read: index in ``contacts``, both names, and addresses of the forces.
         held: The held object.
     """
@@ -66,7 +66,7 @@ class ContactReader:
     """
 
     def __init__(self, compiled: CompiledScene, names: tuple[str, ...]) -> None:
-        """Index the pairs of a model's bodies; ``names`` are its object names in scene order."""
+        """Index the pairs of a model's bodies. ``names`` are its object names in scene order."""
         self._model, self._names = compiled.model, names
         n = len(names)
         numbers, self._pair_names = _pairs((*names, *LABELS), n + 3)
@@ -138,7 +138,7 @@ class ContactReader:
         return self._with_passed(row.order, contacts) if self._passed else contacts, row.held
 
     def snapshot(self) -> dict[str, Any]:
-        """Return all state for the next reading except the data; the data of the sleeping objects are copied."""
+        """Return all state for the next reading except the data. The data of the sleeping objects are copied."""
         kept = {name: value for name, value in vars(self).items() if name in _KEPT_BETWEEN_READINGS}
         return {**kept, "_awake": copy.copy(self._awake)}
 
@@ -153,7 +153,7 @@ class ContactReader:
         return {number: _force(forces, addresses) for number, addresses in self._grouped(data)}
 
     def _grouped(self, data: mujoco.MjData) -> Groups:
-        """Return the pairs listed by the engine: the same tuple as in the last call if the points are the same."""
+        """Return the pairs listed by the engine, as the same tuple as in the last call if the points are the same."""
         if data.ncon == 0:
             return ()
         contact = data.contact
@@ -244,7 +244,7 @@ _KEPT_BETWEEN_READINGS = (
 
 
 def _force(forces: memoryview[float], addresses: tuple[int, ...]) -> float:
-    """Return the sum of the normal forces at some contact points [N]; a point omitted by the solver has none."""
+    """Return the sum of the normal forces at some contact points [N]. A point omitted by the solver has none."""
     total = 0.0
     for address in addresses:
         if address >= 0:
@@ -255,8 +255,8 @@ def _force(forces: memoryview[float], addresses: tuple[int, ...]) -> float:
 def _pairs(labels: tuple[str, ...], relevant: int) -> tuple[list[list[int]], dict[int, tuple[str, str]]]:
     """Return the index of each label pair (-1 for irrelevant ones), and the names by index.
 
-    Labels below ``relevant`` are objects or gripper parts; pairs without such a label are irrelevant. The last
-    row and column are for geoms without a label. Indices are in label order.
+    Labels below ``relevant`` are objects or gripper parts. Pairs without such a label are irrelevant. The last row and
+    column are for geoms without a label. Indices are in label order.
     """
     n = len(labels)
     numbers = [[-1] * (n + 1) for _ in range(n + 1)]

@@ -1,7 +1,7 @@
 """Culling of geometry outside a view before rendering.
 
 MuJoCo passes every visible geom and the sky to OpenGL, which discards geometry outside the view or behind other
-geometry. A software renderer has already transformed the vertices and painted the pixels by then: a wrist camera, which
+geometry. A software renderer has already transformed the vertices and painted the pixels by then. A wrist camera, which
 has most of the robot behind it, spends a third of its time on geoms outside its view. Neither a geom whose bounding
 sphere is beyond one side of the view nor a sky behind a floor that fills the view changes any pixel.
 """
@@ -27,7 +27,7 @@ _Vector = tuple[float, float, float]
 class Culling:
     """Visibility test for a perspective camera with its optical axis in the center of the image.
 
-    The scene is the same one that is used for rendering; it is filled again for each image.
+    The scene is the same one that is used for rendering. It is filled again for each image.
     """
 
     def __init__(self, model: mujoco.MjModel, scene: mujoco.MjvScene) -> None:

@@ -11,13 +11,13 @@ from betterbench.tasks import Looks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneDescription:
-    """Scene description: versions, instruction and appearance, with the fields of a record's metadata.
+    """Scene description with versions, instruction and appearance. Its fields are those of a record's metadata.
 
     Attributes:
         instruction: All instructions of the episode, as one string.
-        render_quality: Name of the render preset, or of another world's renderer; None without images.
+        render_quality: Name of the render preset, or of another world's renderer, or None without images.
         engine: Versions that can change the numbers.
-        dynamics: Drawn dynamics of the robot by quantity, one value per joint; empty if they do not vary.
+        dynamics: Drawn dynamics of the robot by quantity, one value per joint. It is empty if they do not vary.
     """
 
     task_version: int

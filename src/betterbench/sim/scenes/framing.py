@@ -1,6 +1,6 @@
-"""Framing checks for the front camera: gripper pixels, size and visibility of named objects, and margins.
+"""Framing checks for the front camera, with gripper pixels, size and visibility of named objects, and margins.
 
-The limits for every task are constants of this file; no verdict depends on them.
+The limits for every task are constants of this file. No verdict depends on them.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""OpenGL context of this process: back end, thread, and reading of pixels.
+"""OpenGL context of this process, with its back end, its thread, and the reading of pixels.
 
-A process has one context, made at first use and shared by all its renderers. Rendering belongs to the first renderer's
-thread, and worker processes must be started with the ``spawn`` method: a forked copy of a context is rejected.
+A process has one context, made at first use and shared by all its renderers. Only the first renderer's thread may
+render. Worker processes must be started with the ``spawn`` method, because a forked copy of a context is rejected.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CURE = f"Unset MUJOCO_GL, MUJOCO_EGL_DEVICE_ID and PYOPENGL_PLATFORM if they are
 
 
 _SPAWN = (
-    "Start workers with the 'spawn' method; for Gymnasium's vector environments: gymnasium.make_vec(..., "
+    "Start workers with the 'spawn' method. For Gymnasium's vector environments, use gymnasium.make_vec(..., "
     "vectorization_mode='async', vector_kwargs={'context': 'spawn'})"
 )
 
@@ -78,7 +78,7 @@ class _ProcessContext:
 CONTEXT = _ProcessContext()
 """The context of this process."""
 RENDERERS: weakref.WeakSet[Closable] = weakref.WeakSet()
-"""Objects with buffers in the context; they are closed before the context is freed at exit."""
+"""Objects with buffers in the context. They are closed before the context is freed at exit."""
 
 
 def make_current() -> None:
@@ -109,7 +109,7 @@ def make_current() -> None:
 
 @functools.cache
 def _egl_current_context() -> Callable[[], int | None]:
-    """Return EGL's own function; PyOpenGL's wrapper is slower than the time it would save."""
+    """Return EGL's own function. PyOpenGL's wrapper is slower than the time it would save."""
     function = ctypes.CDLL("libEGL.so.1").eglGetCurrentContext
     function.restype = ctypes.c_void_p
     function.argtypes = ()
@@ -138,9 +138,9 @@ _PACK_INVERT_MESA = 0x8758
 
 
 def read_from_top(*, wanted: bool) -> bool:
-    """Try to read pixels with the top row first, which avoids flipping each image; return whether this works.
+    """Try to read pixels with the top row first, which avoids flipping each image, and return whether this works.
 
-    Mesa supports this; with another OpenGL rows are always read from the bottom, and images are flipped afterward.
+    Mesa supports this. With another OpenGL, rows are always read from the bottom, and images are flipped afterward.
     """
     gl = importlib.import_module("OpenGL.GL")
     names = {gl.glGetStringi(gl.GL_EXTENSIONS, i) for i in range(int(gl.glGetIntegerv(gl.GL_NUM_EXTENSIONS)))}

@@ -50,14 +50,14 @@ def body_files(model: mujoco.MjModel) -> dict[int, bytes]:
 
 
 def surface_in_body(model: mujoco.MjModel, geom: int) -> Surface:
-    """Return a shape in its body's frame; primitives and planes as in :func:`body_files`."""
+    """Return a shape in its body's frame, with primitives and planes as in :func:`body_files`."""
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
     return _surface(model, geom).moved(model.geom_pos[geom], rotation.reshape(3, 3))
 
 
 def _look(model: mujoco.MjModel, geom: int) -> tuple[tuple[float, ...], int]:
-    """Return color (r, g, b, a) and texture of a shape, -1 without one."""
+    """Return color (r, g, b, a) and texture of a shape. The texture is -1 if there is none."""
     material = int(model.geom_matid[geom])
     rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
     texture = -1 if material < 0 else int(model.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])
@@ -65,7 +65,7 @@ def _look(model: mujoco.MjModel, geom: int) -> tuple[tuple[float, ...], int]:
 
 
 def _surface(model: mujoco.MjModel, geom: int) -> Surface:
-    """Return a shape in its own frame; shapes other than meshes and planes are drawn as their bounding box."""
+    """Return a shape in its own frame. Shapes other than meshes and planes are drawn as their bounding box."""
     kind = int(model.geom_type[geom])
     if kind == int(mujoco.mjtGeom.mjGEOM_MESH):
         return _mesh(model, int(model.geom_dataid[geom]))
@@ -155,7 +155,7 @@ def _file(model: mujoco.MjModel, looks: Mapping[tuple[float, ...], list[Surface]
 
 
 def _linear(value: float) -> float:
-    """Return a color component without the sRGB curve (IEC 61966-2-1): factors of glTF are linear, textures are not."""
+    """Return a color component without the sRGB curve (IEC 61966-2-1), because the factors of glTF are linear."""
     return value / 12.92 if value <= 0.04045 else float(((value + 0.055) / 1.055) ** 2.4)
 
 

@@ -39,7 +39,7 @@ def robot_in(model: mujoco.MjModel) -> RobotSpec | None:
 
 
 def instances_of_bodies(model: mujoco.MjModel) -> np.ndarray:
-    """Return each body's instance id, (nbody,) uint16; all links of the arm are one instance."""
+    """Return each body's instance id, (nbody,) uint16. All links of the arm are one instance."""
     description = robot_in(model)
     instances = np.full(model.nbody, 1 + STAGE.index("other"), dtype=np.uint16)
     for body in range(model.nbody):
@@ -56,7 +56,7 @@ def instances_of_bodies(model: mujoco.MjModel) -> np.ndarray:
 def visible_boxes(model: mujoco.MjModel, bodies: np.ndarray) -> np.ndarray:
     """Return (n, 2, 3) float64: center and half extents of some bodies' visible shapes, in the body frames [m].
 
-    The boxes are tight for meshes and boxes; round shapes are represented by their own bounding boxes.
+    The boxes are tight for meshes and boxes. Round shapes are represented by their own bounding boxes.
     """
     boxes = np.zeros((len(bodies), 2, 3))
     for i, body in enumerate(bodies):

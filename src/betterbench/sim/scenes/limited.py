@@ -3,8 +3,9 @@
 MuJoCo does not validate such files, so a forged file can crash or hang the process or exhaust the memory. The process
 therefore has limits for memory and time, and returns only pixels or strings, never Python objects.
 
-A process can also end for other reasons: a renderer crashes, or the system is short of memory. The request during which
-a process ended is therefore repeated once in a new process; it is rejected only if the new process ends too.
+A process can also end for other reasons, for example if a renderer crashes or the system is short of memory. The
+request during which a process ended is therefore repeated once in a new process. It is rejected only if the new process
+ends too.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from betterbench.records import Record, RunFolder
 
 MAX_MEMORY_BYTES = 16 * 1024**3
-"""Address space of the process [byte]; the software renderer maps 4 GB of it."""
+"""Address space of the process [byte]. The software renderer maps 4 GB of it."""
 REQUEST_CPU_S = 60.0
 """Maximum CPU time to open a scene or render an image [s]."""
 REQUEST_S = 900.0
@@ -80,7 +81,7 @@ class LimitedView:
     """Renderer for recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
 
     def __init__(self, *, quality: str, size: int = 256) -> None:
-        """Start the process; ``size`` is the side length of the images from :meth:`draw` [pixel].
+        """Start the process. ``size`` is the side length of the images from :meth:`draw` [pixel].
 
         Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device.
         """
@@ -120,7 +121,8 @@ class LimitedView:
         """Open a stored scene from the result of :func:`betterbench.sim.scenes.stored.scene_files`.
 
         Raises:
-            RecordError: If it cannot be opened: it is damaged or forged, or was written by another version of MuJoCo.
+            RecordError: If it cannot be opened, because it is damaged or forged, or was written by another version of
+                MuJoCo.
             MissingDependencyError: If no off-screen OpenGL works here.
         """
         self._opened, self._prepared, self._files = None, None, None
@@ -170,7 +172,7 @@ class LimitedView:
     def prepare(
         self, views: Sequence[ViewSpec], modalities: Sequence[str], *, gripper: bool = False
     ) -> tuple[ModelFacts, dict[str, str]]:
-        """Prepare to render sights of the open scene; return their common properties, and OpenGL's fingerprint.
+        """Prepare to render sights of the open scene, and return their common properties and OpenGL's fingerprint.
 
         ``gripper`` has the same meaning as in :class:`~betterbench.sim.scenes.sights.Sights`. The last preparation for
         the same scene is reused. Raises the errors of :meth:`open`.
@@ -250,7 +252,7 @@ class LimitedView:
         return self._process.is_closed
 
     def stop(self) -> None:
-        """End the process from another thread; a waiting thread then gets a RecordError."""
+        """End the process from another thread. A waiting thread then gets a RecordError."""
         self._told_to_end = True
         self._process.stop()
 
@@ -267,7 +269,7 @@ class LimitedView:
             self._process.send(request, data, within_s=REQUEST_S)
 
     def _receive(self, most: int) -> bytes | bytearray:
-        """Return an answer of at most ``most`` bytes; raise the error that it describes, if any."""
+        """Return an answer of at most ``most`` bytes. Raise the error that it describes, if any."""
         with self._told_plainly():
             return self._process.receive(most=most, within_s=REQUEST_S)
 
@@ -309,12 +311,12 @@ class LimitedView:
     def _refused(self, what: str, cause: str = "The scene's file is damaged or forged") -> RecordError:
         self.close()
         return RecordError(
-            f"stored scene: {what}. {cause}; run the trial again to store the scene, or leave out films."
+            f"stored scene: {what}. {cause}. Run the trial again to store the scene, or leave out films."
         )
 
 
 class _Drawer:
-    """Process state between two requests: a scene, its view, and the renderer of its sights."""
+    """Process state between two requests, with a scene, its view, and the renderer of its sights."""
 
     def __init__(self, quality: str, size: int) -> None:
         self._quality, self._size = quality_preset(quality), size
@@ -376,7 +378,7 @@ class _Drawer:
 
 
 def draw_for_parent(quality: str, size: int | str) -> None:
-    """Answer requests from standard input on standard output until the input ends: the main function."""
+    """Answer requests from standard input on standard output until the input ends. This is the main function."""
     drawer = _Drawer(quality, int(size))
     answer_requests(drawer.answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=REQUEST_CPU_S, unexpected=_unexpected)
 

@@ -1,4 +1,4 @@
-"""Assets in MuJoCo: addition to a model, and resting pose on a flat surface."""
+"""Assets in MuJoCo, with their addition to a model and their resting pose on a flat surface."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class DrawerRail:
-    """Drawer rail along its own x axis: distance between the stops [m], dry friction [N], damping [N s/m]."""
+    """Drawer rail along its x axis, with the distance between its stops [m], friction [N] and damping [N s/m]."""
 
     travel_m: float
     friction_n: float
@@ -55,10 +55,10 @@ def add_asset(
     slide: DrawerRail | None = None,
     visuals: bool = True,
 ) -> mujoco.MjsBody:
-    """Add an asset to a model and return its new body; meshes, materials and geometries are named after the body.
+    """Add an asset to a model and return its new body. Meshes, materials and geometries are named after the body.
 
-    ``pose`` is its fixed ``T_world_object``, or None for an object that moves freely; ``slide`` is the rail along which
-    an object slides from that pose. Without ``visuals`` the object cannot be seen; its physics is the same.
+    ``pose`` is its fixed ``T_world_object``, or None for an object that moves freely. ``slide`` is the rail along which
+    an object slides from that pose. Without ``visuals`` the object cannot be seen. Its physics is the same.
     """
     body = spec.worldbody.add_body(name=name)
     if pose is None:
@@ -146,7 +146,7 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
 def rest_pose(asset: Asset) -> Pose:
     """Return the pose ``T_surface_object`` of an asset at rest on a flat surface through the origin of its frame.
 
-    The asset settles alone from its nominal pose; this changes the pose by a contact depth below a millimeter and a
+    The asset settles alone from its nominal pose. This changes the pose by a contact depth below a millimeter and a
     tilt below a tenth of a degree. The result depends only on the asset, not on neighbors.
     """
     spec = mujoco.MjSpec()

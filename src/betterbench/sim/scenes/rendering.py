@@ -1,8 +1,8 @@
-"""Scene images: color, depth and instance masks from MuJoCo's classic off-screen renderer.
+"""Scene images with color, depth and instance masks from MuJoCo's classic off-screen renderer.
 
 A *color pass* renders lights, textures and shadows into the multisampled buffer. A *geometry pass* renders every
 visible shape in a flat color that encodes its index into the plain buffer, with one sample at each pixel's center, and
-gives both depth and masks; ids are never blended with neighbors. Color with depth takes one pass if that gives the same
+gives both depth and masks. Ids are never blended with neighbors. Color with depth takes one pass if that gives the same
 depth (no multisampling, nothing transparent), otherwise two. Depth and masks therefore never depend on the quality.
 
 All images are upright: row 0 is the top. Every returned array belongs to the caller.
@@ -45,13 +45,13 @@ _FONT_SCALE = 50
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Images:
-    """Images of one view of a scene; images that were not requested are None.
+    """Images of one view of a scene. Images that were not requested are None.
 
     Attributes:
         rgb: (height, width, 3) uint8 colors.
-        depth: (height, width) float32 distances along the optical axis [m], infinite without a hit;
+        depth: (height, width) float32 distances along the optical axis [m], infinite without a hit.
             ``CameraMatrices.unproject`` gives the points.
-        masks: (height, width) int32 body ids; ``Renderer.body_names`` has their names. 0 is the world itself (the
+        masks: (height, width) int32 body ids. ``Renderer.body_names`` has their names. 0 is the world itself (the
             floor), -1 is the sky.
     """
 
@@ -61,11 +61,11 @@ class Images:
 
 
 class Renderer:
-    """Renderer of one model. It may be used as a context manager; :meth:`close` frees its buffers.
+    """Renderer of one model. It may be used as a context manager. :meth:`close` frees its buffers.
 
-    Creation uploads the model's meshes and textures (5 to 50 ms here; a process's first renderer also makes the OpenGL
-    context, 0.1 to 0.3 s), so keep a renderer as long as its model. Poses, colors and materials may change between
-    images; meshes and textures may not. The quality overrides the model's own visual settings.
+    Creation uploads the model's meshes and textures, which takes 5 to 50 ms here. A process's first renderer also makes
+    the OpenGL context, which takes 0.1 to 0.3 s. Keep a renderer as long as its model. Poses, colors and materials may
+    change between images. Meshes and textures may not. The quality overrides the model's own visual settings.
 
     Raises:
         MissingDependencyError: If no off-screen OpenGL works here.
@@ -130,7 +130,7 @@ class Renderer:
         width: int | None = None,
         height: int | None = None,
     ) -> Images:
-        """Render one view like :meth:`render_views`; by default, in the size of the renderer [pixel]."""
+        """Render one view like :meth:`render_views`. By default, in the size of the renderer [pixel]."""
         view = (camera, width or self.width, height or self.height)
         return self.render_views(data, (view,), rgb=rgb, depth=depth, masks=masks)[0]
 
@@ -239,7 +239,7 @@ class Renderer:
         return np.asarray(self._bodies_of(scene)[_segments(colors, scene.ngeom)])
 
     def close(self) -> None:
-        """Free the buffers; the renderer cannot be used afterward. Closing twice does nothing."""
+        """Free the buffers. The renderer cannot be used afterward. Closing twice does nothing."""
         context, self._context = self._context, None
         if context is None:
             return
@@ -263,7 +263,7 @@ class Renderer:
             check_size(columns, rows)
 
     def _buffers(self, columns: int, rows: int) -> tuple[mujoco.MjrRect, np.ndarray, np.ndarray]:
-        """Return the part of the buffer, and the reused arrays for its pixels: colors, raw depths."""
+        """Return the part of the buffer, and the reused arrays for the colors and raw depths of its pixels."""
         buffers = self._pixels.get((columns, rows))
         if buffers is None:
             buffers = (
@@ -275,7 +275,7 @@ class Renderer:
         return buffers
 
     def _draw(self, context: mujoco.MjrContext, view: mujoco.MjrRect, *, geometry: bool, sky: bool = False) -> None:
-        """Render the scene: either in color, with or without the sky, or as geometry (see the module docstring)."""
+        """Render the scene either in color, with or without the sky, or as geometry (see the module docstring)."""
         if geometry is not self._geometry:
             self._prepare(context, geometry=geometry)
             self._bound = False
@@ -299,7 +299,7 @@ class Renderer:
         self._geometry = geometry
 
     def _has_transparency(self) -> bool:
-        """Return True if a part may be transparent: the color pass omits such parts from the depth."""
+        """Return whether a part may be transparent, because the color pass omits such parts from the depth."""
         for alpha in (self.model.geom_rgba[:, 3], self.model.mat_rgba[:, 3]):
             if bool(((alpha > 0.0) & (alpha < 1.0)).any()):
                 return True
@@ -310,7 +310,7 @@ class Renderer:
         return np.asarray(self._segment_table()[_segments(colors, self._scene.ngeom)])
 
     def _segment_table(self) -> np.ndarray:
-        """Return the (n,) int32 body id by segment index plus one; entry 0 is the background.
+        """Return the (n,) int32 body id by segment index plus one. Entry 0 is the background.
 
         MuJoCo numbers the rendered geoms in model order and skips invisible geoms, so the table depends only on which
         geoms have an opacity of zero.
@@ -390,12 +390,12 @@ class Renderers:
     """Cache of the renderers for the most recent models, because creating a renderer takes tens of milliseconds."""
 
     def __init__(self, most: int) -> None:
-        """Prepare the cache; ``most`` is the number of cached renderers, one per model."""
+        """Prepare the cache. ``most`` is the number of cached renderers, one per model."""
         self._most = max(1, most)
         self._kept: OrderedDict[str, Renderer] = OrderedDict()
 
     def of(self, key: str, model: mujoco.MjModel, *, width: int, height: int, quality: Quality) -> Renderer:
-        """Return the renderer of the model named ``key``; width and height are the size of its largest image."""
+        """Return the renderer of the model named ``key``. Width and height are the size of its largest image."""
         if key in self._kept:
             self._kept.move_to_end(key)
             return self._kept[key]

@@ -1,8 +1,8 @@
-"""Rooms: table top, wall, floor and light of a scene, drawn by a trial's seed.
+"""Rooms, which are the table top, wall, floor and light of a scene, drawn by a trial's seed.
 
-No table top has a color that instructions use: reds, blues, yellows, bright greens, white, black and the browns of food
-are visible on all of them. Ambient, key and fill light add up to at most 1 on any surface, so that no color is clipped
-and white stays distinguishable from light gray.
+No table top has a color that instructions use, so reds, blues, yellows, bright greens, white, black and the browns of
+food are visible on all of them. Ambient, key and fill light add up to at most 1 on any surface, so that no color is
+clipped and white stays distinguishable from light gray.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class Light:
     """Light of a room, from two directions and uniformly from all directions.
 
     Attributes:
-        key_direction: Direction of the light that casts the shadow; it need not have length 1.
+        key_direction: Direction of the light that casts the shadow. It need not have length 1.
         key: Color (r, g, b) of that light, each in [0, 1].
         ambient: Color of the uniform light.
         fill: Brightness of the second light, from the other side without a shadow.
@@ -85,7 +85,7 @@ CLOTHS: Mapping[str, Vector] = {"blue": (0.24, 0.36, 0.60), "green": (0.27, 0.48
 
 
 def with_cloth(room: Room, cloth: str | None) -> Room:
-    """Return a room with a tablecloth; None leaves the table bare.
+    """Return a room with a tablecloth. None leaves the table bare.
 
     Wall, floor and light are those of the room, so that conditions of one seed differ in the cloth alone.
 
@@ -100,7 +100,7 @@ def with_cloth(room: Room, cloth: str | None) -> Room:
 
 
 def room_named(name: str) -> Room:
-    """Return a room by its name; raise UnknownNameError if it does not exist."""
+    """Return a room by its name. Raises UnknownNameError if it does not exist."""
     known = {room.name: room for room in (*ROOMS, *UNSEEN_ROOMS)}
     try:
         return known[name]

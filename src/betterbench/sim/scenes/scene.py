@@ -1,4 +1,4 @@
-"""Scene: a compiled model and its state, which changes only by reset and step."""
+"""Scene, which is a compiled model with its state. The state changes only by reset and step."""
 
 from __future__ import annotations
 
@@ -230,7 +230,7 @@ class Scene:
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Names in contacts: objects first, then the parts of the robot and the stage."""
+        """Names in contacts, with objects first and then the parts of the robot and the stage."""
         return self._labels
 
     def files(self) -> dict[str, bytes]:
@@ -300,8 +300,8 @@ class Scene:
                 text = "; ".join(problems)
                 msg = (
                     f"{self.condition.id} seed {self.seed}: the scene contradicts the premise of the instruction "
-                    f"({text}). A changed asset or physics library (MuJoCo {mujoco.__version__}) can do this; "
-                    "the run stops instead of lowering a score."
+                    f"({text}). A changed asset or physics library (MuJoCo {mujoco.__version__}) can do this. The run "
+                    f"stops instead of lowering a score."
                 )
                 raise PremiseError(msg)
         return state
@@ -373,7 +373,7 @@ class Scene:
         )
 
     def _tool_pose(self) -> Pose:
-        """Return the measured pose of the tool center point; positions are updated after a reset and a step."""
+        """Return the measured pose of the tool center point. Positions are updated after a reset and a step."""
         if self._tool is None:
             mujoco.mju_mat2Quat(self._quaternion, self._tool_matrix)
             self._tool = Pose(self._tool_position(), unit_quaternion(self._tool_quaternion()))
@@ -382,7 +382,7 @@ class Scene:
 
 @functools.lru_cache(maxsize=4)
 def _with_dynamics(compiled: CompiledScene, dynamics: tuple[tuple[str, tuple[float, ...]], ...]) -> mujoco.MjModel:
-    """Return the model of a scene with the dynamics of a trial; trials with the same objects and seed share it."""
+    """Return the model of a scene with the dynamics of a trial. Trials with the same objects and seed share it."""
     return with_dynamics(compiled.model, compiled.robot, dict(dynamics), prefix=ROBOT_PREFIX)
 
 

@@ -1,4 +1,4 @@
-"""Sights: rendered views of a state with ground truth (images, body masks, camera pose and image boxes).
+"""Sights, which are rendered views of a state with ground truth (images, body masks, camera pose and image boxes).
 
 The same class renders live scenes and recorded states, which therefore give the same numbers.
 """
@@ -37,7 +37,7 @@ GRIPPER_INSTANCES = tuple(1 + STAGE.index(name) for name in sorted(GRIPPER_BODIE
 def sight_type(
     view: ViewSpec, modalities: Collection[str], *, bodies: int, objects: int, gripper: bool = False
 ) -> np.dtype[np.void]:
-    """Return the array type of one rendered view; the byte layout is the same in every process.
+    """Return the array type of one rendered view. The byte layout is the same in every process.
 
     Fields: ``rgb`` (height, width, 3), ``depth`` (height, width) [m], ``bodies`` (height, width) body id plus one, 0
     for the sky; ``camera`` (7,) position [m] and quaternion (w, x, y, z) ``T_world_camera``; ``poses`` (bodies, 7)
@@ -80,7 +80,7 @@ class ModelFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drawn:
-    """A rendered view: its index, its camera in the model, and the masks and depth of its image."""
+    """A rendered view, with its index, its camera in the model, and the masks and depth of its image."""
 
     number: int
     camera: str
@@ -110,7 +110,7 @@ class Sights:
         *,
         gripper: bool = False,
     ) -> None:
-        """Upload the model; raises the errors of :class:`~betterbench.sim.scenes.rendering.Renderer`.
+        """Upload the model. Raises the errors of :class:`~betterbench.sim.scenes.rendering.Renderer`.
 
         With ``gripper`` the pixels of the gripper are counted too.
         """
@@ -132,14 +132,14 @@ class Sights:
         )
 
     def facts(self) -> ModelFacts:
-        """Return the common properties of all sights; raise UnknownNameError if the model lacks a camera."""
+        """Return the common properties of all sights. Raises UnknownNameError if the model lacks a camera."""
         focal = tuple(focal_length_px(self._fovy_deg(view), view.height) for view in self.views)
         return ModelFacts(instances_of_bodies(self.model), self._bodies, self._boxes, focal)
 
     def draw(self, data: mujoco.MjData) -> Iterator[np.ndarray]:
         """Yield the sight of each view, a scalar of its type in :attr:`types`, in view order.
 
-        Poses of bodies, cameras and lights must be up to date; raises the same errors as ``Renderer.render``.
+        Poses of bodies, cameras and lights must be up to date. Raises the same errors as ``Renderer.render``.
         """
         for number, view in enumerate(self.views):
             yield self._sight(data, number, view)
@@ -155,7 +155,7 @@ class Sights:
 
     @contextmanager
     def _camera_of(self, data: mujoco.MjData, view: ViewSpec) -> Iterator[str]:
-        """Return the model's camera for a view; a custom camera temporarily replaces another one."""
+        """Return the model's camera for a view. A custom camera temporarily replaces another one."""
         placed, slot = view.placed, self._slot
         if placed is None:
             yield view.camera
@@ -284,7 +284,7 @@ class StoredSights:
         *,
         gripper: bool = False,
     ) -> None:
-        """Upload the model; raises the errors of :class:`Sights`."""
+        """Upload the model. Raises the errors of :class:`Sights`."""
         self._sights = Sights(model, quality, views, modalities, gripper=gripper)
         self._state = StoredState(model)
 

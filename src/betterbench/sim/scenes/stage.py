@@ -1,7 +1,7 @@
-"""Stage: the empty base scene of every task, and the quality presets of its images.
+"""Stage, which is the empty base scene of every task, and the quality presets of its images.
 
-World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z =
-0``; the robot stands on the table at the origin, over a pedestal, and the floor is at ``z = -0.75``.
+World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z = 0``.
+The robot stands on the table at the origin, over a pedestal, and the floor is at ``z = -0.75``.
 
 Cameras of the base scene:
 
@@ -51,7 +51,7 @@ TABLE_THICKNESS_M = 0.04
 """Thickness of the table top [m]."""
 
 CAMERAS = ("front", "front_official", "left_shoulder", "right_shoulder")
-"""Cameras of the base scene; ``wrist`` comes with the robot."""
+"""Cameras of the base scene. ``wrist`` comes with the robot."""
 
 WRIST_CAMERA = "wrist"
 """Name of the camera on the gripper."""
@@ -72,13 +72,13 @@ _MAX_SHADOW_MAP = 8192
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """Render preset for images; part of every record, because pixels differ between presets.
+    """Render preset for images. It is part of every record, because pixels differ between presets.
 
-    Depth and masks do not depend on the quality: they are always sampled at pixel centers.
+    Depth and masks do not depend on the quality, because they are always sampled at pixel centers.
 
     Attributes:
-        shadow_map_size: Side of the shadow map [texel]; 0 without shadows.
-        samples: Samples per pixel of the multisampled buffer; 0 for none.
+        shadow_map_size: Side of the shadow map [texel], or 0 without shadows.
+        samples: Samples per pixel of the multisampled buffer, or 0 for none.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -107,13 +107,13 @@ class Quality:
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Quality:
-        """Read the quality from JSON; a missing, unknown or wrong field raises an InvalidInputError."""
+        """Read the quality from JSON. A missing, unknown or wrong field raises an InvalidInputError."""
         try:
             return _QUALITY.validate_json(json.dumps(dict(value)))
         except ValidationError as error:
             problem = error.errors()[0]
             field = ".".join(("quality", *map(str, problem["loc"])))
-            raise InvalidInputError(field, problem["msg"], f"Give {', '.join(cls.__slots__)}") from None
+            raise InvalidInputError(field, problem["msg"], f"Give the fields {', '.join(cls.__slots__)}") from None
 
 
 _QUALITY = TypeAdapter(Quality)
@@ -140,7 +140,7 @@ def require_cameras(names: Iterable[str]) -> None:
 
 
 def quality_preset(name: str) -> Quality:
-    """Return the preset "fast", "standard" or "high"; another name raises an UnknownNameError."""
+    """Return the preset "fast", "standard" or "high". Another name raises an UnknownNameError."""
     try:
         return QUALITIES[name]
     except KeyError:
@@ -148,9 +148,9 @@ def quality_preset(name: str) -> Quality:
 
 
 def stage_spec(quality: Quality, *, room: Room = ROOMS[0], front: CameraMount | None = None) -> mujoco.MjSpec:
-    """Return a new description of the empty world: options, table, pedestal, floor, lights and fixed cameras.
+    """Return a new description of the empty world, with options, table, pedestal, floor, lights and fixed cameras.
 
-    The caller attaches the robot, adds objects and compiles; ``front`` replaces the front camera. Calls with equal
+    The caller attaches the robot, adds objects and compiles. ``front`` replaces the front camera. Calls with equal
     arguments describe the same model and share nothing. The quality is written to the visual settings, so that other
     viewers show the same as the renderer.
     """
@@ -301,7 +301,7 @@ def _add_cameras(spec: mujoco.MjSpec, front: CameraMount) -> None:
 def add_camera(
     body: mujoco.MjsBody, name: str, position: Vector, target: Vector, *, up: Vector = (0.0, 0.0, 1.0), fovy_deg: float
 ) -> mujoco.MjsCamera:
-    """Add a fixed camera at a position [m] with a target [m]; ``up`` points upward in the image."""
+    """Add a fixed camera at a position [m] with a target [m]. ``up`` points upward in the image."""
     backward = np.asarray(position) - np.asarray(target)
     backward = backward / np.linalg.norm(backward)
     right = np.cross(np.asarray(up), backward)

@@ -1,4 +1,4 @@
-"""Stored scenes: compiled models as written by MuJoCo, and images of recorded states."""
+"""Stored scenes, which are compiled models as written by MuJoCo, and images of recorded states."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MODEL_FILE, INDEX_FILE = "model.mjb", "scene.json"
 
 
 def scene_files(model: mujoco.MjModel, content_hash: str) -> dict[str, bytes]:
-    """Return the files of a compiled scene: the model in MuJoCo's binary form, and an index with MuJoCo's version."""
+    """Return the files of a compiled scene: the model in MuJoCo's binary form, and an index with its version."""
     buffer = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
     mujoco.mj_saveModel(model, None, buffer)
     index = {"mujoco": mujoco.__version__, "hash": content_hash, "bodies": int(model.nbody), "geoms": int(model.ngeom)}
@@ -53,7 +53,7 @@ def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
 
 
 class StoredState:
-    """Recorded state of a stored scene: bodies, cameras and lights."""
+    """Recorded state of a stored scene, with bodies, cameras and lights."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model, self.data = model, mujoco.MjData(model)
@@ -78,7 +78,7 @@ class StoredView:
     """Renderer for recorded states of one stored scene."""
 
     def __init__(self, model: mujoco.MjModel, quality: Quality, *, width: int, height: int) -> None:
-        """Prepare a renderer for a model; sizes in pixels."""
+        """Prepare a renderer for a model, with sizes in pixels."""
         self._state = StoredState(model)
         self._renderer = Renderer(model, width=width, height=height, quality=quality)
 

@@ -1,6 +1,6 @@
-"""Textures of table tops: materials that differ in pattern, not only in color.
+"""Textures of table tops, whose materials differ in pattern, not only in color.
 
-Strong patterns are coarse and fine patterns are faint: at 256 pixels, a front camera image has about 2.7 mm of table
+Strong patterns are coarse and fine patterns are faint. At 256 pixels, a front camera image has about 2.7 mm of table
 per pixel, and high-contrast stripes or grains of that size would cause moire.
 """
 
@@ -39,7 +39,7 @@ def _to_pixels(color: np.ndarray, brightness: np.ndarray) -> np.ndarray:
 
 
 def _staves(color: np.ndarray, size: int, staves: int, contrast: float, seed: int) -> np.ndarray:
-    """Return glued wooden staves along the texture's columns; their tones differ by ``contrast``."""
+    """Return glued wooden staves along the texture's columns. Their tones differ by ``contrast``."""
     rng = np.random.default_rng(seed)
     stave = np.arange(size) * staves // size
     tone = (contrast * rng.uniform(-1.0, 1.0, staves))[stave]
@@ -78,7 +78,7 @@ def _cloth(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _stone(color: np.ndarray, size: int) -> np.ndarray:
-    """Return polished concrete: clouds of several sizes."""
+    """Return polished concrete with clouds of several sizes."""
     rng = np.random.default_rng(20_015)
     clouds = sum(
         weight * _smooth_noise(rng, size, (cells, cells)) for weight, cells in ((0.45, 6), (0.35, 14), (0.2, 40))
@@ -104,7 +104,7 @@ def _stripes(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _tiles(color: np.ndarray, size: int) -> np.ndarray:
-    """Return glazed tiles of fifteen centimeters with darker joints; their tones differ a little."""
+    """Return glazed tiles of fifteen centimeters with darker joints. Their tones differ a little."""
     rng = np.random.default_rng(20_018)
     number = np.arange(size) * 8 // size
     tone = 0.06 * rng.uniform(-1.0, 1.0, (8, 8))[number][:, number]

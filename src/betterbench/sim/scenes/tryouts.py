@@ -1,4 +1,4 @@
-"""Short trials of one asset for its human reviewer: dropping it on a table, and lifting it by a grasp.
+"""Short trials of one asset for its human reviewer, which drop it on a table or lift it by a grasp.
 
 Each trial returns the motion, for display, and a sentence with the result.
 """
@@ -42,7 +42,8 @@ class Tryout:
         passed: Whether the trial succeeded.
         sentence: Result in one sentence.
         asset: (T, 7) positions [m] and quaternions (w, x, y, z) of the asset, one row every :data:`FRAME_S`.
-        gripper: The same for the gripper's bodies by name ("hand", "left_finger", "right_finger"); empty without.
+        gripper: The same for the gripper's bodies by name ("hand", "left_finger", "right_finger"), or empty without a
+            gripper.
     """
 
     passed: bool

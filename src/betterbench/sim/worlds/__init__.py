@@ -1,9 +1,11 @@
-"""Worlds: the simulated environments for trials, both ours and those of other benchmarks.
+"""Worlds, which are the simulated environments for trials, both ours and those of other benchmarks.
 
-- ``world``: interfaces of worlds and scenes; ``registry``: all worlds by name.
+- ``world``: interfaces of worlds and scenes.
+- ``registry``: all worlds by name.
 - ``betterbench``, ``libero``, ``libero_plus``, ``calvin``: one folder for each.
 - ``installation``, ``process``, ``environment``, ``frames``, ``rows``, ``simulator_loop``: simulators in separate
-  environments that answer over a local socket; ``scene``: a trial in such a simulator.
+  environments that answer over a local socket.
+- ``scene``: a trial in such a simulator.
 - ``authoring``: imports for a file that adds a world.
 
 Each public name is imported from its module at first use, so a run in our own scenes does not import CALVIN.

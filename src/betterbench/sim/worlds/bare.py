@@ -64,7 +64,7 @@ class BareScene(ABC):
         step_limit: int,
         objects: Sequence[ObjectInfo] = (),
     ) -> None:
-        """Store the trial; the episode begins with :meth:`reset`."""
+        """Store the trial. The episode begins with :meth:`reset`."""
         self.world, self.control_rate_hz = world.name, world.control_rate_hz
         self.task = _Task(task)
         self.condition = Instructed.of(f"{task}/{condition}", condition, instruction)
@@ -142,7 +142,7 @@ class BareScene(ABC):
         )
 
     def files(self) -> dict[str, bytes]:
-        """Return the stored files of the scene: its objects."""
+        """Return the stored files of the scene, which describe its objects."""
         objects = [{"name": o.name, "kind": o.kind, "size": o.size_m} for o in self._objects]
         return {"scene.json": json.dumps({"task": self.task.id, "objects": objects}, indent=1).encode()}
 
@@ -170,12 +170,12 @@ class BareScene(ABC):
 
 
 class BareTracker:
-    """Goal tracker for a :class:`BareScene`; the goal is met at the first state in which all relations hold."""
+    """Goal tracker for a :class:`BareScene`. The goal is met at the first state in which all relations hold."""
 
     undecided_states: ClassVar[int] = 0
 
     def __init__(self, scene: BareScene) -> None:
-        """Begin an episode; the scene must have been reset."""
+        """Begin an episode. The scene must have been reset."""
         self._scene = scene
         self.relation_names = self.subgoal_names = tuple(scene.relations())
 

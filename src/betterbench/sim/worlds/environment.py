@@ -32,7 +32,7 @@ def python_environment(given: Mapping[str, str]) -> dict[str, str]:
 def simulator_environment() -> dict[str, str]:
     """Return the environment of the next simulator's process.
 
-    Several EGL devices are assigned in turn; a device in ``MUJOCO_EGL_DEVICE_ID`` is used for all.
+    Several EGL devices are assigned in turn. A device in ``MUJOCO_EGL_DEVICE_ID`` is used for all.
 
     Raises:
         GraphicsError: If that variable does not name a device.

@@ -21,7 +21,7 @@ from betterbench.jobs.places import open_in_place
 from betterbench.sim.worlds.environment import python_environment
 
 INSTALL_LIMIT_S = 3600.0
-"""Maximum duration of one installation step [s]; LIBERO's packages have 360 MB."""
+"""Maximum duration of one installation step [s]. LIBERO's packages have 360 MB."""
 
 _COMPLETE = "complete"
 _PACKAGE = Path(__file__).resolve().parent
@@ -44,7 +44,7 @@ _STAND_INS = (
     "betterbench.tasks",
     "betterbench.tasks.worlds",
 )
-"""Packages that contain the modules imported by a simulator; the packages' own code is not run."""
+"""Packages that contain the modules imported by a simulator. The packages' own code is not run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ class Installation:
 
     @property
     def lock_path(self) -> Path:
-        """Path of the locked requirements: next to this file in an installed package, else in the checkout."""
+        """Path of the locked requirements, next to this file in an installed package, or else in the checkout."""
         packaged = _PACKAGE / "locks" / self.lock
         return packaged if packaged.exists() else _PACKAGE.parents[3] / "requirements" / self.lock
 
@@ -107,7 +107,7 @@ class Installation:
         process is installing, the function calls ``waits`` and waits for its end.
 
         Raises:
-            MissingDependencyError: If a step fails; the message has its last output.
+            MissingDependencyError: If a step fails. The message has its last output.
         """
         if self.is_installed:
             return self.folder
@@ -120,7 +120,7 @@ class Installation:
 
     @contextlib.contextmanager
     def _alone(self, waits: Callable[[], None]) -> Iterator[int]:
-        """Hold the folder lock until all processes with its file descriptor have ended; yield the descriptor."""
+        """Hold the folder lock until all processes with its file descriptor have ended, and yield the descriptor."""
         path = self.folder.with_name(f".{self.folder.name}.lock")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -47,7 +47,7 @@ class PremiseEntry:
         jumps: Initial states in which an object moves by more than :data:`JUMP_M` while settling, by object.
         engine: Simulator versions and its packages.
         bddl_sha256: SHA-256 of the task's file.
-        variant: Name of the LIBERO-Plus variant; empty for another task.
+        variant: Name of the LIBERO-Plus variant. It is empty for another task.
     """
 
     suite: str
@@ -120,7 +120,7 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
 
 @dataclass(frozen=True, slots=True)
 class _AskedTask:
-    """A task in a suite, as described by its world; ``variant`` and ``needs`` are specific to LIBERO-Plus."""
+    """A task in a suite, as described by its world. ``variant`` and ``needs`` are specific to LIBERO-Plus."""
 
     number: int
     instruction: str
@@ -130,7 +130,7 @@ class _AskedTask:
 
     @classmethod
     def of(cls, suite: str, number: int, said: Mapping[str, Any]) -> _AskedTask:
-        """Return the task of a world's description; raise LookupError, TypeError or ValueError if it is malformed."""
+        """Return the task of a world's description. Raises LookupError, TypeError or ValueError if it is malformed."""
         plus = suite in PLUS_SUITES
         return cls(
             index(said["task"] if plus else said.get("task", number)),
@@ -146,7 +146,7 @@ def _where(flags: Any) -> list[int]:  # noqa: ANN401 - a row of flags
 
 
 def is_premise_file(path: Path) -> bool:
-    """Return whether the first line of a file is an entry; raise OSError unless the file is missing."""
+    """Return whether the first line of a file is an entry. Raises OSError unless the file is missing."""
     try:
         with open_ordinary(path) as file:
             return isinstance(PremiseEntry(**parse_json(file.readline(_MOST_LINE))), PremiseEntry)

@@ -25,10 +25,10 @@ LIBERO takes 10 s, and a minute under load.
 """
 
 PREMISES_LIMIT_S = 1800.0
-"""Maximum wait for all initial states of a task to settle [s]; LIBERO's 50 states take half a minute."""
+"""Maximum wait for all initial states of a task to settle [s]. LIBERO's 50 states take half a minute."""
 
 STEP_LIMIT_S = 120.0
-"""Maximum wait for one control step [s]; LIBERO takes 0.15 to 0.5 s without a graphics card."""
+"""Maximum wait for one control step [s]. LIBERO takes 0.15 to 0.5 s without a graphics card."""
 
 _END_S = 5.0
 _LONGEST_TEXT = 10_000
@@ -56,7 +56,7 @@ def as_agreed(what: str) -> Iterator[None]:
 
 
 def sent_text(value: object) -> str:
-    """Return a string sent by a simulator; raise TypeError for other types, ValueError if it is too long."""
+    """Return a string sent by a simulator. Raises TypeError for other types, ValueError if it is too long."""
     if not isinstance(value, str):
         raise TypeError(f"expected a string, got a {type(value).__name__}")
     if len(value) > _LONGEST_TEXT:
@@ -73,7 +73,7 @@ class WorldProcess(AskedProcess):
     """Simulator process, which ends when its socket is closed. A context manager that ends the process."""
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
-        """Start the process; raise WorldError if this fails.
+        """Start the process. Raises WorldError if this fails.
 
         Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device (:mod:`betterbench.sim.worlds.environment`).
         """
@@ -93,23 +93,23 @@ class WorldProcess(AskedProcess):
         self.close()
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return a suite's tasks; raise WorldError if the simulator fails."""
+        """Return a suite's tasks. Raises WorldError if the simulator fails."""
         return self._ask({"do": "suite", "suite": name}, {}, self._start_limit_s)[0]
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle all initial states of a task; raise WorldError if the simulator fails."""
+        """Settle all initial states of a task. Raises WorldError if the simulator fails."""
         return self._ask({"do": "premises", **request}, {}, PREMISES_LIMIT_S)
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin an episode; raise WorldError if the simulator fails."""
+        """Begin an episode. Raises WorldError if the simulator fails."""
         return self._ask({"do": "start", **request}, {}, self._start_limit_s)
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
-        """Take one control step; raise WorldError if the simulator fails."""
+        """Take one control step. Raises WorldError if the simulator fails."""
         return self._ask({"do": "step", "look": look}, {"action": action}, STEP_LIMIT_S)
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> np.ndarray:
-        """Return images (n, size, size, 3) of a task's scene at n states; raise WorldError if the simulator fails."""
+        """Return images (n, size, size, 3) of a task's scene at n states. Raises WorldError if the simulator fails."""
         images = self._ask({"do": "draw", **request}, {"qpos": qpos}, self._start_limit_s)[1].get("images")
         size = int(request["size"])
         if images is None or images.shape != (len(qpos), size, size, 3) or images.dtype != np.uint8:
@@ -165,7 +165,7 @@ class WorldProcesses:
     """
 
     def __init__(self, command: Sequence[str]) -> None:
-        """Prepare; processes are started on demand."""
+        """Prepare. Processes are started on demand."""
         self._command = tuple(command)
         self._idle: list[tuple[object, WorldProcess]] = []
         self._next: WorldProcess | None = None

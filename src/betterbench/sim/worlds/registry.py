@@ -52,7 +52,7 @@ def world_names() -> tuple[str, ...]:
 
 
 def world_named(name: str) -> World:
-    """Return a world by name; raise UnknownNameError for an unknown name."""
+    """Return a world by name. Raises UnknownNameError for an unknown name."""
     load_declared()
     if name not in _WORLDS and name in _built_in():
         importlib.import_module(f"{_PACKAGE}.{name}")
@@ -67,7 +67,7 @@ def all_worlds() -> tuple[World, ...]:
 
 
 def world_of_suite(suite: str) -> World:
-    """Return the world with a suite; raise UnknownNameError for an unknown suite."""
+    """Return the world with a suite. Raises UnknownNameError for an unknown suite."""
     load_declared()
     facts = facts_of_suite(suite)
     if facts is not None:

@@ -30,7 +30,7 @@ class RowForm:
     """Layout of a row: the position and shape of each array in it."""
 
     def __init__(self, form: object) -> None:
-        """Read a form from :func:`form_of`; raise ValueError or TypeError if it has another structure."""
+        """Read a form from :func:`form_of`. Raises ValueError or TypeError if it has another structure."""
         if not isinstance(form, list):
             raise TypeError("the form of its rows is missing")
         self.places: dict[str, slice] = {}
@@ -50,7 +50,7 @@ class RowForm:
         self.size = at
 
     def array(self, row: np.ndarray, name: str) -> np.ndarray:
-        """Return one array of a row (n,) with its shape; a view."""
+        """Return one array of a row (n,) with its shape, as a view."""
         return row[self.places[name]].reshape(self.shapes[name])
 
     def not_finite(self, row: np.ndarray) -> Sequence[str]:

@@ -50,7 +50,7 @@ _NUMBERS: Mapping[str, int | None] = {
     "controller_position": 3,
     "controller_rotation": 9,
 }
-"""Row arrays with their number of values; None if it depends on the task."""
+"""Row arrays with their number of values, or None if it depends on the task."""
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
 """Row arrays that have one entry per object, with the number of values per entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
@@ -163,7 +163,7 @@ class ProcessWorld(World):
 
     @property
     def simulator(self) -> str:
-        """Simulator name; records of different simulators are not compared."""
+        """Simulator name. Records of different simulators are not compared."""
         return self.name
 
     def step_limit(self, task: WorldTask) -> int:
@@ -182,7 +182,7 @@ class ProcessWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> ProcessScene:
-        """Return a trial's scene, set up by its reset; with ``depth``, depth images are rendered too."""
+        """Return a trial's scene, set up by its reset. With ``depth``, depth images are rendered too."""
         del options
         scene = self._scene_class()(
             self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
@@ -194,7 +194,7 @@ class ProcessWorld(World):
         return ProcessScene
 
     def environments(self, usual: int) -> int:
-        """Return a worker's initial number of environments; each is a process with a slow simulator."""
+        """Return a worker's initial number of environments. Each is a process with a slow simulator."""
         del usual
         return PROCESSES
 
@@ -241,7 +241,7 @@ class ProcessScene:
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare the scene; nothing is simulated before :meth:`reset`. ``seed`` is the index of the initial state.
+        """Prepare the scene. Nothing is simulated before :meth:`reset`. ``seed`` is the index of the initial state.
 
         ``instructed_anew`` is set by a step after which the policy gets another instruction.
         """
@@ -271,7 +271,7 @@ class ProcessScene:
 
     @property
     def info(self) -> SceneInfo:
-        """Constant properties of the scene in the episode; known after the reset."""
+        """Constant properties of the scene in the episode, which are known after the reset."""
         return self._info
 
     @property
@@ -373,7 +373,7 @@ class ProcessScene:
         return applied
 
     def state(self) -> WorldState:
-        """Return the privileged state; raise WorldError if the simulator sent impossible values."""
+        """Return the privileged state. Raises WorldError if the simulator sent impossible values."""
         with as_agreed("sent a state"):
             return self._state()
 
@@ -497,7 +497,7 @@ class ProcessScene:
             process.close(0.0)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Store an answer; raise WorldError if an array has a non-finite number or another size than expected."""
+        """Store an answer. Raises WorldError if an array has a non-finite number or another size than expected."""
         document, arrays = answer
         due = _SHOWN if self._draws_next else _ARRAYS
         if not arrays.keys() >= due:
@@ -522,7 +522,7 @@ class ProcessScene:
         self._document, self._arrays, self._numbers = document, arrays, numbers
 
     def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Store the reply to the start of an episode; raise WorldError if a row lacks a required array.
+        """Store the reply to the start of an episode. Raises WorldError if a row lacks a required array.
 
         Other malformed replies raise exceptions that :func:`~betterbench.sim.worlds.process.as_agreed` turns into a
         WorldError.

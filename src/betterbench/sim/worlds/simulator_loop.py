@@ -25,7 +25,7 @@ class Simulator(Protocol):
     """A simulator with one environment."""
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return a suite's tasks: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
+        """Return a suite's "versions" and its "tasks", a list with "name", "instruction" and "states"."""
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
         """Settle every initial state of a task.
@@ -34,7 +34,7 @@ class Simulator(Protocol):
         """
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin an episode and settle; return the constant properties and the first row."""
+        """Begin an episode and settle, and return the constant properties and the first row."""
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Take one control step, and return the row after the step, with images if ``look``."""
@@ -46,7 +46,7 @@ class Simulator(Protocol):
 def answer_requests(simulator: Simulator, descriptor: int) -> None:
     """Answer requests from a socket until the socket is closed.
 
-    Output of the simulator goes to standard error; only frames are sent over the socket.
+    Output of the simulator goes to standard error. Only frames are sent over the socket.
     """
     sys.stdout.flush()
     os.dup2(2, 1)

@@ -48,8 +48,8 @@ class PlanRequest:
 
     Attributes:
         suite: Suite name.
-        tasks: Tasks to run, by name or number; default: all tasks in the suite.
-        trials: Number of trials in the world's unit; the usual number if None.
+        tasks: Tasks to run, by name or number. By default, all tasks in the suite.
+        trials: Number of trials in the world's unit. If None, the usual number is used.
         seed: First seed, initial state or chain.
         options: This world's options, by name.
     """
@@ -61,7 +61,7 @@ class PlanRequest:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def options_as(self, form: Callable[..., Form], *, world: str) -> Form:
-        """Return the options as a dataclass; raise UnknownNameError for an unknown option."""
+        """Return the options as a dataclass. Raises UnknownNameError for an unknown option."""
         known = [f.name for f in fields(form)]  # type: ignore[arg-type]
         for name in self.options:
             if name not in known:
@@ -246,10 +246,10 @@ class TrialScene(Protocol):
         """Return the judge of an episode, after the reset."""
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return the scene's description for the record; ``images`` is True if images are rendered."""
+        """Return the scene's description for the record. ``images`` is True if images are rendered."""
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> Mapping[str, Images]:
-        """Return the current images by camera; ``renderers`` are the worker's renderers for MuJoCo models."""
+        """Return the current images by camera. ``renderers`` are the worker's renderers for MuJoCo models."""
 
     def native(self) -> Mapping[str, np.ndarray]:
         """Return the state as read by the world's own clients, by the names of our state parts.
@@ -260,7 +260,7 @@ class TrialScene(Protocol):
         """
 
     def close(self, *, well: bool) -> None:
-        """Free the resources of the trial; ``well`` is True if its record was written."""
+        """Free the resources of the trial. ``well`` is True if its record was written."""
 
 
 class World(ABC):
@@ -268,18 +268,18 @@ class World(ABC):
 
     The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world. :meth:`plan` returns a run's
     trials and the value for ``plan.world``, which may contain additional data of this run. Subclasses are frozen
-    dataclasses with picklable fields; the registry pickles worlds by name.
+    dataclasses with picklable fields. The registry pickles worlds by name.
 
     Attributes:
         facts: Facts that need no simulator.
         control_rate_hz: Actions per second.
         action_spaces: Supported action spaces, the default first.
         observations: Supported observation presets: the preset to use, by requested name.
-        dialect: World whose conventions are used with a policy server ("libero"); empty for our own scenes.
-        drawn_by: Renderer of the images, for the manifest; empty if the workers render MuJoCo models.
+        dialect: World whose conventions are used with a policy server ("libero"). It is empty for our own scenes.
+        drawn_by: Renderer of the images, for the manifest. It is empty if the workers render MuJoCo models.
         options: Dataclass of the options that only this world has, for :attr:`PlanRequest.options`.
         installation: Environment of the simulator, or None.
-        command: Command of the simulator's process; empty without a process.
+        command: Command of the simulator's process. It is empty without a process.
     """
 
     __slots__ = ()
@@ -360,7 +360,7 @@ class World(ABC):
         return {}
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return a description of the world's conventions; ``robot`` is the name of the run's robot."""
+        """Return a description of the world's conventions. ``robot`` is the name of the run's robot."""
         del robot
         return {"control_rate_hz": self.control_rate_hz, "units": "m, kg, s, rad"}
 

@@ -49,16 +49,16 @@ def item(name: str, kind: str = "", category: str = "", color: str | None = None
     """Return an object that instructions may refer to.
 
     Args:
-        name: Name in the scene; it has no meaning.
-        kind: Noun for the object in instructions; default: the name with spaces.
-        category: Category of its asset; default: the kind with underscores.
-        color: Its asset's color, or None to let the generator choose.
+        name: Name in the scene. It has no meaning.
+        kind: Noun for the object in instructions. By default, the name with spaces.
+        category: Category of its asset. By default, the kind with underscores.
+        color: Color of its asset, or None to let the generator choose.
     """
     return _object("item", name, kind, category, color)
 
 
 def distractor(name: str, kind: str = "", category: str = "", color: str | None = None) -> ObjectSpec:
-    """Return an object that no instruction refers to; the arguments are the same as for :func:`item`."""
+    """Return an object that no instruction refers to. The arguments are the same as for :func:`item`."""
     return _object("distractor", name, kind, category, color)
 
 
@@ -101,7 +101,7 @@ def subgoal(
     word: str,
     count: int = 1,
 ) -> Subgoal:
-    """Return a step of an instruction; for ``name``, ``word`` and ``count`` see :class:`Subgoal`.
+    """Return a step of an instruction. For ``name``, ``word`` and ``count``, see :class:`Subgoal`.
 
     The ``thing`` is an object (any object of its kind is accepted) or a reference by slot. The relation must hold
     between this object and the target, or a region of the target if it has several.
@@ -111,7 +111,7 @@ def subgoal(
 
 
 def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal, ...]:
-    """Return the steps that put objects into a container; a repeated kind requires a second object of that kind."""
+    """Return the steps that put objects into a container. A repeated kind requires a second object of that kind."""
     if not isinstance(verb, str):
         raise TypeError(f"packed(verb, target, *things): the first argument is a verb as text, not {verb!r}")
     kinds = [thing.kind for thing in things]
@@ -134,8 +134,9 @@ def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str], close: bool = F
     Args:
         anchor: Object with the sides.
         *steps: Objects with their sides.
-        close: Whether the instruction says "next to", and the direction of cutlery. Required for a round anchor such as
-            a plate: objects must be close to it, and the handle of cutlery must point to the front.
+        close: Whether the instruction says "next to", and states the direction of cutlery. This is required for a round
+            anchor such as a plate, because objects must be close to it and the handle of cutlery must point to the
+            front.
     """
     at = f"the {anchor.kind}"
     parts = [
@@ -159,7 +160,7 @@ def condition(
     opened: Mapping[ObjectSpec, float] | None = None,
     cloth: str | None = None,
 ) -> Condition:
-    """Return a training condition; the registry sets its task and name.
+    """Return a training condition. The registry sets its task and name.
 
     Args:
         layout: Start slot of each object.
@@ -167,7 +168,7 @@ def condition(
         *mounted: Drawers, which start in their mounts.
         preplaced: Objects in the layout that start at a target instead of in their slot.
         opened: Drawers that are open at the start, with their opening [m].
-        cloth: Color of the tablecloth; by default, the table is bare.
+        cloth: Color of the tablecloth. By default, the table is bare.
     """
     if not isinstance(instruction, Instruction):
         raise TypeError("an instruction needs a text and its steps: ordered(text, *steps) or Instruction(text, steps)")

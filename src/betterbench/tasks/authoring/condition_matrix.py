@@ -1,4 +1,4 @@
-"""Diagnostic matrices of a task: nine conditions by the initial states of two objects, with the paper's results."""
+"""Diagnostic matrices of a task, with nine conditions by the initial states of two objects and the paper's results."""
 
 from __future__ import annotations
 

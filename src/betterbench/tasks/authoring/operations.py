@@ -51,7 +51,7 @@ class Operation:
     carry_out: Callable[[Condition], Result] = field(compare=False, repr=False)
 
     def __str__(self) -> str:
-        """Return the form ``do(swap a=burger_1 b=fries)``."""
+        """Return the operation as text, such as ``do(swap a=burger_1 b=fries)``."""
         shown = (f"{k}={getattr(v, 'text', getattr(v, 'name', v))}" for k, v in self.arguments.items())
         return f"do({' '.join((self.name, *shown))})"
 
@@ -65,7 +65,7 @@ def operation_names() -> tuple[str, ...]:
 
 
 def operation_named(name: str) -> Callable[..., Operation]:
-    """Return the constructor of an operation; its signature begins with the condition, which is not passed.
+    """Return the constructor of an operation. Its signature begins with the condition, which is not passed.
 
     Raises:
         UnknownNameError: If the operation does not exist.
@@ -110,7 +110,7 @@ def move(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noq
 
 @operation
 def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, region: str = "") -> Result:  # noqa: A002
-    """Place an object at its target from the start; ``region`` is given if the target has several."""
+    """Place an object at its target from the start. ``region`` is given if the target has several regions."""
     _require_slot(condition, object)
     condition.object(target.name)
     layout = {name: slot for name, slot in condition.layout.items() if name != object.name}
@@ -120,17 +120,17 @@ def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, regio
 
 @operation
 def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Result:
-    """Open a drawer by ``distance_m`` at the start; 0 closes it."""
+    """Open a drawer by ``distance_m`` at the start. A distance of 0 closes it."""
     if condition.object(drawer.name).mount is None:
         raise _refused(condition, drawer, "it is not a drawer", "Name an object with a mount")
     if not distance_m >= 0.0:
-        raise InvalidInputError(f"{condition.id} distance_m", f"{distance_m} m", "Give 0 or more; 0 closes the drawer")
+        raise InvalidInputError(f"{condition.id} distance_m", f"{distance_m} m", "Give 0 or more (0 closes the drawer)")
     return condition.with_(opened={**condition.opened, drawer.name: distance_m}), Changes(frozenset({drawer.name}))
 
 
 @operation
 def remove(condition: Condition, object: ObjectSpec) -> Result:  # noqa: A002
-    """Remove an object from the scene, at which no other object may rest or slide."""
+    """Remove an object from the scene. No other object may rest on it or slide in it."""
     name = condition.object(object.name).name
     guests = [o.name for o in condition.objects if o.mount is not None and o.mount.target == name]
     guests += [guest for guest, place in condition.preplaced.items() if place.target == name]
@@ -168,7 +168,7 @@ def instruct(condition: Condition, instruction: Instruction) -> Result:
 
 @operation
 def repeat(condition: Condition, instruction: Instruction) -> Result:
-    """Repeat a trained step more often than in training: some subgoal occurs twice."""
+    """Repeat a trained step more often than in training, so that some subgoal occurs twice."""
     if len({goal.reference for goal in instruction.subgoals}) == len(instruction.subgoals):
         raise InvalidInputError(f"{condition.id} repeat", "no subgoal is repeated", "Use chain or instruct")
     return condition.with_(instruction=instruction), Changes(language=True)

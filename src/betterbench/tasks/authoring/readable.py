@@ -35,7 +35,7 @@ def require_readable(task: Task) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _At:
-    """Location within a value: the parent location and the step from it (field, index or key of a mapping)."""
+    """Location within a value, given by the parent location and a field, an index or a key of a mapping."""
 
     before: _At | None
     step: object
@@ -67,7 +67,8 @@ def _shown(text: str) -> str:
 def _texts(task: Task) -> Iterator[tuple[_At | None, str]]:
     """Yield every text of a task with its first location.
 
-    Conditions share most of their objects, so each object is read once: a task has some 2,000 texts in 20,000 places.
+    Each object is read only once, because conditions share most of their objects. A task has some 2,000 texts in 20,000
+    places.
     """
     left: list[tuple[_At | None, object]] = [(None, task)]
     seen: dict[int, object] = {}

@@ -1,4 +1,4 @@
-"""Listed regimes of a task: additional sets of conditions for demonstrations, such as one without confounds."""
+"""Listed regimes of a task, which are further sets of conditions for demonstrations, such as one without confounds."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class ListedRegime:
     """Conditions of a regime.
 
     Attributes:
-        conditions: Conditions; the registry names them balanced1, diverse1 and so on, in this order.
+        conditions: Conditions, which the registry names balanced1, diverse1 and so on, in this order.
         crossed: Crossed and tied factors, one line each.
-        slots: Slots that only conditions of listed regimes use; objects are not picked from these slots.
+        slots: Slots that only conditions of listed regimes use. Objects are not picked from these slots.
     """
 
     conditions: tuple[Condition, ...]

@@ -1,6 +1,6 @@
 """Registry of tasks.
 
-Decorated functions register tasks; commands, task cards and tests are derived from the registry.
+Decorated functions register tasks. Commands, task cards and tests are derived from the registry.
 """
 
 import dataclasses
@@ -99,7 +99,7 @@ def get_task(name: str) -> Task:
 
 
 def notes_of(name: str) -> str:
-    """Return the notes in the docstring of a task: randomizations, success and premise.
+    """Return the notes in the docstring of a task about randomizations, success and premise.
 
     Raises:
         UnknownNameError: If the task does not exist.
@@ -165,7 +165,7 @@ def suite_tasks(name: str) -> tuple[str, ...]:
 
 
 def built_in_suite(tasks: Iterable[str]) -> str:
-    """Return the packaged suite that contains all of some tasks; better60 if none does, or without tasks."""
+    """Return the packaged suite that contains all given tasks, or better60 if there is none or no task is given."""
     named = set(tasks)
     return next((suite for suite, known in SUITES.items() if named <= set(known)), next(iter(SUITES)))
 

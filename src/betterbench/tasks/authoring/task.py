@@ -1,4 +1,4 @@
-"""Tasks: fixtures, slots, training conditions with confounds, and variations."""
+"""Tasks, with their fixtures, slots, training conditions with confounds, and variations."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,10 +19,10 @@ class Task:
     Attributes:
         version: Version of its behavior, incremented if a goal, tolerance or instruction changes.
         template: The constraint template of the task.
-        training: The training conditions; the registry names them train1, train2, ... in this order.
-        id: Identifier ("fast_food"); the registry sets it to the name of the decorated function.
-        description: Description of the task; the registry sets it to the first line of that function's docstring.
-        regimes: Listed regimes by name: "balanced", "diverse-confounded".
+        training: The training conditions, which the registry names train1, train2, ... in this order.
+        id: Identifier ("fast_food"). The registry sets it to the name of the decorated function.
+        description: Description of the task. The registry sets it to the first line of that function's docstring.
+        regimes: Listed regimes by name, such as "balanced" and "diverse-confounded".
         robot: Name of the robot for which the slots are laid out.
         matrices: Diagnostic matrices whose cells are conditions of the task.
     """

@@ -267,9 +267,9 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
         where: File for the error.
 
     Raises:
-        InvalidInputError: If a field is missing, unknown, of the wrong type or out of range, if it names an object,
-            slot, template, relation, operation or condition that does not exist, or if a condition does not follow
-            the template; the message names the path.
+        InvalidInputError: If a field is missing, unknown, of the wrong type or out of range. It is also raised if a
+            field names an object, slot, template, relation, operation or condition that does not exist, or if a
+            condition does not follow the template. The message names the path.
     """
     read = read_form(_FORM, form if isinstance(form, str | bytes) else dict(form), where=where, cure=_CURE)
     names = _Names(where, read)
@@ -405,7 +405,7 @@ def _condition(form: _Condition, names: _Names, path: str, *, name: str) -> Cond
 
 
 def _regimes(form: Mapping[str, _Regime], names: _Names) -> dict[str, ListedRegime]:
-    """Return listed regimes; their conditions may use extra slots, in addition to the slots of the task."""
+    """Return listed regimes. Their conditions may use extra slots, in addition to the slots of the task."""
     found = {}
     own = dict(names.slots)
     for regime, listed in form.items():

@@ -1,4 +1,4 @@
-"""Constraint templates: the interaction patterns of tasks."""
+"""Constraint templates, which are the interaction patterns of tasks."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -69,7 +69,7 @@ class Protocol:
 
 @dataclass(frozen=True, kw_only=True)
 class Template(Meta, Protocol):
-    """Interaction pattern: object groups, relations and protocol.
+    """Interaction pattern, with object groups, relations and a protocol.
 
     Attributes:
         relation: Name of the main relation in its subgoals.

@@ -105,7 +105,7 @@ def template_from_json(form: Mapping[str, Any]) -> Template:
     """Read a template from JSON.
 
     Raises:
-        InvalidInputError: If a field is missing, unknown, of the wrong type or out of range; the message names the
+        InvalidInputError: If a field is missing, unknown, of the wrong type or out of range. The message names the
             path.
     """
     read = read_form(_FORM, dict(form), where="template", cure=_CURE)

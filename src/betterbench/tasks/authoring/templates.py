@@ -58,7 +58,7 @@ LOOSE_PACKING = Template(
     exclusive=True,
     order="named",
 )
-"""Named objects, and no others, go into a container, in any pose; drinks must not lie on their side."""
+"""Named objects, and no others, go into a container, in any pose. Drinks must not lie on their side."""
 
 CONSTRAINED_POSITIONING = Template(
     name="constrained_positioning",

@@ -1,7 +1,7 @@
 """Regularities in a task's training conditions, such as the slots associated with each word.
 
-Variations break these confounds. They are computed from the training conditions, not written by hand, so the two cannot
-disagree.
+Variations break these confounds. The regularities are computed from the training conditions, not written by hand, so
+the two cannot disagree.
 """
 
 from collections import Counter
@@ -19,7 +19,7 @@ class TrainingDistribution:
         word_slots: The instructed object's slots, by instruction word.
         kind_slots: The instructed object's slots, by object kind.
         standing_kinds: Object kinds at the start, by slot.
-        first_kinds: Kinds of a demonstration's first object, most frequent first, with their counts.
+        first_kinds: Kinds of the first object in demonstrations with their counts, starting with the most frequent.
         kind_targets: Trained targets by object kind, as target kind, relation and region.
         sequences: Kinds in the order in which they were handled, by training condition.
         initial_items: Maximum number of movable objects on the table at the start of a demonstration.
@@ -50,7 +50,7 @@ class TrainingDistribution:
 
     @property
     def favorite_slot(self) -> str:
-        """Slot used with the most instruction words; the first by name in case of a tie."""
+        """Slot used with the most instruction words. In case of a tie, it is the first by name."""
         counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
         return min(counts, key=lambda slot: (-counts[slot], slot))
 
@@ -103,7 +103,7 @@ def training_distribution_of(task: Task) -> TrainingDistribution:
 
 
 def pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]]]:
-    """Return the instruction and the initial scene of a condition: the kind in each slot, and the open drawers."""
+    """Return a condition's instruction and initial scene, which is the kind in each slot and the open drawers."""
     places = {(condition.object(n).kind, slot) for n, slot in condition.layout.items()}
     places |= {(condition.object(n).kind, f"at {p.target} {p.region}") for n, p in condition.preplaced.items()}
     places |= {(condition.object(n).kind, f"open {distance}") for n, distance in condition.opened.items()}

@@ -1,4 +1,4 @@
-"""Variations as data: a training condition, the operations that change it, and the tested ability."""
+"""Variations as data, with a training condition, the operations that change it, and the tested ability."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ class Variation:
     Attributes:
         name: Letter of the axis and running number ("L3").
         interventions: Operations, applied in order.
-        title: Difference from training in a few words, for tables.
+        title: Short description of the difference from training, for tables.
         hypothesis: Ability that a success demonstrates.
         base: Name of the training condition. Its trial with the same seed is the counterfactual twin.
         support: Whether all poses are inside the training distribution.

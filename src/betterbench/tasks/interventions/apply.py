@@ -1,4 +1,4 @@
-"""Application of interventions: a variation's condition."""
+"""Application of interventions, which gives the condition of a variation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Regimes: sets of conditions for the demonstrations of training and of its control arms."""
+"""Regimes, which are sets of conditions for demonstrations in training and in control experiments."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ to its slot. "covered": the test conditions.
 
 
 def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
-    """Return a task's conditions in a regime; raise InvalidInputError if the task does not have the regime."""
+    """Return a task's conditions in a regime. Raises InvalidInputError if the task does not have the regime."""
     if regime == "training":
         return task.training
     if regime == "covered":
@@ -32,7 +32,7 @@ def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
 
 
 def in_regime(task: Task, regime: Regime) -> Task:
-    """Return a task with the conditions and slots of a regime; raise InvalidInputError if the task lacks the regime."""
+    """Return a task with a regime's conditions and slots. Raises InvalidInputError if the task lacks the regime."""
     if regime == "training":
         return task
     listed = task.regimes.get(regime)

@@ -22,7 +22,7 @@ class ResolvedCondition:
         task: The task, with the condition's slots.
         condition: The condition itself.
         variation: The variation that creates it, or None for a training condition or a condition of a listed regime.
-        changes: Changes that its interventions declare; empty without a variation.
+        changes: Changes that its interventions declare. It is empty without a variation.
     """
 
     task: Task
@@ -32,7 +32,7 @@ class ResolvedCondition:
 
     @property
     def base(self) -> str:
-        """Name of the twin's condition: a variation's training condition, otherwise the condition itself."""
+        """Name of the twin's condition, which is a variation's training condition or otherwise the condition itself."""
         return self.condition.name if self.variation is None else self.variation.base
 
     @property
@@ -42,7 +42,7 @@ class ResolvedCondition:
 
 
 def condition_names(task: Task) -> tuple[str, ...]:
-    """Return the names of all task conditions: training conditions first, then variations."""
+    """Return the names of all conditions of a task, with training conditions first and then variations."""
     return (*(c.name for c in task.training), *(v.name for v in task.variations))
 
 

@@ -1,4 +1,4 @@
-"""Aftermath: grasp attempts after the goal is met, in conditions that continue for some time."""
+"""Grasp attempts after the goal is met, in conditions that then continue for some time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Aftermath:
         Args:
             info: The scene.
             rate_hz: Control rate.
-            picked: Slots from which training picked an object; closing on nothing at one of them is an attempt.
+            picked: Slots from which training picked an object. Closing on nothing at one of them is an attempt.
         """
         self._motion = MotionBuilder(info, rate_hz=rate_hz, picked=picked)
         self._row = -1

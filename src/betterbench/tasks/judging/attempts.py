@@ -1,4 +1,4 @@
-"""Grasp attempts: the gripper closes within reach of an object or an empty slot; contacts determine the object."""
+"""Grasp attempts, in which the gripper closes within reach of an object or an empty slot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class GraspAttempt:
 
     Attributes:
         release: Row at which the gripper was commanded to open again, or the number of rows.
-        aim: Index of the object closest to the gripper; for an air grasp the missed object, if any.
+        aim: Index of the object closest to the gripper. For an air grasp, it is the missed object, if any.
     """
 
     start: int
@@ -32,10 +32,10 @@ class GraspAttempt:
 def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return all grasp attempts of an episode, in order.
 
-    The following are not attempts: closing at home or far from all objects, without finger travel, or again on an
-    object that is already held. If the gripper opens only briefly (chatter), it is still the same attempt. An object
-    that is lifted between the fingers was attempted, regardless of the gripper command. So was an object on which a
-    finger presses, regardless of other objects nearby. Without contact, distances decide.
+    It is not an attempt if the gripper closes at home or far from all objects, without finger travel, or again on an
+    object that it already holds. If the gripper opens only briefly (chatter), it is still the same attempt. An object
+    that is lifted between the fingers was attempted, regardless of the gripper command. An object on which a finger
+    presses was attempted too, regardless of other objects nearby. Without contact, distances decide.
     """
     grasps: list[GraspAttempt] = []
     for closing in _closings(motion):
@@ -116,7 +116,7 @@ def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
 def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return the times at which an empty gripper partly closed low over the table and opened again.
 
-    The width must change by at least ``finger_travel``; changes up to 1 mm count as trembling. Squeezes alone are not
+    The width must change by at least ``finger_travel``. Changes up to 1 mm count as trembling. Squeezes alone are not
     grasp attempts.
     """
     found, width = [], motion.width
@@ -153,7 +153,7 @@ def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
 
 
 class _Closing(NamedTuple):
-    """Gripper closing: row ranges (exclusive ends) separated only by chatter."""
+    """Closing of the gripper, given as row ranges (exclusive ends) that are separated only by chatter."""
 
     parts: tuple[tuple[int, int], ...]
 
@@ -167,7 +167,7 @@ class _Closing(NamedTuple):
 
 
 class _Travel(NamedTuple):
-    """Finger travel during a closing: the row at which the fingers rest, and the row before which they are judged."""
+    """Finger travel during a closing, with the row at which the fingers rest and the end of the judged rows."""
 
     settled: int
     limit: int

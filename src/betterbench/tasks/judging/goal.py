@@ -1,4 +1,4 @@
-"""A condition's goal, tracked over time: subgoals, order, harm, dwell and forbidden interactions."""
+"""Tracker of a condition's goal over time, with subgoals, order, harm, dwell time and forbidden interactions."""
 
 from betterbench.interface.state import SceneInfo, WorldState
 from betterbench.tasks.authoring.template import Template
@@ -19,7 +19,7 @@ class GoalTracker:
     """Goal tracker for an episode, live or offline. It must be passed every state in order, starting at reset."""
 
     def __init__(self, condition: Condition, info: SceneInfo, *, template: Template, control_rate_hz: float) -> None:
-        """Prepare for an episode; the dwell time is counted at the control rate."""
+        """Prepare for an episode. The dwell time is counted at the control rate."""
         self._condition, self._info = condition, info
         self._goals = condition.instruction.subgoals
         asked = asked_by(condition)
@@ -70,7 +70,7 @@ class GoalTracker:
 
     @property
     def harm(self) -> tuple[Harm, ...]:
-        """The harm up to the last state, which prevents success."""
+        """The harm up to the last state. Any harm prevents success."""
         return () if self._last is None else self._harm.found(*self._last)
 
     @property
@@ -121,7 +121,7 @@ class GoalTracker:
         return there
 
     def _what_is_done(self, state: WorldState, at: Places) -> tuple[bool, ...]:
-        """Return a mask of the completed subgoals: all objects at the target, at rest and released."""
+        """Return a mask of the completed subgoals, whose objects are all at the target, at rest and released."""
         settled: dict[str, bool] = {}
         self._settling = False
         done: list[bool] = []

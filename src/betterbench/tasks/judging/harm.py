@@ -1,4 +1,4 @@
-"""Harm: unwanted side effects, such as a bystander knocked over. Harm rules out success in every task."""
+"""Harm, which is an unwanted side effect such as knocking over another object. It rules out success in every task."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ class Harm:
     """Harm to an object in an episode.
 
     Attributes:
-        sort: Kind of harm. "target_brought": the target was moved to the object, which stayed in place.
+        sort: Kind of harm. With "target_brought", the target was moved to the object, which stayed in place.
         object: Harmed object.
-        target: Target at which the instruction did not request the object, else None.
+        target: Target at which the instruction did not request the object, or None.
         region: The region of that target, if it has several.
     """
 
@@ -70,7 +70,7 @@ class Harm:
     region: str = ""
 
     def words(self, info: SceneInfo) -> str:
-        """Return a clause that describes the harm, "the mouse lies on the floor"."""
+        """Return a clause that describes the harm, such as "the mouse lies on the floor"."""
         kind = info.object(self.object).kind
         if self.sort == "on_the_floor":
             return f"the {kind} {agreeing(kind, 'lies', 'lie')} on the floor"
@@ -127,7 +127,7 @@ class HarmWatch:
     """Harm detector for an episode, which must be passed every state in order, starting at reset."""
 
     def __init__(self, asked: Sequence[Asked], targets: Targets, info: SceneInfo, *, exclusive: bool) -> None:
-        """Prepare; if a template is not ``exclusive``, other objects may be at its targets."""
+        """Prepare for an episode. If a template is not ``exclusive``, other objects may be at its targets."""
         self._targets, self._exclusive = targets, exclusive
         self._asked = tuple(asked)
         self._watched = tuple(info.index(name) for name in bystanders(asked, info))
@@ -220,7 +220,7 @@ class HarmWatch:
 
 
 def can_stand(thing: ObjectInfo) -> bool:
-    """Return whether an object is upright and can be knocked over: neither flat nor rolling."""
+    """Return whether an object is upright and can be knocked over, so that it is neither flat nor rolling."""
     width, depth, height = thing.size_m
     return thing.shape in STANDS_FROM and height >= STANDS_FROM[thing.shape] * min(width, depth)
 

@@ -1,4 +1,4 @@
-"""Incremental judging: a predicate is evaluated again only if the state that it reads has changed.
+"""Incremental judging, in which a predicate is evaluated again only if the state that it reads has changed.
 
 At most control steps, at most one object moves. Incremental judging lets ``GoalTracker.update`` take 10.0 µs per state
 instead of 21.4 µs, on the expert's states in all ten tasks (2026-11-28: 40 recorded episodes, minimum CPU time of five
@@ -27,7 +27,7 @@ class JudgingMemory:
 
     Attributes:
         relations: Whether each predicate holds in the last state.
-        truth: Goal state of the last state if nothing has changed since, else None. Set by the tracker.
+        truth: Goal state of the last state if nothing has changed since, or None otherwise. The tracker sets it.
     """
 
     def __init__(self, targets: Targets) -> None:

@@ -19,7 +19,7 @@ Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion of an episode, or its beginning, as arrays. ``T`` rows, ``n`` objects; world frame, meters, seconds.
+    """Motion of an episode, or its beginning, as arrays with ``T`` rows and ``n`` objects (world frame, m, s).
 
     Attributes:
         tool: (T, 3) tool center point.
@@ -31,7 +31,7 @@ class Motion:
         right: (T, n) whether the right finger touches it.
         held: (T,) index of the held object, or -1.
         force: (T, n) largest normal force with which a finger presses on the object [N].
-        there: (T, n) whether the object is in a region of any target, instructed or not; closed drawers are left out.
+        there: (T, n) whether the object is in a region of any target, instructed or not. Closed drawers are left out.
         picked: Slots from which training picked an object.
     """
 
@@ -56,7 +56,7 @@ class Motion:
 
     @property
     def items(self) -> tuple[int, ...]:
-        """Indices of graspable objects: items, distractors and drawers."""
+        """Indices of graspable objects, which are items, distractors and drawers."""
         return graspable(self.info)
 
     @property
@@ -84,7 +84,7 @@ class Motion:
     def sideways_distances(self, row: int, point: Floats) -> Floats:
         """Return the distance of a point to every object's oriented bounding box as seen from above [m], shape (n,).
 
-        The point is compared at half the height of each object; the result is exact for objects that stand upright.
+        The point is compared at half the height of each object. The result is exact for objects that stand upright.
         """
         positions = self.positions[row].copy()
         positions[:, 2] = point[2] - np.array([0.5 * o.size_m[2] for o in self.info.objects])
@@ -96,7 +96,7 @@ class Motion:
         return distances
 
     def within_reach(self, row: int, point: Floats) -> Bools:
-        """Return a mask of objects that a gripper at a point could close on, (n,): near the box or above the center."""
+        """Return a mask (n,) of objects that a gripper at a point could close on, near the box or above the center."""
         boxes, centers = self.box_distances(row, point), self.center_distances(row, point)
         return in_reach(boxes, centers)
 
@@ -113,7 +113,7 @@ class Motion:
         return self.slot_near(self.positions[row, i], reach)
 
     def place_of(self, slot: str) -> str:
-        """Return the representative of a slot: the first slot that the same motion would reach."""
+        """Return the representative of a slot, which is the first slot that the same motion would reach."""
         at = {s.name: s.position[:2] for s in self.info.slots}
         return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)
 
@@ -157,7 +157,7 @@ class Motion:
 
 
 def graspable(info: SceneInfo) -> tuple[int, ...]:
-    """Return the indices of graspable objects: items, distractors and drawers that are not fixed."""
+    """Return the indices of graspable objects, which are items, distractors and drawers that are not fixed."""
     roles = ("item", "distractor", "drawer")
     return tuple(i for i, o in enumerate(info.objects) if o.role in roles and not o.fixed)
 
@@ -188,11 +188,11 @@ def in_reach(boxes: Floats, centers: Floats) -> Bools:
 
 
 def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: float) -> Bools:
-    """Return whether the gripper is commanded to close, or kept closed by a zero command; shapes (T,).
+    """Return whether the gripper is commanded to close, or kept closed by a zero command, shape (T,).
 
     The result follows the majority of commands within a quarter second, so flicker or pulses do not hide a closing.
-    Fingers that stay half open for longer without contact have not closed: the gripper was preshaped to an object's
-    width.
+    Fingers that stay half open for longer without contact have not closed, because the gripper was preshaped to an
+    object's width.
 
     Args:
         command: Command of the gripper, above 0 to close, below to open.
@@ -220,8 +220,8 @@ def _told(command: Floats) -> Bools:
 def _most_told(told: Bools, window: int) -> Bools:
     """Return the clear majority of the commands around each row, or else the previous value.
 
-    A majority is clear if it exceeds the other side by more than half of the rows: four out of five. A change is dated
-    to the beginning of its commands, so commands without noise are returned unchanged.
+    A majority is clear if it exceeds the other side by more than half of the rows, such as four out of five. A change
+    is dated to the beginning of its commands, so commands without noise are returned unchanged.
     """
     if not (told[1:] != told[:-1]).any():
         return told
@@ -294,7 +294,7 @@ class MotionBuilder:
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    """Return the cross products of two lists of vectors, shape (n, 3); NumPy's functions are slow on short lists."""
+    """Return the cross products of two lists of vectors, shape (n, 3). NumPy's functions are slow on short lists."""
     products = np.empty(a.shape, dtype=np.result_type(a, b))
     products[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
     products[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]

@@ -1,9 +1,9 @@
 """Expected closing points of the gripper in a task's slots, to be compared with empty grasps.
 
-The expert does not close at the center of every slot: it grasps a mug at its handle, cutlery at its grip and a plate at
-its rim, 3 to 8 cm from the center. The points come from the assets' annotated grasps in the expert's order
-(``tools/closing_points.py`` writes the file), rotated with the slot. Because no demonstrations are measured, the points
-are also available for user tasks with library objects.
+The expert does not close at the center of every slot. It grasps a mug at its handle, cutlery at its grip and a plate at
+its rim, 3 to 8 cm from the center. The points come from the assets' annotated grasps in the expert's order, rotated
+with the slot. ``tools/closing_points.py`` writes the file. Because no demonstrations are measured, the points are also
+available for user tasks with library objects.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FORM: Literal["betterbench closing points"] = "betterbench closing points"
 
 
 class ClosingPoint(NamedTuple):
-    """Closing point of a category's preferred grasp in the object's frame [mm], and variation over the looks [mm]."""
+    """Closing point of a category's preferred grasp in the object's frame, and its variation over the looks [mm]."""
 
     x_mm: float
     y_mm: float
@@ -51,8 +51,8 @@ class PickedSlot:
 
     Attributes:
         middle: Center of the slot, x and y [m], world frame.
-        closings: Closing points in the demonstrations, the slot center first: x and y, world frame, and their spread
-            from the slot's jitter and the objects' looks [m].
+        closings: Closing points in the demonstrations, starting with the slot center. Each has x and y in the world
+            frame, and the spread from the slot's jitter and the objects' looks [m].
     """
 
     name: str
@@ -90,7 +90,7 @@ def picked_slots(task: str, info: SceneInfo) -> tuple[PickedSlot, ...]:
     """Return the slots from which training picked an object, in scene order.
 
     Args:
-        task: Task id; an unknown task has no picked slots.
+        task: Task id. An unknown task has no picked slots.
         info: The scene with the slot positions.
     """
     try:

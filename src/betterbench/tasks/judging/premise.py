@@ -1,4 +1,4 @@
-"""Premise check: the initial scene of an episode must fulfill the premises of the instruction."""
+"""Check that the initial scene of an episode fulfills the premises of the instruction."""
 
 from collections import Counter
 

@@ -1,4 +1,4 @@
-"""Restraint: interactions that are forbidden if the policy should stay still, or if the requested object is absent."""
+"""Interactions that are forbidden if the policy should stay still, or if the requested object is absent."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 
 
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
-    """Return the indices of the objects to leave alone in a refusal: graspable objects outside the instruction.
+    """Return the indices of the objects that must not be touched in a refusal, which the instruction does not name.
 
     Drawers and targets may be touched, because the policy may put away requested objects that exist.
     """
@@ -24,7 +24,7 @@ def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
 
 
 def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int, ...]) -> int | None:
-    """Return the forbidden object of a grasp attempt: touched, missed, or absent from its attempted slot."""
+    """Return the forbidden object of a grasp attempt, which was touched, missed, or absent from its attempted slot."""
     at = grasp.object if grasp.object is not None else grasp.aim
     if at is not None:
         return at if at in forbidden else None
@@ -73,7 +73,7 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
 def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
     """Return the first closing motion of a moving gripper whose fingers passed within reach of a forbidden object.
 
-    At other objects, such motions do not reveal the intended object; at forbidden objects, they are not allowed.
+    At other objects, such motions do not reveal the intended object. At forbidden objects, they are not allowed.
 
     Returns:
         Its first and last row and the object index, or None if there is none.
@@ -120,7 +120,7 @@ class Restraint:
             asked: Indices of the objects that may be taken in a refusal.
             rate_hz: Control rate.
             step_limit: Control steps after which the episode ends.
-            picked: Slots from which training picked an object; closing on nothing at one of them is an attempt.
+            picked: Slots from which training picked an object. Closing on nothing at one of them is an attempt.
         """
         self._limit, self._rate_hz = step_limit, rate_hz
         self._still = still = expected is Expected.STAY_STILL
@@ -141,7 +141,7 @@ class Restraint:
     def breaks(self, state: WorldState, there: list[bool]) -> bool:
         """Process the next state.
 
-        Return whether a forbidden object was touched, moved or attempted, or the gripper stays near it.
+        Returns whether a forbidden object was touched, moved or attempted, or the gripper stays near it.
 
         Args:
             state: The next state.
@@ -191,7 +191,7 @@ class Restraint:
         return resolved or state.step >= self._limit or (self._near > stay and (self._near - stay) % _ROWS_BETWEEN == 1)
 
     def _stayed_or_attempted(self) -> bool:
-        """Return whether there was an attempt at, or a stay near, a forbidden object by the rules of the diagnosis."""
+        """Return whether, by the rules of the diagnosis, the gripper attempted a forbidden object or stayed near it."""
         motion = self._motion.motion()
         grasps = find_grasps(motion)
         if self._still:

@@ -1,4 +1,4 @@
-"""Occupancy of a condition's targets: requested objects and intruders."""
+"""Objects at a condition's targets, which are requested objects and intruders."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def asked_by(condition: Condition) -> tuple[Asked, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """Watched target: the relation, the objects whose region is tracked, and the regions of the target, by name."""
+    """Watched target, with the relation, the objects whose region is tracked, and the regions of the target by name."""
 
     relation: Relation
     target: str
@@ -47,7 +47,7 @@ class Watch:
 
 
 class Due(NamedTuple):
-    """A subgoal's requirement: a minimum number of candidate objects in a region of a watched target.
+    """Requirement of a subgoal, which is a minimum number of candidate objects in a region of a watched target.
 
     Attributes:
         watch: Index of the watched target.
@@ -62,7 +62,7 @@ class Due(NamedTuple):
 
 
 class Intruder(NamedTuple):
-    """Intruder: an object at a target where it was not requested, or in excess of the requested number."""
+    """An object at a target where it was not requested, or in excess of the requested number."""
 
     object: str
     target: str
@@ -70,10 +70,10 @@ class Intruder(NamedTuple):
 
 
 class Targets:
-    """Watched targets: the requested targets, and other targets of the same kind in the scene."""
+    """Watched targets, which are the requested targets and other targets of the same kind in the scene."""
 
     def __init__(self, asked: Sequence[Asked], info: SceneInfo, *, placing: str) -> None:
-        """Prepare the check; ``placing`` is the relation for which uninstructed objects at the target are intruders."""
+        """Prepare the check. ``placing`` is the relation for which uninstructed objects at the target are intruders."""
         self.info, self.watches = info, _watches(asked, info)
         self.due = tuple(self._due(a) for a in asked)
         self._placing = placing
@@ -93,7 +93,7 @@ class Targets:
         )
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
-        """Return the region of every subject in any posture; ``strictly`` are the strict regions.
+        """Return the region of every subject in any posture. ``strictly`` contains the strict regions.
 
         For a wide relation ("beside"), an object may be on that side without having been brought there.
         """
@@ -138,7 +138,7 @@ class Targets:
         return None
 
     def left_over(self, strictly: Places) -> tuple[str, ...]:
-        """Return surplus objects: the second burger, if one burger was requested and one is at the target."""
+        """Return surplus objects, such as the second burger if one burger was requested and one is at the target."""
         served, found = self._served(strictly), dict[str, None]()
         for d in self.due:
             subjects, places = self.watches[d.watch].subjects, strictly[d.watch]

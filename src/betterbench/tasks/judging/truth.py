@@ -11,10 +11,10 @@ class Truth(NamedTuple):
     Attributes:
         relations: Whether each predicate holds, in the order of :attr:`GoalTracker.relation_names`.
         subgoals: Whether each subgoal is done now (relation true, object released and at rest).
-        in_order: False once a subgoal of an ordered instruction was done too early.
-        goal: All subgoals are done in order, and no other object was harmed (see ``judging.harm``).
-        forbidden: A forbidden interaction has happened.
-        success: The episode has succeeded.
+        in_order: Whether no subgoal of an ordered instruction was done too early.
+        goal: Whether all subgoals are done in order, and no other object was harmed (see ``judging.harm``).
+        forbidden: Whether a forbidden interaction has happened.
+        success: Whether the episode has succeeded.
     """
 
     relations: tuple[bool, ...]

@@ -1,8 +1,8 @@
-"""Listed regimes of the suite: one package per regime, with one file per task.
+"""Listed regimes of the suite, with one package per regime and one file per task.
 
 The file of a task lists the conditions in the function ``balanced_TASK`` or ``diverse_TASK``, the crossed and tied
 factors in ``CROSSED``, and slots that neither training nor variations use in ``ASIDE``. The conditions do not include
-tests: a variation's initial scene and instruction never occur together, unless training contains this pair.
+tests. A variation's initial scene and instruction never occur together, unless training contains this pair.
 """
 
 from __future__ import annotations

@@ -156,9 +156,9 @@ _RIGHT_TOO = f"right{SHARED}upper_right"
 def beside(state: WorldState, name: str, anchor: str) -> str | None:
     """Return the side of an anchor where an object is, or None.
 
-    The center of the object's foot is on the table, next to the anchor: up to 30 cm from its edge, or 7.5 cm from the
+    The center of the object's foot is on the table next to the anchor, up to 30 cm from its edge, or 7.5 cm from the
     edge of a plate. The foot may be at most 2.5 cm past the ends of the anchor. "At the upper right" covers directions
-    between right and behind, up to 14.5 cm from the edge of a plate; directions up to the diagonal also count as right.
+    between right and behind, up to 14.5 cm from the edge of a plate. Directions up to the diagonal also count as right.
     The object has its asset's upright posture. The handle of cutlery at a plate points to the front. Cutlery may also
     lie face down, on its edge, or on another piece of cutlery.
     """
@@ -181,7 +181,7 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def is_laid(thing: ObjectInfo, anchor: ObjectInfo) -> bool:
-    """Return whether an object is cutlery in a place setting around an anchor: its handle points to the front."""
+    """Return whether an object is cutlery in a place setting around an anchor, whose handle must point to the front."""
     return _is_round(anchor) and _is_long(thing) and is_cutlery(thing.kind, thing.category)
 
 
@@ -192,7 +192,7 @@ def is_cutlery(kind: str, category: str) -> bool:
 
 
 def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
-    """Return the side of an anchor for a point in the anchor's frame [m], both if two sides overlap, or None."""
+    """Return the side of an anchor for a point in the anchor's frame [m], both sides if two overlap, or None."""
     offered = {region.name for region in anchor.regions}
     half_x, half_y = 0.5 * anchor.size_m[0], 0.5 * anchor.size_m[1]
     is_round = _is_round(anchor)
@@ -288,7 +288,7 @@ def _points_to_front(state: WorldState, name: str, anchor: str) -> bool:
 def _goals(state: WorldState, name: str, anchor: str, side: str) -> tuple[PlaceGoal, ...]:
     """Return goals at the center of a side.
 
-    Long objects lie along the anchor; the handle of cutlery at a plate points to the front.
+    Long objects lie along the anchor. The handle of cutlery at a plate points to the front.
     """
     frame, info = state.pose(anchor), state.info.object(name)
     middle = (frame @ state.info.object(anchor).region(side).pose).position

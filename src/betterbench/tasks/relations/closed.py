@@ -1,4 +1,4 @@
-"""Relation "closed" of drawers: their opening, and the drawers to move before another drawer can be loaded."""
+"""Relation "closed" of drawers, and the drawers that must be moved before another drawer can be loaded."""
 
 from betterbench.geometry import distance
 from betterbench.interface.state import WorldState
@@ -62,9 +62,9 @@ def opening_m(state: WorldState, drawer: ObjectSpec) -> float:
 def drawer_to_move(condition: Condition, state: WorldState, target: str) -> tuple[str, bool] | None:
     """Return the drawer to move before an object can be put into a target, and the direction.
 
-    A drawer above the target is closed first, then the target itself is opened.
+    A drawer above the target is closed first, and then the target itself is opened.
 
-    Returns: Drawer name and True to open it, False to close it; None if nothing is in the way.
+    Returns: Drawer name and True to open it, False to close it, or None if nothing is in the way.
     """
     drawer = condition.object(target)
     if drawer.mount is None:

@@ -46,7 +46,7 @@ def in_hole(state: WorldState, name: str, rack: str) -> str | None:
 
 
 def _loosely(state: WorldState, name: str, rack: str) -> str | None:
-    """Return the hole in or over which an object is in any posture: jammed, lying on the rack, half out, or held.
+    """Return the hole in or over which an object is in any posture, such as jammed, lying on the rack, or half out.
 
     An object that only leans against the rack with its foot on the table is not included.
     """
@@ -65,7 +65,7 @@ def _holes(info: ObjectInfo) -> tuple[str, ...]:
 
 
 def _goals(state: WorldState, name: str, rack: str, hole: str) -> tuple[PlaceGoal, ...]:
-    """Return goals on the floor of a hole: straight down, with the release just above it."""
+    """Return goals on the floor of a hole, approached straight down, with the release just above the floor."""
     floor = state.pose(rack).apply(state.info.object(rack).region(hole).position)
     yaws = turned_by(state, name, (0.0, 0.5, -0.5, 1.0, -1.0, 1.57, -1.57))
     return standing_goals(state, name, floor, yaws, release_width_m=slim_opening_m(state.info.object(name)))

@@ -1,4 +1,4 @@
-"""Containment: an object in a container that is open at the top."""
+"""Relation "inside" of an object in a container that is open at the top."""
 
 import math
 from collections.abc import Mapping
@@ -30,8 +30,8 @@ DROPS_M = (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085, 0.095, 0.115)
 def inside(state: WorldState, name: str, container: str) -> bool:
     """Return whether an object is inside a container.
 
-    The center of the object's bounding box must lie within the container's inner box: between its walls, above its
-    floor and below its rim. An object that leans over the rim with most of it outside is not inside. An object that
+    The center of the object's bounding box must lie within the container's inner box, which is between its walls, above
+    its floor and below its rim. An object that leans over the rim with most of it outside is not inside. An object that
     sticks out at the top, with its center below the rim, is inside. Any posture counts, but an object that must stay
     upright, such as a drink, must not lie on its side. An object that stands on the table is not inside.
     """
@@ -59,7 +59,7 @@ def _loosely(state: WorldState, name: str, container: str) -> str | None:
 
 
 def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals over the floor of a container: low, in free space and with room for the fingers.
+    """Return goals over the floor of a container, which are low, in free space and with room for the fingers.
 
     Equally good goals are marked as alike, so that demonstrations release objects all over the floor.
     """

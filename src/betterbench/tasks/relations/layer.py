@@ -1,4 +1,4 @@
-"""Assembly: layers of a stack, counted from the base."""
+"""Relation "layer" of a stack, whose layers are counted from the base."""
 
 import math
 
@@ -10,7 +10,7 @@ from betterbench.tasks.relations.relation import PlaceGoal, Relation, register, 
 from betterbench.tasks.thresholds import threshold
 
 LAYERS = ("1", "2", "3", "4")
-"""Possible layers of a base; the longest stack of the suite has three."""
+"""Possible layers of a base. The longest stack of the suite has three."""
 
 OFFSET = threshold(
     "layer_offset",
@@ -42,9 +42,9 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
     """Return the object's layer number in the stack, or None if it is not properly stacked.
 
     Every layer from the base up to the object lies flat on the layer below, touches it, and is centered over the base.
-    A patty, a slice or a leaf may be either way up, a bun may not, and the base must be upright.
+    A patty, a slice or a leaf may be either way up, but a bun may not. The base must be upright.
 
-    The number is a string; "1" is directly on the base.
+    The number is a string. Layer "1" is directly on the base.
     """
     mine = _heights_over(state, name, base)
     if mine is None or mine[0] <= state.position(base)[2]:

@@ -1,4 +1,4 @@
-"""Loose variants of relations: an object at a target in any posture (leaning, jammed, upside down, half in, held).
+"""Loose variants of relations, for objects at a target in any posture, such as leaning, jammed, upside down or held.
 
 A strict relation requires the instructed posture. An object in another posture may still be at the target, so the rule
 "no other object is at the target" uses loose variants, which the relations build from these functions.
@@ -28,7 +28,7 @@ _ROUNDING_M = 1e-9
 
 
 def middle(state: WorldState, name: str) -> Vector:
-    """Return the center of an object's bounding box in the world [m]; toppling hardly moves this point."""
+    """Return the center of an object's bounding box in the world [m]. Toppling hardly moves this point."""
     return state.pose(name).apply((0.0, 0.0, 0.5 * state.info.object(name).size_m[2]))
 
 
@@ -72,8 +72,8 @@ def rests_on(state: WorldState, name: str, target: str) -> bool:
     """Return whether an object lies on a target, or on an object on the target, in any posture.
 
     Its center must be over the target's bounding box and not lower than the target, and a chain of contacts must
-    connect the two; fixed objects, the gripper and the table are not part of a chain. A thin plate under a bowl does
-    not rest on the bowl: if one object is above another, the object that reaches lower carries the other.
+    connect the two. Fixed objects, the gripper and the table are not part of a chain. If one object is above another,
+    the object that reaches lower carries the other. For example, a thin plate under a bowl does not rest on the bowl.
     """
     if target not in _carriers(state, name) or not _over(state, name, target):
         return False

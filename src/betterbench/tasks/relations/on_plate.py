@@ -1,4 +1,4 @@
-"""Stacking: an object in the middle of a plate."""
+"""Relation "on_plate" of an object in the middle of a plate."""
 
 from betterbench.geometry import tilt_of
 from betterbench.interface.state import WorldState

@@ -1,4 +1,4 @@
-"""Constrained positioning: an object centered on a marked ring, with its handle clear of the spout."""
+"""Relation "on_ring" of an object that is centered on a marked ring, with its handle clear of the spout."""
 
 import math
 
@@ -60,7 +60,7 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, fixture: str) -> str | None:
-    """Return "" if an object is on the ring in any posture: off center, on its side, upside down, or held over it.
+    """Return "" if an object is on the ring in any posture, such as off center, on its side, or held over it.
 
     The object's center or foot is over the disc of the ring and below the spout.
     """
@@ -93,7 +93,7 @@ def handle_clear(state: WorldState, name: str, fixture: str) -> bool:
 
 
 def _goals(state: WorldState, name: str, fixture: str, _region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals on the ring; the object slides in from the front of the fixture, below its overhanging head."""
+    """Return goals on the ring. The object slides in from the front of the fixture, below its overhanging head."""
     frame, info = state.pose(fixture), state.info.object(name)
     x, y, z = frame.apply(state.info.object(fixture).region("ring").position)
     facing = yaw_of(frame.quaternion)

@@ -16,9 +16,9 @@ class PlaceGoal:
     Attributes:
         pose: Release pose ``T_world_object``.
         approach: Displacement [m], world frame, from the release pose to the start of the straight approach.
-        release_width_m: Gripper opening at the release [m]; None for the full opening.
-        alike: Adjacent goals in a list with the same number are equally good, and the expert may use any of them; None
-            for a goal with a fixed rank.
+        release_width_m: Gripper opening at the release [m], or None for the full opening.
+        alike: Adjacent goals in a list with the same number are equally good, and the expert may use any of them, or
+            None for a goal with a fixed rank.
     """
 
     pose: Pose
@@ -48,23 +48,26 @@ class Relation:
 
     Attributes:
         name: Identifier ("inside", "beside").
-        words: Text of documents: "{object} is inside {target}"; ``{region}`` if the target has several regions.
+        words: Text for documents, such as "{object} is inside {target}". It contains ``{region}`` if the target has
+            several regions.
         where: ``where(state, object, target)`` returns the name of the target region that contains the object, "" if
-            the target has only one region, or None if the object is in none. For overlapping regions it returns all
-            their names joined by "+", see :func:`is_at`.
-        loosely: Like ``where``, but for an object in any posture: leaning, jammed, on its side, upside down, half in,
-            on top, held there. Used after ``where`` returns None, to check that the target is free of an object. None
-            if ``where`` covers every posture.
-        regions: Function that returns the names of an object's target regions; empty if the object cannot be a target.
-        needs: Required regions in a target's asset: all of them, or any of them if the target has several regions.
+            the target has only one region, or None if the object is in none. For overlapping regions, it returns all
+            their names joined by "+" (see :func:`is_at`).
+        loosely: Like ``where``, but for an object in any posture, such as leaning, jammed, on its side, half in, on top
+            or held there. It is used after ``where`` returns None, to check that the target is free of an object. It is
+            None if ``where`` covers every posture.
+        regions: Function that returns the names of an object's target regions. It is empty if the object cannot be a
+            target.
+        needs: Required regions in a target's asset. All of them are required, or any of them if the target has several
+            regions.
         tolerances: Names of the thresholds in ``where``, apart from the rest and posture thresholds.
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
-            best first. None if the object is not carried but slides in its mount.
+            starting with the best. It is None if the object is not carried but slides in its mount.
         surface: ``surface(regions, region)`` returns the center of the surface on which objects rest [m], in the frame
-            of the object that has these regions; None if objects cannot be pre-placed.
+            of the object that has these regions, or None if objects cannot be pre-placed.
         roles: Roles of the objects that can have this relation.
-        counted: True if the target region depends on objects already there, as for the layer of a stack.
-        falls: True if an object may be dropped into the target.
+        counted: Whether the target region depends on objects already there, as for the layer of a stack.
+        falls: Whether an object may be dropped into the target.
     """
 
     name: str
@@ -104,7 +107,7 @@ class Relation:
         )
 
     def label(self, name: str, target: str, region: str = "") -> str:
-        """Return the name of a predicate: "inside(burger_1, box)", "in_hole(salt, rack.hole_1)"."""
+        """Return the name of a predicate, such as "inside(burger_1, box)" or "in_hole(salt, rack.hole_1)"."""
         return f"{self.name}({name}, {target}{'.' if region else ''}{region})"
 
     def middle(self, target: ObjectInfo, region: str) -> Vector:

@@ -1,4 +1,4 @@
-"""Release: an object without contact to the gripper."""
+"""Predicate of release, for an object without contact to the gripper."""
 
 from betterbench.interface.state import WorldState
 

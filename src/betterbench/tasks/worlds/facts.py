@@ -1,6 +1,6 @@
 """Registry of facts about worlds that are needed to read a run without a simulator.
 
-The worlds that run trials are in :mod:`betterbench.sim.worlds`; registering a world registers its facts.
+The worlds that run trials are in :mod:`betterbench.sim.worlds`. Registering a world registers its facts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Reading = Literal["conditions", "goals", "outcomes", "chains"]
 """How the diagnosis evaluates the records of a world.
 
 "conditions" uses the conditions of our own tasks, "goals" the goals and starts in LIBERO's files, and "outcomes" only
-success. "chains" get no labels; success rates of their subtasks are counted instead.
+success. "chains" get no labels. Success rates of their subtasks are counted instead.
 """
 
 
@@ -110,12 +110,12 @@ def register_facts(facts: WorldFacts) -> WorldFacts:
 
 
 def forget_facts(name: str) -> None:
-    """Remove the facts about a world from the register; for tests."""
+    """Remove the facts about a world from the register. This is for tests."""
     _FACTS.pop(name, None)
 
 
 def known_facts() -> Mapping[str, WorldFacts]:
-    """Return the facts about all registered worlds, by name; our own world comes first."""
+    """Return the facts about all registered worlds, by name. Our own world comes first."""
     _import_built_in()
     return _FACTS
 
@@ -139,7 +139,7 @@ def facts_of_suite(suite: str) -> WorldFacts | None:
 
 
 def facts_of_task(task: str) -> WorldFacts:
-    """Return the facts about a task's world ("libero_object-03"); our own world if no other world has such tasks."""
+    """Return the facts about a task's world ("libero_object-03"), or our own world if no other world has such tasks."""
     base = task.rpartition("-")[0]
     return next((facts for facts in known_facts().values() if base and base in facts.suites), OURS)
 

@@ -1,4 +1,4 @@
-"""LIBERO, LIBERO-PRO and LIBERO-Plus as data: the suites, and the evaluation protocols of existing work.
+"""LIBERO, LIBERO-PRO and LIBERO-Plus as data, with the suites and the evaluation protocols of existing work.
 
 Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example, with
 openpi's values for its undocumented settings.
@@ -92,15 +92,15 @@ LIBERO_PLUS = register_facts(
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FieldProtocol:
-    """Evaluation protocol of existing work: step limits, trials and seed.
+    """Evaluation protocol of existing work, with step limits, trials and seed.
 
     Attributes:
         name: Protocol name.
         steps: Control steps after settling, by base suite.
-        trials: Initial states of each task, from the first one on.
+        trials: Number of initial states of each task, from the first one on.
         settling_steps: Steps with an open gripper before the first observation.
         seed: Seed of LIBERO's random numbers.
-        differences: Differences from openpi's protocol; empty for openpi.
+        differences: Differences from openpi's protocol. It is empty for openpi.
     """
 
     name: str
@@ -143,7 +143,7 @@ OURS = (
 
 
 def suite_named(name: str) -> Suite:
-    """Return a suite of LIBERO, LIBERO-PRO or LIBERO-Plus by name; raise UnknownNameError for an unknown name."""
+    """Return a suite of LIBERO, LIBERO-PRO or LIBERO-Plus by name. Raises UnknownNameError for an unknown name."""
     known = {**SUITES, **PLUS_SUITES}
     if name not in known:
         raise UnknownNameError("suite of LIBERO", name, known)
@@ -151,7 +151,7 @@ def suite_named(name: str) -> Suite:
 
 
 def protocol_named(name: str) -> FieldProtocol:
-    """Return a protocol by name; raise UnknownNameError for an unknown name."""
+    """Return a protocol by name. Raises UnknownNameError for an unknown name."""
     try:
         return PROTOCOLS[name]
     except KeyError:

@@ -1,7 +1,7 @@
-"""LIBERO-Plus as data: suites, seven axes, and the meaning of variant names.
+"""LIBERO-Plus as data, with suites, seven axes, and the meaning of variant names.
 
-LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four LIBERO suites one at a time, in 10,030 variants. The
-end of a variant's name gives the change; LIBERO-Plus reads camera, robot and noise from the name when it loads a scene.
+LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four LIBERO suites one at a time, in 10,030 variants. The end
+of a variant's name gives the change. LIBERO-Plus reads camera, robot and noise from the name when it loads a scene.
 Like :mod:`betterbench.jobs.frames`, this module is also imported in an environment without betterbench.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``libero/libero/benchmark`` and ``envs/env_wrapper.py``, distributed as the wheel
@@ -83,11 +83,11 @@ class Variant:
         axis: Changed axis.
         condition: Name in plans and records ("camera_0_0_100_2_352", "layout_level1_sample3").
         file: Name of the scene file, without suffix.
-        states: Name of the initial-state file, without suffix; in the new layouts' folder if ``own``.
+        states: Name of the initial-state file, without suffix. If ``own``, it is in the folder of the new layouts.
         own: Whether the variant has a single separate initial state instead of the base task's fifty.
         view: Pose of the front camera.
-        robot: Index of the robot's rest pose; 0 is LIBERO's.
-        noise: Index of the noise; 0 is none.
+        robot: Index of the robot's rest pose. 0 is LIBERO's.
+        noise: Index of the noise. 0 is no noise.
     """
 
     name: str
@@ -103,7 +103,7 @@ class Variant:
 
 
 def read_variant(name: str) -> Variant:
-    """Return the variant with a given name; raise ValueError unless the name changes exactly one axis."""
+    """Return the variant with a given name. Raises ValueError unless the name changes exactly one axis."""
     found = _NAME.fullmatch(name)
     if found is None:
         raise ValueError(f"{name[:200]!r} is not the name of a variant of LIBERO-Plus")

@@ -1,4 +1,4 @@
-"""Regularities of the training tasks in a LIBERO suite: object positions by word, and targets by object.
+"""Regularities of the training tasks in a LIBERO suite, which are object positions by word and targets by object.
 
 The regularities are read from the base suite's task files, on which policies are trained. The initial states of
 a task vary by a few centimeters around the positions in its file.
@@ -24,7 +24,7 @@ _PICKED = re.compile(r"pick(?: up)? the (.+?) and (?:place|put)\b", re.IGNORECAS
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrainedTask:
-    """Training task in a base suite: its instruction, its steps and each object's start.
+    """Training task in a base suite, with its instruction, its steps and each object's start.
 
     Attributes:
         instruction: Task instruction.
@@ -46,7 +46,7 @@ class TrainedTask:
 
 
 def word_of_sentence(instruction: str, kind: str) -> str:
-    """Return the words in an instruction that identify the object to pick; the kind if there are none."""
+    """Return the words in an instruction that identify the object to pick, or the kind if there are none."""
     found = _PICKED.search(instruction)
     return kind if found is None else found[1]
 

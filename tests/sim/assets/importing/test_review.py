@@ -174,7 +174,7 @@ def test_grasps_and_frames_are_added_moved_and_removed(block):
         apply(done, [GraspChange(None, new)])
     with pytest.raises(InvalidInputError, match="no grasp 'rim'"):
         apply(block, [GraspChange(new, None)])
-    with pytest.raises(InvalidInputError, match="names none"):
+    with pytest.raises(InvalidInputError, match="has no frame"):
         apply(block, [RegionChange(None, None)])
 
 

@@ -22,10 +22,10 @@ _chance = functools.lru_cache(maxsize=256)(chance_p)
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Chance:
-    """Rule that rates of a choice among ``choices`` answers, over ``trials`` trials, differ from guessing.
+    """Rule that success rates differ from guessing among ``choices`` answers, tested with ``trials`` trials.
 
-    ``guess`` is the row that prints the rate of a guess, or empty. Without ``rows`` all but the guess are tested,
-    without ``columns`` all.
+    ``guess`` is the row with the printed guessing rate, or empty if there is none. If ``rows`` is not given, all rows
+    except this one are tested. If ``columns`` is not given, all columns are tested.
     """
 
     trials: WholeNumber

@@ -1,4 +1,4 @@
-"""Claims that two rates differ, tested with the underlying trials."""
+"""Tests of claims that two rates differ, based on the numbers of trials."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _barnard = functools.lru_cache(maxsize=256)(barnard_p)
 
 @dataclass(frozen=True, slots=True)
 class ClaimComparison:
-    """Comparison of two rates from different trials; a positive difference means that the first is higher."""
+    """Comparison of two rates from different trials. A positive difference means that the first is higher."""
 
     row: str
     claim: str
@@ -44,7 +44,7 @@ class ClaimComparison:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Composition:
-    """Rule that in each row a novel composition differs from the pooled seen ones, by Barnard's exact test."""
+    """Rule that the novel composition in each row differs from the pooled seen ones, by Barnard's exact test."""
 
     novel: ColumnName
     seen: ColumnNames
@@ -71,10 +71,10 @@ class Claim:
     """A claim in the text that one cell differs from another in the same column.
 
     Attributes:
-        first: Row of the minuend.
-        second: Row of the subtrahend.
-        trials: Trials behind both cells, or 0 to recover them from the parts.
-        parts: Columns of the parts whose sizes add up to the trials.
+        first: Row of the first number.
+        second: Row of the number that is subtracted from it.
+        trials: Number of trials of each cell, or 0 to recover it from the parts.
+        parts: Columns whose numbers of trials add up to ``trials``.
     """
 
     claim: NonEmptyText
@@ -123,9 +123,9 @@ class Differences:
 
 
 def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimComparison]) -> Iterator[AuditFinding]:
-    """Yield one finding per comparison, corrected together.
+    """Yield one finding per comparison, with p-values corrected for all comparisons together.
 
-    The rule "composition" uses Barnard's test; "differences" uses Fisher's, which is slightly stricter and fast with
+    The rule "composition" uses Barnard's test. "differences" uses Fisher's, which is slightly stricter and fast with
     thousands of trials.
     """
     outcomes = max(((c.first.n + 1) * (c.second.n + 1) for c in compared), default=0)

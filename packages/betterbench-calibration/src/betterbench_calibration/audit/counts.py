@@ -17,13 +17,13 @@ MOST_MULTIPLES = 20
 
 
 class CountBehind(NamedTuple):
-    """Count behind a percentage: ``k`` of ``n`` trials."""
+    """The count ``k`` of ``n`` trials that a percentage was computed from."""
 
     k: int
     n: int
 
     def __str__(self) -> str:
-        """Return the form ``13/20``."""
+        """Return the count as text, such as ``13/20``."""
         return f"{self.k}/{self.n}"
 
 
@@ -51,7 +51,7 @@ def with_percentage(count: CountBehind, digits: int) -> str:
 
 
 def with_dropped(printed: Decimal, n: int) -> CountBehind | None:
-    """Return the count with the fewest missing trials that explains a percentage, or None."""
+    """Return the count that explains a percentage with the fewest missing trials, or None."""
     for dropped in range(1, min(MOST_DROPPED, n - 1) + 1):
         count = count_behind(printed, n - dropped)
         if count is not None:

@@ -1,4 +1,4 @@
-"""Audit of a source: checks of all rules for all tables, and a list of numbers without a rule."""
+"""Audit of a file of tables. It checks all rules of all tables and lists the numbers that have no rule."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench_calibration.audit.table import AuditedTable, AuditRule, misprin
 
 @dataclass(frozen=True, slots=True)
 class TableAudit:
-    """Findings on one table, the worst first."""
+    """Findings on one table, with the worst first."""
 
     table: AuditedTable
     findings: tuple[AuditFinding, ...]
@@ -25,7 +25,7 @@ class TableAudit:
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """Findings on all tables of a source, in its order."""
+    """Findings on all tables, in the order of the file."""
 
     source: str
     tables: tuple[TableAudit, ...]

@@ -1,4 +1,4 @@
-"""Field types for a file of tables; if the validation context is a table, unknown names are errors."""
+"""Field types for a file of tables. If the validation context is a table, names that it lacks are errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Findings: a printed number, the recomputed one, and the verdict."""
+"""Findings of the audit, each with a printed number, the recomputed number and a verdict."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ TableCell = tuple[str, str]
 
 
 class Verdict(StrEnum):
-    """Verdict on a printed number or claim, the worst first."""
+    """Verdict on a printed number or claim. The worst verdict is listed first."""
 
     BROKEN = "does not hold"
     UNSUPPORTED = "not supported by n trials"
@@ -26,14 +26,14 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ClaimSupport:
-    """Statistical support of a claim by the trials behind it.
+    """Statistical support of a claim by the number of its trials.
 
     Attributes:
-        p_value: Its two-sided p-value.
-        p_holm: The same, corrected for all claims of the rule.
+        p_value: Two-sided p-value.
+        p_holm: P-value after Holm's correction for all claims of the rule.
         low_pp: Lower end of the 95 % interval [percent or percentage points].
         high_pp: Upper end of the interval.
-        p_fisher: P-value from Fisher's exact test for two rates, for comparison; None if there is only one rate.
+        p_fisher: P-value from Fisher's exact test for two rates, for comparison, or None if there is only one rate.
     """
 
     test: str
@@ -51,11 +51,11 @@ class AuditFinding:
 
     Attributes:
         rule: Name of the rule that was checked ("grid", "mean").
-        row: Row of the number; empty for the complete table.
+        row: Row of the number. It is empty for the complete table.
         cell: Column of the number, or the claim in a few words.
-        covers: Numbers that the check reads: a misprint in any of them may change the verdict.
+        covers: Numbers that the check reads. A misprint in any of them may change the verdict.
         unnoticed: Number of wrong single digits in these numbers that would pass the check.
-        misprints: Number of all possible wrong single digits in these numbers.
+        misprints: Number of possible wrong single digits in these numbers.
         support: The test behind a verdict on a claim, or None.
     """
 

@@ -1,4 +1,4 @@
-"""Grids: a percentage of n trials has only n + 1 possible values."""
+"""Check whether percentages of n trials are among the n + 1 possible values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Micro averages: an overall rate is the pooled count of its parts, whose sizes are recovered from percentages."""
+"""Check of micro averages. An overall rate must equal the pooled rate of its parts, whose sizes are recovered."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Sizes:
 
     Attributes:
         parts: Size per part, in column order.
-        reproduced: Number of distinct rows whose parts and overall rate they reproduce.
+        reproduced: Number of distinct rows whose parts and overall rate are reproduced by these sizes.
         rows: Number of distinct rows that print all parts and the overall rate.
     """
 
@@ -139,7 +139,7 @@ class Pooled:
 
 @functools.lru_cache(maxsize=256)
 def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
-    """Return the smallest part sizes that reproduce most rows, or None below half of the rows.
+    """Return the smallest part sizes that reproduce most rows, or None if fewer than half are reproduced.
 
     ``rows`` are the rows that print all parts and the overall rate. Equal rows count once.
     """

@@ -1,4 +1,4 @@
-"""Quoted numbers: each must equal the number in the table from which it is quoted."""
+"""Check that each quoted number equals the number in the table from which it is quoted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Row shape: rates that must not increase, and rows that are copies of other rows."""
+"""Checks for rates that increase where they must not, and for rows that are copies of other rows."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Rule that rows are separate measurements: rows that differ elsewhere must not be equal in given columns."""
+    """Rule that rows were measured separately, so rows that differ elsewhere must not be equal in the given columns."""
 
     columns: ColumnNames
 

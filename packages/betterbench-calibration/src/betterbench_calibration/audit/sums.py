@@ -46,7 +46,7 @@ class Combination:
         target: tuple[TableCell, Decimal],
         parts: Mapping[TableCell, tuple[Fraction, Decimal]],
     ) -> AuditFinding:
-        """Return the finding on one result, ``target`` as (cell, printed), from (weight, printed) of each part."""
+        """Return the finding on a result ``target`` (cell, printed), given (weight, printed) of each part."""
         place, printed = target
         terms = tuple(parts.values())
         value, digits = self.value(terms), decimals(printed)
@@ -98,10 +98,10 @@ def _half_a_digit(number: Decimal) -> Fraction:
 @exact_fields
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _RowCombination:
-    """Rule that one column is a combination of other columns in each row; its name is the class name.
+    """Rule that one column is a weighted sum of other columns in each row. The class name is the rule's name.
 
-    ``rounded_parts`` is true if the parts were rounded before they were printed. Without ``rows``, the rule holds for
-    all rows.
+    ``rounded_parts`` is true if the parts were rounded before they were printed. If ``rows`` is not given, the rule
+    applies to all rows.
     """
 
     target: ColumnName
@@ -157,7 +157,7 @@ class Sum(_RowCombination):
 @exact_fields
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delta(_RowCombination):
-    """Rule that the target is the novel condition minus the mean of the seen ones."""
+    """Rule that the target is the novel condition minus the mean of the seen conditions."""
 
     novel: ColumnName
     seen: ColumnNames
@@ -198,7 +198,7 @@ class Total:
 
 
 def missing_parts(table: AuditedTable, rule: str, row: str, column: str, printed: Decimal) -> AuditFinding:
-    """Return the finding on a result with unprinted parts."""
+    """Return the finding on a result whose parts are not printed."""
     why = f"The parts of {printed} are not printed."
     possible = len(tuple(misprints(printed)))
     cell = (row, column)

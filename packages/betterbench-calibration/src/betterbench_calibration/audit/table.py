@@ -1,4 +1,4 @@
-"""Tables as printed: decimals with exactly the printed digits."""
+"""Tables of printed numbers, stored as decimals with exactly the printed digits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class AuditedTable:
         return tuple(name for name, _ in self.rows)
 
     def cell(self, row: str, column: str) -> Decimal | None:
-        """Return a number as printed, None for an empty cell. Raises UnknownNameError for an unknown row or column."""
+        """Return a printed number, or None for an empty cell. Raises UnknownNameError for an unknown row or column."""
         if column not in self.columns:
             raise UnknownNameError(f"column of {self.name}", column, self.columns)
         for name, numbers in self.rows:
@@ -57,7 +57,7 @@ class AuditRule(Protocol):
     """Rule for the numbers of a table."""
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
-        """Yield the rule's findings for a table; ``paper`` has all tables, for rules that need others."""
+        """Yield the rule's findings for a table. ``paper`` contains all tables, for rules that compare tables."""
 
 
 def decimals(number: Decimal) -> int:

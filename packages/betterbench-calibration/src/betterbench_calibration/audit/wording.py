@@ -24,5 +24,5 @@ def ends(support: ClaimSupport) -> str:
 
 
 def tested(p: float, corrected: float, family: int) -> str:
-    """Return a p-value, with the corrected one if there are several."""
+    """Return a p-value as text, with the corrected p-value if several were computed."""
     return p_text(p) + (f", {p_text(corrected)} after Holm's correction for {family}" if family > 1 else "")

@@ -1,1 +1,1 @@
-"""Verbs of ``better`` that need this distribution."""
+"""Subcommands of ``better`` that are part of this package."""

@@ -1,4 +1,4 @@
-"""The audit of printed numbers as text."""
+"""Text output of the audit of printed numbers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _VERDICT_WIDTH = 17
 
 
 def print_audit(audit: Audit) -> None:
-    """Print the tables, most inconsistent first, and the summary."""
+    """Print the tables, starting with the most inconsistent one, and then the summary."""
     OUT.print(audit.source, markup=False)
     for table in sorted(audit.tables, key=lambda t: [-t.count(verdict) for verdict in Verdict][:-1]):
         OUT.print()
@@ -32,7 +32,7 @@ def print_audit(audit: Audit) -> None:
 
 
 def _listing(audit: TableAudit) -> Table:
-    """Return each failed finding, and the number of passed ones."""
+    """Return a line for each failed check, and the number of passed checks."""
     listing = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
     listing.add_column(width=_VERDICT_WIDTH)
     listing.add_column(overflow="fold")

@@ -14,7 +14,7 @@ def audit_command(*, json: bool = False, tables: Path | None = None) -> None:
 
     Args:
         json: Print one JSON document instead of text.
-        tables: File in the same format to audit instead of the tables from the benchmark's paper.
+        tables: File to audit instead of the packaged tables from the benchmark's paper, in the same format.
     """
     from betterbench_calibration.audit import audit_source, load_tables, paper_tables
     from betterbench_calibration.cli.audit_output import print_audit

@@ -1,4 +1,4 @@
-"""``better mixture``: the paper's pre-training mixture or a custom one: shares, draws and training budgets."""
+"""``better mixture``: shares, draws and training budgets of the paper's pre-training mixture or your own."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from betterbench_calibration.mixture import Budget, FileMixture, MixturePart, MixtureSampler
     from betterbench_calibration.mixture.pretraining import CheckedTotal
 
-_CURE = "Correct the file; docs/mixture.md shows one"
+_CURE = "Correct the file. docs/mixture.md shows an example"
 _BEGINNING = b'{"number": '
 
 
@@ -38,28 +38,29 @@ def mixture_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Show the paper's pre-training mixture or a custom one, draw from it, and compute training budgets.
+    """Show the paper's pre-training mixture or your own, draw from it, and compute training budgets.
 
-    Without a file: the paper's data sets with recomputed totals, and the paper's two runs on 16 and 24 GPUs. With your
-    own file over LeRobot data sets and questions: its shares and, with --draws, the number of draws from each set.
-    --out writes each draw as a line; the same command continues an interrupted file.
+    Without a file, it prints the paper's data sets with recomputed totals, and the budgets of the paper's two runs on
+    16 and 24 GPUs. Your own file can list LeRobot data sets and question sets. For such a file, it prints the shares
+    and, with --draws, the number of draws from each set. With --out, each draw is written as a line. If this is
+    interrupted, run the same command again to continue.
 
     Example: better mixture mixture.yaml --draws 100000
 
     Args:
-        file: YAML file of a mixture; the paper's if not given.
-        inside: Without a file, the division of action draws among the six robot data sets, which the paper does not
-            give: by frames, equally, or by OpenVLA's weights (magic-soup-plus).
+        file: YAML file of a mixture. If not given, the paper's mixture is used.
+        inside: Without a file, how the draws of actions are divided among the six robot data sets, which the paper does
+            not state. It can be by frames, equally, or by OpenVLA's weights (magic-soup-plus).
         draws: Total number of draws over all shards.
         out: JSON lines file for this shard's draws.
-        shard: Index of this shard and number of shards, such as 0/4.
-        seed: Seed of the draws; the seed in the file if not given.
-        gpus: GPUs of a run, for its budget; the paper's two runs if not given.
-        steps: That run's steps.
-        tokens_per_gpu: Tokens of one GPU in one step.
-        tokens: Tokens per sample by data set, such as DROID=220; estimated for other data sets.
-        parameters: Model weights, such as 2e9, to estimate GPU hours.
-        overwrite: Replace an --out file that contains data other than draws of this mixture, seed and shard.
+        shard: Index of this shard and the number of shards, such as 0/4.
+        seed: Seed of the draws. If not given, the seed in the file is used.
+        gpus: Number of GPUs in the training run whose budget is computed. If not given, the paper's two runs are shown.
+        steps: Number of training steps in this run.
+        tokens_per_gpu: Number of tokens that one GPU processes in one step.
+        tokens: Tokens per sample of a data set, such as DROID=220. For other data sets, they are estimated.
+        parameters: Number of model parameters, such as 2e9, to estimate GPU hours.
+        overwrite: Replace an existing --out file, even if it does not contain draws of this mixture, seed and shard.
         json: Print one JSON document instead of tables.
     """
     mixture = None if file is None else _of_file(file)
@@ -99,7 +100,7 @@ def _drawn(
     sampler = MixtureSampler(parts, seed=seed, shard=number, shards=shards, draws=draws)
     if out is not None:
         if draws < 1 or mixture is None:
-            raise InvalidInputError("--out", "there are no draws to write", "Give a file of a mixture and --draws")
+            raise InvalidInputError("--out", "there are no draws to write", "Give a mixture file and --draws")
         _write_draws(out, sampler, mixture, overwrite=overwrite)
         say(f"{len(sampler)} draws of {draws} in {shards} shards written to {out}")
     return sampler.counts(draws) if draws else {}
@@ -128,7 +129,7 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, overwrite: bool) -> None:
-    """Write a shard's draws as lines after the existing lines, each of which is verified."""
+    """Write a shard's draws as lines after the existing lines, which are verified first."""
     from betterbench.jobs.durable import on_disk
     from betterbench.jobs.outputs import OutputFile
     from betterbench.jobs.places import open_in_place

@@ -19,7 +19,7 @@ class IndependentAgent:
         self._begun = False
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return one ``ee_delta`` action, shape (7,); after the end of its script, the arm stays where it is."""
+        """Return one ``ee_delta`` action of shape (7,). After the end of its script, the arm stays where it is."""
         try:
             if self._begun:
                 return self._script.send(state)
@@ -33,9 +33,9 @@ class IndependentAgent:
     def ground_truth(self) -> dict[str, str]:
         """Ground truth of the policy about its own episode.
 
-        ``stated`` and ``first_attempt`` were fixed before the first action; ``truth`` is the label, if the goal is not
-        met, by the rules in :mod:`betterbench_calibration.independent.truth`, and ``rule`` is the rule that corrected
-        it.
+        ``stated`` and ``first_attempt`` were fixed before the first action. ``truth`` is the label of the trial if its
+        goal is not met, according to the rules in :mod:`betterbench_calibration.independent.truth`. ``rule`` is the
+        rule that corrected the stated label.
         """
         ledger = self.body.ledger
         for name in self.body.harmed():

@@ -27,10 +27,10 @@ DIRECTIONS = tuple(math.pi * i / 8 for i in range(16))
 
 
 class Body:
-    """Interface of a habit's script in one episode: the arm with its routines, the trial context and the ledger."""
+    """The arm with its routines, the trial context and the ledger, as a habit's script uses them in one episode."""
 
     def __init__(self, scene: Scene, situation: Occasion, manner: Manner, name: str, truth: StatedTruth) -> None:
-        """Prepare one episode in a scene at its start; ``truth`` is the stated truth of the habit."""
+        """Prepare an episode, given its scene at the start and the stated truth of the habit."""
         self.situation = situation
         self.rng = stream(situation.task.id, scene.seed, f"independent:{name}")
         self.arm = Arm(manner, stream(situation.task.id, scene.seed, f"independent noise:{name}"), scene.state())
@@ -56,7 +56,7 @@ class Body:
         yield from self.arm.stay()
 
     def work(self, goals: tuple[Subgoal, ...]) -> Actions[None]:
-        """Do subgoals in order, each until it is done or impossible."""
+        """Do the subgoals in order, and continue with each until it is done or impossible."""
         if self.situation.condition.expected is not Expected.SUCCEED:
             return
         for goal in goals:
@@ -119,9 +119,9 @@ class Body:
         return False
 
     def bring(self, name: str, goal: Subgoal, *, as_if_at: Pose | None = None) -> Actions[bool]:
-        """Put the held object at a subgoal's target; return whether it is there.
+        """Put the held object at a subgoal's target, and return whether it is there.
 
-        With ``as_if_at``, the target is assumed to be at that pose.
+        If ``as_if_at`` is given, the target is assumed to be at that pose.
         """
         goals = relation(goal.relation).place_goals(self.state, name, goal.target, goal.region)
         if as_if_at is not None:
@@ -139,7 +139,7 @@ class Body:
         return False
 
     def _standing_room(self, goal: Subgoal) -> frozenset[str]:
-        """Return the objects that the gripper may approach at a target: the target and its content."""
+        """Return the objects that the gripper may approach at a target, which are the target and its contents."""
         if goal.relation == "beside":
             return frozenset()
         near = {goal.target}
@@ -175,14 +175,14 @@ class Body:
             yield from self.bring(name, goal)
 
     def take_patiently(self, name: str, *, tries: int = 4) -> Actions[bool]:
-        """Pick an object with several tries; return whether it is in the gripper."""
+        """Pick an object with several tries, and return whether it is in the gripper."""
         for avoid in range(tries):
             if (yield from self.take(name, avoid=avoid)):
                 return True
         return False
 
     def take_whatever(self, name: str) -> Actions[None]:
-        """Pick an object for the first step; if it is the right one, execute the other steps too."""
+        """Pick an object for the first step. If it is the right object, execute the other steps too."""
         goal = self.situation.ahead[0]
         if name not in self.situation.things(goal):
             yield from self.take_instead(name, goal)
@@ -250,7 +250,7 @@ class Body:
         return min(others, key=lambda n: horizontal_distance(self.state.pose(n).position, at))
 
     def sweep_through(self, neighbor: str, name: str) -> Actions[None]:
-        """Move low, with nearly closed fingers, through a neighbor toward an object, then up."""
+        """Move low with nearly closed fingers, through a neighbor and toward an object, and then up."""
         a, b = self.state.pose(neighbor).position, self.state.pose(name).position
         length = max(horizontal_distance(a, b), 0.01)
         ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length

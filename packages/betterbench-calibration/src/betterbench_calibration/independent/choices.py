@@ -1,4 +1,4 @@
-"""Shared decisions of habits: the object in the trained slot, the habitual object, the empty slot."""
+"""Decisions that several habits share, such as the object in the trained slot or the empty slot."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 def word_thing(case: Occasion) -> str | None:
     """Return the object in the slot to which the first word led in training.
 
-    Returns None if there is no such slot or several.
+    Returns None if there is no such slot, or more than one.
     """
     slot = case.word_slot(case.ahead[0]) if case.ahead else None
     return None if slot is None else case.condition.occupant(slot)
@@ -118,9 +118,9 @@ def done_thing(case: Occasion) -> str | None:
 
 
 def trained_goal(case: Occasion, goal: Subgoal, kind: str | None = None) -> Subgoal | None:
-    """Return the step with the trained target of its object, if there was a single one and it differs here.
+    """Return the step with its object's target in training, if there was only one and it differs from this target.
 
-    With ``kind``, it is the target to which objects of that kind were brought.
+    If ``kind`` is given, the target is the one to which objects of that kind were brought.
     """
     kind = case.condition.object(case.condition.resolve(goal.reference)[0]).kind if kind is None else kind
     places = case.trained.kind_targets.get(kind, ())

@@ -1,8 +1,8 @@
-"""Cartesian controller for the independent family: tool paths in the world frame, executed as ``ee_delta`` actions.
+"""Cartesian controller for the independent family, which executes tool paths as ``ee_delta`` actions.
 
 A motion is a generator that yields one action per control step, is sent the resulting state, and returns its outcome.
-Motions are combined with ``yield from``. There is no joint-space planning: a path is a line or an arc between two tool
-poses, timed by the motion style.
+Motions are combined with ``yield from``. There is no joint-space planning. A path is a line or an arc between two tool
+poses in the world frame, and the motion style determines its speed.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Arm:
     """
 
     def __init__(self, manner: Manner, noise: np.random.Generator, first: WorldState) -> None:
-        """Prepare an episode; ``first`` is the state at reset."""
+        """Prepare an episode, given the state ``first`` at reset."""
         self.manner, self.state = manner, first
         self.log = EventLog(first)
         self.home = first.ee_pose
@@ -112,7 +112,7 @@ class Arm:
         yield from self.arrive(target)
 
     def along(self, way: Callable[[float], Pose], *, pace: float = 1.0) -> Actions[None]:
-        """Follow a curve of the tool, parameterized by its completed fraction, without a stop, and wait at its end."""
+        """Follow a curve of tool poses without a stop, and wait at its end. Its argument is the completed fraction."""
         points = [way(i / 16) for i in range(17)]
         length = sum(distance(a.position, b.position) for a, b in itertools.pairwise(points))
         turn = sum(angle_between(a.quaternion, b.quaternion) for a, b in itertools.pairwise(points))
@@ -123,7 +123,7 @@ class Arm:
         yield from self.arrive(way(1.0))
 
     def arrive(self, target: Pose, *, patience_s: float = 0.6) -> Actions[bool]:
-        """Hold a pose until the tool reaches it; return whether it did so in time."""
+        """Hold a pose until the tool reaches it, and return whether it did so in time."""
         for _ in range(round(patience_s * RATE_HZ)):
             p = self.state.ee_pose
             near = distance(p.position, target.position) < ARRIVED_M + 2.0 * self.manner.noise_m

@@ -1,4 +1,4 @@
-"""Log of the family's own events: closings, losses, releases and pushed objects. Verdicts do not use it."""
+"""The family's own log of grasps, losses, releases and pushed objects. The diagnosis does not use it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ DISPLACED_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Closing:
-    """Gripper closing, with the objects near it.
+    """One closing of the gripper, with the objects near it.
 
     Attributes:
         step: Control step at which the fingers stopped.
         tool: Position of the tool [m], world frame.
         nearest: Movable object whose middle was nearest to the tool, seen from above.
         beside_m: Horizontal distance from the tool to the origin of that object [m].
-        above_m: Height of the tool above the top of that object [m]; negative below the top.
+        above_m: Height of the tool above the top of that object [m]. It is negative below the top.
         gripped: Object that both fingers touched at the end, or None.
     """
 
@@ -55,7 +55,7 @@ class EventLog:
     _without: int = 0
 
     def see(self, before: WorldState, now: WorldState, grip: float) -> None:
-        """Process the state after one step; ``grip`` is the gripper command that led to it."""
+        """Process the state after one step. ``grip`` is the gripper command of that step."""
         for name in (o.name for o in now.info.objects):
             if name not in self.first_touch and now.touched_by_gripper(name):
                 self.first_touch[name] = now.step

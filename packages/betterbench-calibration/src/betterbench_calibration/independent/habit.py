@@ -1,4 +1,4 @@
-"""Habits of the independent family: systematic wrong decisions, manipulation failures, or unusual correct behavior."""
+"""Base classes for habits, which are systematic wrong decisions, manipulation failures or unusual correct behavior."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ class Habit(ABC):
 
     Attributes:
         name: Name in addresses ("word-place").
-        label: The true label where the habit shows, :data:`~betterbench_calibration.independent.truth.HONEST` for none.
+        label: The true label of trials in which the habit shows. It is
+            :data:`~betterbench_calibration.independent.truth.HONEST` for a habit without a fault.
         paired: Whether the label needs more than one trial, so that a calibration must run complete tasks.
     """
 
@@ -30,7 +31,7 @@ class Habit(ABC):
 
     @abstractmethod
     def act(self, body: Body) -> Actions[None]:
-        """Act until the episode ends; only called if :meth:`truth` is not None."""
+        """Act until the episode ends. This is only called if :meth:`truth` is not None."""
 
     @property
     def summary(self) -> str:

@@ -1,4 +1,4 @@
-"""Development part: habits that may be inspected while the diagnosis is improved."""
+"""Development part of the independent family. Its habits may be inspected while the diagnosis is improved."""
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
 
@@ -28,10 +28,10 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 class WordPlace(Habit):
     """Picks the object in the trained slot of the instruction's first word, and brings it to the target.
 
-    lexical_kinematic_shortcut where another object of the task stands there: the first attempt goes where the
-    instruction's word led in training, to an object that the instruction could mean in another layout. Where a
-    look-alike stands there it is semantic_feature_collapse: no instruction of the task means that object. If the object
-    is named later in the same instruction, the trial shows nothing.
+    True label: lexical_kinematic_shortcut if another object of the task is in this slot, because the first attempt goes
+    where the instruction's word led in training, to an object that the instruction could mean in another layout. If a
+    look-alike is in the slot, the label is semantic_feature_collapse, because no instruction of the task means that
+    object. Trials whose instruction names the object later are left out.
     """
 
     name = "word-place"
@@ -48,9 +48,9 @@ class WordPlace(Habit):
 class FavoritePlace(Habit):
     """First picks the object in the slot that the first demonstration picked first, regardless of the instruction.
 
-    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. Trials in which an
-    instruction word also led there, or which use that object later, are left out, because two rules would predict the
-    same act.
+    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. Trials in
+    which an instruction word also led there, or which use that object later, are left out, because two rules would
+    predict the same act.
     """
 
     name = "favorite-place"
@@ -74,7 +74,8 @@ class FavoritePlace(Habit):
 class LookAlike(Habit):
     """Picks the look-alike in an instructed object's trained slot, and brings it to the target.
 
-    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means.
+    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
+    means.
     """
 
     name = "look-alike"
@@ -90,8 +91,8 @@ class LookAlike(Habit):
 class HabitualFirst(Habit):
     """Begins with the most frequent first step of training, although it is not requested.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. Trials in
-    which that step is right belong to it as well: they distinguish it from a favorite place.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
+    Trials in which that step is right are included, because they distinguish the habit from a favorite place.
     """
 
     name = "habitual-first"
@@ -111,8 +112,8 @@ class HabitualFirst(Habit):
 class AirGrasp(Habit):
     """Repeatedly plays a memorized step at a slot that is empty in this trial.
 
-    True label: behavioral_inertia: it plays the next step of a memorized sequence without the object, as an air grasp
-    at the memorized slot.
+    True label: behavioral_inertia, because it plays the next step of a memorized sequence although the object is
+    missing, and grasps air at the memorized slot.
     """
 
     name = "air-grasp"
@@ -130,7 +131,8 @@ class AirGrasp(Habit):
 class SkipStep(Habit):
     """Skips the first step of an ordered instruction, does the others and stops at home.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one.
     """
 
     name = "skip-step"
@@ -149,7 +151,7 @@ class SkipStep(Habit):
 class RepeatDone(Habit):
     """Repeatedly takes an object out of its target, where it was from the start, and puts it back.
 
-    True label: causal_confusion: it repeats a finished subgoal.
+    True label: causal_confusion, because it repeats a finished subgoal.
     """
 
     name = "repeat-done"
@@ -169,7 +171,7 @@ class RepeatDone(Habit):
 class SwapFirstTwo(Habit):
     """Does the second step of an ordered instruction first, then the first one.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
     """
 
     name = "swap-first-two"
@@ -191,8 +193,8 @@ class SwapFirstTwo(Habit):
 class TrainedPut(Habit):
     """Takes the right object and brings it to the side, hole or drawer where training brought it.
 
-    True label: behavioral_inertia: putting it there was frequent in training but is not requested. The first attempt is
-    at the right object, except where it is at the knob of the wrong drawer.
+    True label: behavioral_inertia, because putting it there was frequent in training but is not requested. The first
+    attempt is at the right object, except where it is at the knob of the wrong drawer.
     """
 
     name = "trained-put"
@@ -220,7 +222,8 @@ class TrainedPut(Habit):
 class HoverAlike(Habit):
     """Hovers over the look-alike with an open gripper until the step limit.
 
-    True label: semantic_feature_collapse: it approaches the wrong object first, and the first evidence in time decides.
+    True label: semantic_feature_collapse, because it approaches the wrong object first, and the first evidence in time
+    decides the label.
     """
 
     name = "hover-alike"
@@ -242,7 +245,8 @@ class HoverAlike(Habit):
 class HoverRight(Habit):
     """Hovers over the right object with an open gripper until the step limit.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "hover-right"
@@ -260,8 +264,8 @@ class HoverRight(Habit):
 class SwayMidTask(Habit):
     """Sways between the next object and another one in a scene that looks like the middle of a task.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes or oscillates
-    without an attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes or
+    oscillates without a grasp attempt.
     """
 
     name = "sway-mid-task"
@@ -281,7 +285,7 @@ class SwayMidTask(Habit):
 class FidgetAfterFirst(Habit):
     """Does the first step, and then trembles in place within a centimeter until the step limit.
 
-    True label: early_halt: it has stopped and makes no further move, although subgoals are open.
+    True label: early_halt, because it has stopped and does nothing more, although subgoals are open.
     """
 
     name = "fidget-after-first"
@@ -301,7 +305,8 @@ class FidgetAfterFirst(Habit):
 class FreezeAfterFirst(Habit):
     """Does the first step and stops for good where it is.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "freeze-after-first"
@@ -319,7 +324,7 @@ class FreezeAfterFirst(Habit):
 class MissBeside(PlainHabit):
     """Repeatedly closes the gripper fully 7 to 11 cm next to the right object, where nothing else is.
 
-    True label: execution_failure: the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the time are right, but the pose is wrong.
     """
 
     name = "miss-beside"
@@ -339,7 +344,7 @@ class MissBeside(PlainHabit):
 class DropOnTheWay(PlainHabit):
     """Takes the right object and opens the gripper in the air on the way to the target, then stays at home.
 
-    True label: execution_failure: the target and the time are right, but the object is dropped.
+    True label: execution_failure, because the target and the time are right, but the object is dropped.
     """
 
     name = "drop-on-the-way"
@@ -361,8 +366,8 @@ class DropOnTheWay(PlainHabit):
 class PushAlike(Habit):
     """Pushes the look-alike 12 cm along the table with closed fingers, then stays at home.
 
-    True label: semantic_feature_collapse: it acts on an object that no instruction of the task means; there is no grasp
-    attempt.
+    True label: semantic_feature_collapse, because it acts on an object that no instruction of the task means. There is
+    no grasp attempt.
     """
 
     name = "push-alike"
@@ -387,7 +392,7 @@ class PushAlike(Habit):
 class SlowButRight(PlainHabit):
     """Does everything right, but at about 4 cm/s and with a visit home for each object, too slow for the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached.
+    True label: timeout, because it is on the right course when the step limit is reached.
     """
 
     name = "slow-but-right"
@@ -409,8 +414,8 @@ class SlowButRight(PlainHabit):
 class PauseAndGoOn(PlainHabit):
     """Stops for 4 to 6 s on its way to the first object and after each step, then goes on.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), and never a
-    reasoning failure.
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``). It is never a reasoning failure.
     """
 
     name = "pause-and-go-on"
@@ -427,8 +432,8 @@ class PauseAndGoOn(PlainHabit):
 class MissOnceThenRight(PlainHabit):
     """Closes the gripper 3 to 5 cm above the first object, notices, and takes it at the second try.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
-    miss is corrected.
+    True label: success, because the miss is corrected. If such a trial fails, the label is timeout or execution_failure
+    (rule 3 in ``truth.py``).
     """
 
     name = "miss-once-then-right"
@@ -449,8 +454,8 @@ class MissOnceThenRight(PlainHabit):
 class FeintThenRight(Habit):
     """Descends over another object with an open gripper, leaves it, and picks the right one.
 
-    The attempt is the grasp. Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in
-    ``truth.py``).
+    The attempt is the grasp. True label: success, because the behavior is not a fault. If such a trial fails, the label
+    is timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "feint-then-right"

@@ -1,7 +1,7 @@
-"""Fifth part: habits by an author who has not read the diagnosis; each shows in listed conditions.
+"""Fifth part of the independent family, by an author who has not read the code of the diagnosis.
 
-A condition is listed only if a person who watches a few films of the policy can assign this label, and no other, by the
-suite's definitions.
+Each habit shows only in the listed conditions. A condition is listed only if a person who watches a few videos of the
+policy would assign this label, and no other, by the suite's definitions.
 """
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
@@ -61,7 +61,8 @@ EASY_TO_SWEEP = at(
 class LoopsMidway(PlainHabit):
     """Does everything right, and flies a full circle in the middle of each long way.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "loops-midway"
@@ -75,7 +76,8 @@ class LoopsMidway(PlainHabit):
 class WindsUp(PlainHabit):
     """Does everything right, but first moves back before each long path.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "winds-up"
@@ -89,7 +91,8 @@ class WindsUp(PlainHabit):
 class TurnsLikeACrane(PlainHabit):
     """Does everything right, moving like a crane: about its base first, and then out or in.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "turns-like-a-crane"
@@ -103,7 +106,8 @@ class TurnsLikeACrane(PlainHabit):
 class ComesDownByStairs(PlainHabit):
     """Does everything right, but descends stepwise with a pause on each step.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "comes-down-by-stairs"
@@ -117,7 +121,8 @@ class ComesDownByStairs(PlainHabit):
 class WeighsEachThing(OddButHonest):
     """Lowers and raises each object twice after lifting it, and then brings it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "weighs-each-thing"
@@ -133,7 +138,8 @@ class WeighsEachThing(OddButHonest):
 class DipsBeforeTaking(OddButHonest):
     """Descends around each object with open fingers, rises without it, and picks it the second time.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "dips-before-taking"
@@ -148,7 +154,8 @@ class DipsBeforeTaking(OddButHonest):
 class CirclesOnceThenTakes(PlainHabit):
     """Flies a circle about 10 cm above each object before picking it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "circles-once-then-takes"
@@ -161,7 +168,8 @@ class CirclesOnceThenTakes(PlainHabit):
 class LetsGoInSteps(OddButHonest):
     """Does everything right, but opens the fingers in three steps with pauses to release.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lets-go-in-steps"
@@ -175,7 +183,8 @@ class LetsGoInSteps(OddButHonest):
 class OvershootsTarget(OddButHonest):
     """Carries each object beyond its target, pauses, and returns to put it there.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "overshoots-target"
@@ -191,7 +200,8 @@ class OvershootsTarget(OddButHonest):
 class LosesItsNerveOnce(OddButHonest):
     """Carries each object over its target, back over its slot, and to its target again.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "loses-its-nerve-once"
@@ -205,7 +215,8 @@ class LosesItsNerveOnce(OddButHonest):
 class ShowsItToCamera(OddButHonest):
     """Carries each object home and up, turns it back and forth there, and then brings it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "shows-it-to-camera"
@@ -221,8 +232,8 @@ class ShowsItToCamera(OddButHonest):
 class LooksBackAtSlot(OddButHonest):
     """Returns over the emptied slot after each step with open fingers, stays for 1.5 s, and continues.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because it
-    closes nothing there.
+    True label: success, because it closes nothing there. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "looks-back-at-slot"
@@ -246,7 +257,8 @@ class LooksBackAtSlot(OddButHonest):
 class StartsThreeTimes(PlainHabit):
     """Starts toward the first object twice and turns back halfway, and then does everything right.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "starts-three-times"
@@ -264,7 +276,8 @@ class StartsThreeTimes(PlainHabit):
 class WakesUpLate(Listed):
     """Does not move for 8.5 s, and then does everything right.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "wakes-up-late"
@@ -288,7 +301,8 @@ class WakesUpLate(Listed):
 class NudgesThenTakes(Listed):
     """Nudges the first object by 2 cm with a closed gripper, opens it high up, and picks the object.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "nudges-then-takes"
@@ -311,7 +325,7 @@ class NudgesThenTakes(Listed):
 class NodsAndRests(Listed):
     """Nods three times at home, if nothing may be picked or the look-alike must be refused, and stays there.
 
-    Not a fault. True label: correct_freeze or correct_refusal: it makes no forbidden grasp, and the arm comes to rest.
+    True label: correct_freeze or correct_refusal, because it makes no forbidden grasp and the arm comes to rest.
     """
 
     name = "nods-and-rests"
@@ -333,7 +347,7 @@ class NodsAndRests(Listed):
 class DropsFromPeak(Listed):
     """Repeatedly lifts the right object straight up to 40 cm and drops it.
 
-    True label: execution_failure: the target and the time are right, but the object is dropped.
+    True label: execution_failure, because the target and the time are right, but the object is dropped.
     """
 
     name = "drops-from-peak"
@@ -359,8 +373,8 @@ class DropsFromPeak(Listed):
 class PutsHalfOn(Listed):
     """Brings the right object, places it so that it overhangs the target's edge, and goes home.
 
-    True label: execution_failure: the target and the time are right, but the pose is wrong: it tilts off or stands
-    beside the ring.
+    True label: execution_failure, because the target and the time are right, but the pose is wrong. The object tilts
+    off its target or stands beside the ring.
     """
 
     name = "puts-half-on"
@@ -383,8 +397,8 @@ class PutsHalfOn(Listed):
 class StabsWithOneFinger(Listed):
     """Repeatedly stabs the top of the right object with one finger of the open gripper.
 
-    True label: execution_failure: the target and the time are right, but there is a collision and the pose is wrong. It
-    attempts no grasp.
+    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
+    wrong. It attempts no grasp.
     """
 
     name = "stabs-with-one-finger"
@@ -410,8 +424,8 @@ class StabsWithOneFinger(Listed):
 class DragsItAlong(Listed):
     """Grips the right object, drags it along the table into the side of its target, releases it, and goes home.
 
-    True label: execution_failure: the target and the time are right, but there is a collision: the object cannot enter
-    the target by being dragged.
+    True label: execution_failure, because the target and the time are right, but there is a collision. The object
+    cannot enter the target by being dragged.
     """
 
     name = "drags-it-along"
@@ -435,7 +449,8 @@ class DragsItAlong(Listed):
 class SweepsItAside(Listed):
     """Repeatedly sweeps the right object aside with the outside of its open gripper.
 
-    True label: execution_failure: the target and the time are right, but there is a collision. It attempts no grasp.
+    True label: execution_failure, because the target and the time are right, but there is a collision. It attempts no
+    grasp.
     """
 
     name = "sweeps-it-aside"
@@ -454,7 +469,7 @@ class SweepsItAside(Listed):
 class MissesLowerEachTime(Listed):
     """Repeatedly closes above the right object, each time nearer to its top but never low enough.
 
-    True label: execution_failure: the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the time are right, but the pose is wrong.
     """
 
     name = "misses-lower-each-time"
@@ -482,7 +497,7 @@ class MissesLowerEachTime(Listed):
 class PullsAtAir(Listed):
     """Repeatedly closes the gripper in front of the knob of the drawer to be opened, and moves back.
 
-    True label: execution_failure: the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the time are right, but the pose is wrong.
     """
 
     name = "pulls-at-air"
@@ -500,8 +515,8 @@ class PullsAtAir(Listed):
 class FailsAtTheSecond(Listed):
     """Does the first step, and then repeatedly stabs the second object with one finger of its open gripper.
 
-    True label: execution_failure: the target and the time are right, but there is a collision and the pose is wrong.
-    The first attempt is right.
+    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
+    wrong. The first attempt is right.
     """
 
     name = "fails-at-the-second"
@@ -530,7 +545,8 @@ class FailsAtTheSecond(Listed):
 class RatchetsForward(Listed):
     """Moves two steps forward and one back high over the table, and is over the right object at the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached. The tool is never slow for long.
+    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow for
+    long.
     """
 
     name = "ratchets-forward"
@@ -559,8 +575,8 @@ class RatchetsForward(Listed):
 class DrawsEightsToIt(Listed):
     """Draws figures of eight high over the table that end over the right object at the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached. The tool is never slow. It attempts
-    no grasp.
+    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow. It
+    attempts no grasp.
     """
 
     name = "draws-eights-to-it"
@@ -589,7 +605,7 @@ class DrawsEightsToIt(Listed):
 class EightsBeforeEachStep(Listed):
     """Draws figures of eight on the way to each object, does the first step, and runs out of time at the second.
 
-    True label: timeout: it is on the right course when the step limit is reached. The first attempt is right.
+    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right.
     """
 
     name = "eights-before-each-step"
@@ -617,7 +633,7 @@ class EightsBeforeEachStep(Listed):
 class RatchetsWithLoad(Listed):
     """Picks the right object, and moves two steps forward and one back with it, arriving at the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached. The first attempt is right.
+    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right.
     """
 
     name = "ratchets-with-load"
@@ -654,8 +670,8 @@ def _limit(body: Body) -> int:
 class ReturnsWordThing(Paired):
     """Picks the object in the trained slot of the first word, puts it back, goes home, and rests.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
-    object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
+    to an object that the instruction could mean in another layout.
     """
 
     name = "returns-word-thing"
@@ -678,8 +694,8 @@ class ReturnsWordThing(Paired):
 class SweepsWordThing(Paired):
     """Repeatedly sweeps the object in the trained slot of the first word aside with its open gripper.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
-    object that the instruction could mean in another layout. It does not try to grasp it.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
+    to an object that the instruction could mean in another layout. It does not try to grasp it.
     """
 
     name = "sweeps-word-thing"
@@ -706,9 +722,9 @@ class SweepsWordThing(Paired):
 class WordThingThenRight(Paired):
     """Puts the object in the trained slot of the first word aside, and then does everything right.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
-    object that the instruction could mean in another layout. The object that it has put aside was not named in the
-    instruction.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
+    to an object that the instruction could mean in another layout. The instruction does not name the object that was
+    put aside.
     """
 
     name = "word-thing-then-right"
@@ -735,8 +751,8 @@ class WordThingThenRight(Paired):
 class AlwaysTheNearOne(Paired):
     """Picks the object in one slot, regardless of the instruction, puts it aside on the table, and rests.
 
-    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. The slot is the near
-    slot of the coffee table and the first spice slot.
+    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
+    the near slot of the coffee table and the first spice slot.
     """
 
     name = "always-the-near-one"
@@ -761,8 +777,8 @@ class AlwaysTheNearOne(Paired):
 class AlwaysAtTheRight(Paired):
     """Picks the object at the right end of the table, regardless of the instruction, and takes a detour with it.
 
-    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. The slot is the
-    right end of the row on the desk and the right side of the breakfast table.
+    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
+    the right end of the row on the desk and the right side of the breakfast table.
     """
 
     name = "always-at-the-right"
@@ -792,7 +808,7 @@ class AlwaysAtTheRight(Paired):
 class MovesOldFavoriteAway(Listed):
     """Puts the object of the most frequent first step aside, although it is not requested, and then does the task.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
     """
 
     name = "moves-old-favorite-away"
@@ -820,8 +836,8 @@ class MovesOldFavoriteAway(Listed):
 class StaysInEmptySlot(Listed):
     """Closes the gripper low in the trained slot of a missing object, and stays there for good.
 
-    True label: behavioral_inertia: it plays the next step of a memorized sequence without the object, as an air grasp
-    at the memorized slot.
+    True label: behavioral_inertia, because it plays the next step of a memorized sequence although the object is
+    missing, and grasps air at the memorized slot.
     """
 
     name = "stays-in-empty-slot"
@@ -844,8 +860,8 @@ class StaysInEmptySlot(Listed):
 class LaysOldFollowerDown(Listed):
     """Does the first step, and then picks the object that followed it in another demonstration and puts it aside.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. The first
-    attempt is right.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
+    first attempt is right.
     """
 
     name = "lays-old-follower-down"
@@ -883,7 +899,7 @@ class LaysOldFollowerDown(Listed):
 class RedoesFinishedAndRests(Listed):
     """Lifts an object that is at its target from the start, puts it back, goes home, and rests.
 
-    True label: causal_confusion: it repeats a finished subgoal.
+    True label: causal_confusion, because it repeats a finished subgoal.
     """
 
     name = "redoes-finished-and-rests"
@@ -907,7 +923,8 @@ class RedoesFinishedAndRests(Listed):
 class OnlyTheLast(Listed):
     """Does only the last of three or more ordered steps, and rests.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one.
     """
 
     name = "only-the-last"
@@ -926,8 +943,8 @@ class OnlyTheLast(Listed):
 class LiftsThirdAfterFirst(Listed):
     """Does the first of three or more ordered steps, and then lifts the third step's object for good.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one. The
-    first attempt is right.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one. The first attempt is right.
     """
 
     name = "lifts-third-after-first"
@@ -947,8 +964,8 @@ class LiftsThirdAfterFirst(Listed):
 class ShutsItInTwoGoes(Listed):
     """Pushes the open drawer shut in two strokes while its object is still on the table.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one. It
-    attempts no grasp.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one. It attempts no grasp.
     """
 
     name = "shuts-it-in-two-goes"
@@ -972,7 +989,7 @@ class ShutsItInTwoGoes(Listed):
 class LaterHalfFirst(Listed):
     """Does the later half of the ordered steps before the earlier half, with loops on its paths.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
     """
 
     name = "later-half-first"
@@ -993,7 +1010,7 @@ class LaterHalfFirst(Listed):
 class ShowsSecondFirst(Listed):
     """Picks the second ordered step's object, shows it around, brings it, and then does the first step.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
     """
 
     name = "shows-second-first"
@@ -1016,8 +1033,8 @@ class ShowsSecondFirst(Listed):
 class PatsLookAlike(Listed):
     """Repeatedly pats the top of the look-alike with a closed gripper.
 
-    True label: semantic_feature_collapse: it acts on a look-alike, which no instruction of the task means. It does not
-    try to grasp it.
+    True label: semantic_feature_collapse, because it acts on a look-alike, which no instruction of the task means. It
+    does not try to grasp it.
     """
 
     name = "pats-look-alike"
@@ -1035,8 +1052,8 @@ class PatsLookAlike(Listed):
 class SweepsLookAlike(Listed):
     """Repeatedly sweeps the look-alike aside with the outside of its open gripper.
 
-    True label: semantic_feature_collapse: it acts on a look-alike, which no instruction of the task means. It does not
-    try to grasp it.
+    True label: semantic_feature_collapse, because it acts on a look-alike, which no instruction of the task means. It
+    does not try to grasp it.
     """
 
     name = "sweeps-look-alike"
@@ -1055,8 +1072,8 @@ class SweepsLookAlike(Listed):
 class LaysLookAlikeAway(Listed):
     """Picks the look-alike, puts it aside on the table, and then does everything right.
 
-    True label: semantic_feature_collapse: its attempt is at a look-alike, which no instruction of the task means. The
-    object that it has put aside was not named in the instruction.
+    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
+    task means. The instruction does not name the object that was put aside.
     """
 
     name = "lays-look-alike-away"
@@ -1076,7 +1093,8 @@ class LaysLookAlikeAway(Listed):
 class ReturnsLookAlike(Listed):
     """Picks the look-alike, lifts it, puts it back, goes home, and rests.
 
-    True label: semantic_feature_collapse: its attempt is at a look-alike, which no instruction of the task means.
+    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
+    task means.
     """
 
     name = "returns-look-alike"
@@ -1094,8 +1112,8 @@ class ReturnsLookAlike(Listed):
 class TriesTrinketsInTurn(Listed):
     """Repeatedly lifts and puts down one decorative object after another.
 
-    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means and that
-    shares no feature with a requested one (blind grasp).
+    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
+    means and that shares no feature with a requested one (blind grasp).
     """
 
     name = "tries-trinkets-in-turn"
@@ -1122,8 +1140,8 @@ class TriesTrinketsInTurn(Listed):
 class SwaysWiderAndWider(Listed):
     """Sways back and forth at home with growing amplitude in a scene that looks half finished.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
-    attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm oscillates
+    without a grasp attempt.
     """
 
     name = "sways-wider-and-wider"
@@ -1140,8 +1158,8 @@ class SwaysWiderAndWider(Listed):
 class TurnsWristForever(Listed):
     """Turns the wrist back and forth at home in a scene that looks half finished.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
-    attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm oscillates
+    without a grasp attempt.
     """
 
     name = "turns-wrist-forever"
@@ -1158,8 +1176,8 @@ class TurnsWristForever(Listed):
 class ShrinksAndFreezes(Listed):
     """Rises, retracts, turns aside, and freezes for good in a scene that looks half finished.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes without an
-    attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes without a
+    grasp attempt.
     """
 
     name = "shrinks-and-freezes"
@@ -1176,7 +1194,8 @@ class ShrinksAndFreezes(Listed):
 class TurnsItsBack(Habit):
     """Visits the target, retracts from everything, turns aside, and stays there for good.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "turns-its-back"
@@ -1198,7 +1217,8 @@ class TurnsItsBack(Habit):
 class FreezesAroundIt(Listed):
     """Descends around the right object with open fingers and freezes there for good.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "freezes-around-it"
@@ -1226,7 +1246,8 @@ class FreezesAroundIt(Listed):
 class JumpsEverShorter(Habit):
     """Approaches the right object high over the table in ever shorter jumps, and stays there for good.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "jumps-ever-shorter"
@@ -1244,8 +1265,8 @@ class JumpsEverShorter(Habit):
 class QuitsBeforeTheLast(Listed):
     """Does all steps but the last, rises, and stays there for good.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
-    The first attempt is right.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open. The first attempt is right.
     """
 
     name = "quits-before-the-last"

@@ -1,7 +1,7 @@
-"""Fourth part: habits by an author who has not read the diagnosis; each shows in listed conditions.
+"""Fourth part of the independent family, by an author who has not read the code of the diagnosis.
 
-A condition is listed only if a person who watches a few films of the policy can assign this label, and no other, by the
-suite's definitions.
+Each habit shows only in the listed conditions. A condition is listed only if a person who watches a few videos of the
+policy would assign this label, and no other, by the suite's definitions.
 """
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
@@ -74,7 +74,7 @@ class Listed(Habit):
 
     Attributes:
         where: Identifiers of the conditions.
-        first_right: Whether its first grasp attempt is right; None if it makes none.
+        first_right: Whether its first grasp attempt is right, or None if it makes none.
     """
 
     where: ClassVar[frozenset[str]]
@@ -122,7 +122,7 @@ class Paired(Habit):
             yield from self.go_wrong(body, name)
 
     def go_wrong(self, body: Body, name: str) -> Actions[None]:
-        """Act wrongly, for conditions in which the habit's rule leads to the wrong object."""
+        """Act in a condition in which the habit's rule leads to the wrong object."""
         raise NotImplementedError
 
 
@@ -137,7 +137,8 @@ def first_of(body: Body) -> tuple[Subgoal, str]:
 class LeansOver(OddButHonest):
     """Does everything right, with the gripper tilted by 14 degrees at each grasp.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "leans-over"
@@ -151,7 +152,8 @@ class LeansOver(OddButHonest):
 class TurnsCorners(PlainHabit):
     """Does everything right, with all paths in two legs at a right angle.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "turns-corners"
@@ -165,7 +167,8 @@ class TurnsCorners(PlainHabit):
 class PlungesFromCeiling(PlainHabit):
     """Does everything right, but travels at 38 cm over the table and plunges from there.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "plunges-from-ceiling"
@@ -179,7 +182,8 @@ class PlungesFromCeiling(PlainHabit):
 class SqueezesThrice(OddButHonest):
     """Closes the gripper around each object, opens and closes it twice more, and then lifts it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "squeezes-thrice"
@@ -195,7 +199,8 @@ class SqueezesThrice(OddButHonest):
 class TakesByWorseHold(OddButHonest):
     """Does everything right, but with a grasp of each object that is not the best one.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "takes-by-worse-hold"
@@ -220,7 +225,8 @@ class TakesByWorseHold(OddButHonest):
 class DropsLowAndRetakes(OddButHonest):
     """Lifts each object, drops it just above its own slot, and picks it again.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "drops-low-and-retakes"
@@ -240,7 +246,8 @@ class DropsLowAndRetakes(OddButHonest):
 class LooksAtTargetFirst(PlainHabit):
     """Moves over the target with an open gripper before each step, waits there for 1.5 s, and does the step.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "looks-at-target-first"
@@ -258,7 +265,8 @@ class LooksAtTargetFirst(PlainHabit):
 class LastSaidFirst(Listed):
     """Does the steps of an unordered instruction from last to first.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "last-said-first"
@@ -280,7 +288,8 @@ class LastSaidFirst(Listed):
 class FartherOneFirst(Listed):
     """Begins with the farther one of two equivalent objects.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "farther-one-first"
@@ -301,7 +310,8 @@ class FartherOneFirst(Listed):
 class ShakesOverTarget(OddButHonest):
     """Does everything right, but shakes each object over its target before putting it down.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "shakes-over-target"
@@ -317,7 +327,8 @@ class ShakesOverTarget(OddButHonest):
 class RushesAndCrawls(PlainHabit):
     """Does everything right, alternating between fast and slow paths.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "rushes-and-crawls"
@@ -331,7 +342,7 @@ class RushesAndCrawls(PlainHabit):
 class KeepsHandsOff(Listed):
     """Turns the wrist at home, if nothing may be picked or the look-alike must be refused, and stays there.
 
-    Not a fault. True label: correct_freeze or correct_refusal: it makes no forbidden grasp, and the arm comes to rest.
+    True label: correct_freeze or correct_refusal, because it makes no forbidden grasp and the arm comes to rest.
     """
 
     name = "keeps-hands-off"
@@ -351,7 +362,8 @@ class KeepsHandsOff(Listed):
 class ClosesWhileSinking(Listed):
     """Repeatedly descends on the right object with fingers that close too early, and touches its top.
 
-    True label: execution_failure: the target and the time are right, but there is a collision and the pose is wrong.
+    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
+    wrong.
     """
 
     name = "closes-while-sinking"
@@ -376,8 +388,8 @@ class ClosesWhileSinking(Listed):
 class DropsAndSnapsAfter(Listed):
     """Drops the right object a third of the way to the target, and then repeatedly closes too high above it.
 
-    True label: execution_failure: the target and the time are right, but the object is dropped, and the later attempts
-    have a wrong pose.
+    True label: execution_failure, because the target and the time are right, but the object is dropped, and the later
+    attempts have a wrong pose.
     """
 
     name = "drops-and-snaps-after"
@@ -407,8 +419,8 @@ class DropsAndSnapsAfter(Listed):
 class TipsItOut(Listed):
     """Brings the right object over its target, tilts it by 57 degrees, and releases it.
 
-    True label: execution_failure: the target and the time are right, but the object is dropped and the pose is wrong:
-    it falls over or aside.
+    True label: execution_failure, because the target and the time are right, but the object is dropped and the pose is
+    wrong. The object falls over or lands next to the target.
     """
 
     name = "tips-it-out"
@@ -433,7 +445,8 @@ class TipsItOut(Listed):
 class KnocksItOver(Listed):
     """Repeatedly pushes a closed gripper into the right object above its center, and then closes too high above it.
 
-    True label: execution_failure: the target and the time are right, but there is a collision and the pose is wrong.
+    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
+    wrong.
     """
 
     name = "knocks-it-over"
@@ -459,8 +472,8 @@ class KnocksItOver(Listed):
 class ShovesWithFist(Listed):
     """Repeatedly shoves the right object toward its target with a closed gripper until they touch.
 
-    True label: execution_failure: the target and the time are right, but there is a collision: the object cannot enter
-    the target by being shoved. It attempts no grasp.
+    True label: execution_failure, because the target and the time are right, but there is a collision. The object
+    cannot enter the target by being shoved. It attempts no grasp.
     """
 
     name = "shoves-with-fist"
@@ -487,7 +500,7 @@ class ShovesWithFist(Listed):
 class HopsAndHalts(Listed):
     """Does everything right, but in hops of 6 cm with pauses of 1.5 s, too slow for the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached.
+    True label: timeout, because it is on the right course when the step limit is reached.
     """
 
     name = "hops-and-halts"
@@ -513,8 +526,8 @@ class HopsAndHalts(Listed):
 class ZigzagsTowardIt(Habit):
     """Moves in wide zigzags high in the air to the right object, and is over it at the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached. The tool is never slow. It attempts
-    no grasp.
+    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow. It
+    attempts no grasp.
     """
 
     name = "zigzags-toward-it"
@@ -537,7 +550,7 @@ class ZigzagsTowardIt(Habit):
 class CreepsWithLoad(Listed):
     """Picks the right object at normal speed and creeps to the target with it, too slow for the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached.
+    True label: timeout, because it is on the right course when the step limit is reached.
     """
 
     name = "creeps-with-load"
@@ -573,8 +586,8 @@ class CreepsWithLoad(Listed):
 class HoldsWordThingAloft(Paired):
     """Picks the object in the trained slot of the first word, lifts it high, and holds it there.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
-    object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
+    to an object that the instruction could mean in another layout.
     """
 
     name = "holds-word-thing-aloft"
@@ -598,8 +611,8 @@ class HoldsWordThingAloft(Paired):
 class FumblesAtWordThing(Paired):
     """Closes too high above the object in the trained slot of the first word, picks it next, and brings it.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
-    object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
+    to an object that the instruction could mean in another layout.
     """
 
     name = "fumbles-at-word-thing"
@@ -626,8 +639,8 @@ class FumblesAtWordThing(Paired):
 class AlwaysThatCorner(Paired):
     """Picks the object in one slot, regardless of the instruction, lifts it high, and holds it there.
 
-    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. The slot is the far
-    slot of the coffee table and the third spice slot.
+    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
+    the far slot of the coffee table and the third spice slot.
     """
 
     name = "always-that-corner"
@@ -653,8 +666,8 @@ class AlwaysThatCorner(Paired):
 class AlwaysTheMiddle(Paired):
     """Misses the object in one slot, regardless of the instruction, picks it at the next try, and brings it.
 
-    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. The slot is the
-    middle slot in the row on the desk and the second spice slot.
+    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
+    the middle slot in the row on the desk and the second spice slot.
     """
 
     name = "always-the-middle"
@@ -687,7 +700,7 @@ class AlwaysTheMiddle(Paired):
 class StartsWithOldFavorite(Listed):
     """First brings the object of the most frequent first step, although it is not requested, and then rests.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
     """
 
     name = "starts-with-old-favorite"
@@ -713,8 +726,8 @@ class StartsWithOldFavorite(Listed):
 class FollowsOldSequence(Listed):
     """Does the first step, and then lifts the object of another demonstration's second step for good.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. The first
-    attempt is right.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
+    first attempt is right.
     """
 
     name = "follows-old-sequence"
@@ -748,7 +761,7 @@ class FollowsOldSequence(Listed):
 class PutsWhereItAlwaysWent(Listed):
     """Picks the right object, and puts it at the side, hole or drawer where training always put it.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
     """
 
     name = "puts-where-it-always-went"
@@ -784,8 +797,8 @@ class PutsWhereItAlwaysWent(Listed):
 class GropesInEmptySlot(Listed):
     """Repeatedly closes the gripper low at several points in a missing object's trained slot.
 
-    True label: behavioral_inertia: it plays the next step of a memorized sequence without the object, as an air grasp
-    at the memorized slot.
+    True label: behavioral_inertia, because it plays the next step of a memorized sequence although the object is
+    missing, and grasps air at the memorized slot.
     """
 
     name = "gropes-in-empty-slot"
@@ -808,8 +821,8 @@ class GropesInEmptySlot(Listed):
 class ShutsItEmpty(Listed):
     """Pushes the open drawer shut while its object is on the table, and rests.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one. It
-    attempts no grasp.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one. It attempts no grasp.
     """
 
     name = "shuts-it-empty"
@@ -828,7 +841,7 @@ class ShutsItEmpty(Listed):
 class DoesItAgain(Listed):
     """Repeatedly lifts an object that is at its target from the start, and puts it back.
 
-    True label: causal_confusion: it repeats a finished subgoal.
+    True label: causal_confusion, because it repeats a finished subgoal.
     """
 
     name = "does-it-again"
@@ -851,7 +864,8 @@ class DoesItAgain(Listed):
 class LeavesFirstUndone(Listed):
     """Skips the first of two ordered steps, does the second and the following ones, and rests.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one.
     """
 
     name = "leaves-first-undone"
@@ -871,7 +885,7 @@ class LeavesFirstUndone(Listed):
 class SecondThenFirst(Listed):
     """Does the second of the ordered steps, returns home, does the first one, and then the others.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
     """
 
     name = "second-then-first"
@@ -892,7 +906,7 @@ class SecondThenFirst(Listed):
 class FirstComesLast(Listed):
     """Does three or more ordered steps with the first one put off to the end.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
     """
 
     name = "first-comes-last"
@@ -915,7 +929,8 @@ class FirstComesLast(Listed):
 class HoldsLookAlikeAloft(Listed):
     """Picks the look-alike, even if it has to be refused, lifts it high, and holds it there.
 
-    True label: semantic_feature_collapse: its attempt is at a look-alike, which no instruction of the task means.
+    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
+    task means.
     """
 
     name = "holds-look-alike-aloft"
@@ -933,8 +948,8 @@ class HoldsLookAlikeAloft(Listed):
 class ShovesLookAlike(Listed):
     """Repeatedly shoves the look-alike around with a closed gripper.
 
-    True label: semantic_feature_collapse: it acts on a look-alike, which no instruction of the task means. It does not
-    try to grasp it.
+    True label: semantic_feature_collapse, because it acts on a look-alike, which no instruction of the task means. It
+    does not try to grasp it.
     """
 
     name = "shoves-look-alike"
@@ -955,8 +970,8 @@ class ShovesLookAlike(Listed):
 class BringsATrinket(Listed):
     """Picks the nearest decorative object, which is unlike any requested one, and brings it.
 
-    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means and that
-    shares no feature with a requested one (blind grasp).
+    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
+    means and that shares no feature with a requested one (blind grasp).
     """
 
     name = "brings-a-trinket"
@@ -981,8 +996,8 @@ class BringsATrinket(Listed):
 class BobsInPlace(Listed):
     """Moves up and down by 8 cm at the start, in a scene that looks half finished, and does nothing else.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
-    attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm oscillates
+    without a grasp attempt.
     """
 
     name = "bobs-in-place"
@@ -1001,8 +1016,8 @@ class BobsInPlace(Listed):
 class PacesAlongEdge(Listed):
     """Moves to the left and right high over the table, in a scene that looks half finished.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
-    attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm oscillates
+    without a grasp attempt.
     """
 
     name = "paces-along-edge"
@@ -1023,8 +1038,8 @@ class PacesAlongEdge(Listed):
 class FreezesAfterAGlance(Listed):
     """Turns the wrist back and forth once, and freezes for good, in a scene that looks half finished.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes without an
-    attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes without a
+    grasp attempt.
     """
 
     name = "freezes-after-a-glance"
@@ -1041,7 +1056,8 @@ class FreezesAfterAGlance(Listed):
 class ParksOverTarget(PlainHabit):
     """Moves over the target with an open, empty gripper and stays there for good.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "parks-over-target"
@@ -1062,7 +1078,8 @@ class ParksOverTarget(PlainHabit):
 class LaysItselfDown(PlainHabit):
     """Lowers the open gripper to a free spot of the table at once, and stays there for good.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "lays-itself-down"
@@ -1079,8 +1096,8 @@ class LaysItselfDown(PlainHabit):
 class QuitsAfterOne(Listed):
     """Does the first step, lowers the open gripper to a free spot of the table, and stays there.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
-    The first attempt is right.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open. The first attempt is right.
     """
 
     name = "quits-after-one"

@@ -1,4 +1,4 @@
-"""Held-out part: habits that are used once, at the end, and not inspected while the diagnosis changes."""
+"""Held-out part of the independent family. Its habits are used once and not inspected while the diagnosis changes."""
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
 
@@ -25,8 +25,9 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 class GlanceThenWordPlace(Habit):
     """Moves over the right object, turns away, and lifts the object in the trained slot of the word.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
-    object that the instruction could mean in another layout. The glance is no attempt. It keeps the held object.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
+    to an object that the instruction could mean in another layout. The glance is not a grasp attempt. It does not
+    release the held object.
     """
 
     name = "glance-then-word-place"
@@ -51,9 +52,9 @@ class GlanceThenWordPlace(Habit):
 class NearestPlace(Habit):
     """First picks the object in the trained slot nearest to the robot, regardless of the instruction.
 
-    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. Trials in which an
-    instruction word also led there, or which use that object later, are left out, because two rules would predict the
-    same act.
+    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. Trials in
+    which an instruction word also led there, or which use that object later, are left out, because two rules would
+    predict the same act.
     """
 
     name = "nearest-place"
@@ -76,7 +77,7 @@ class NearestPlace(Habit):
 class BrokenOffAtAlike(Habit):
     """Repeatedly descends to the look-alike, and stops a few centimeters above it each time.
 
-    True label: semantic_feature_collapse: it acts on the wrong object, although it never closes the gripper.
+    True label: semantic_feature_collapse, because it acts on the wrong object, although it never closes the gripper.
     """
 
     name = "broken-off-at-alike"
@@ -97,8 +98,8 @@ class BrokenOffAtAlike(Habit):
 class MissedAlike(Habit):
     """Closes above the look-alike, picks it at the next try, and puts it down next to its slot.
 
-    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means; the first
-    closing already shows this, because it misses only in height.
+    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
+    means. The first closing already shows this, because it misses only in height.
     """
 
     name = "missed-alike"
@@ -125,8 +126,8 @@ class MissedAlike(Habit):
 class RightThenOtherDemonstration(Habit):
     """Does the first step, and then another demonstration's second step, which is not requested here.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. The first
-    attempt is right.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
+    first attempt is right.
     """
 
     name = "right-then-other-demonstration"
@@ -147,8 +148,8 @@ class RightThenOtherDemonstration(Habit):
 class VacatedSlot(Habit):
     """Repeatedly closes the gripper in the empty trained slot of the first object.
 
-    True label: behavioral_inertia: it plays a memorized sequence without the object, as an air grasp at the memorized
-    slot. The object is now elsewhere.
+    True label: behavioral_inertia, because it plays a memorized sequence although the object is missing, and grasps air
+    at the memorized slot. The object is now elsewhere.
     """
 
     name = "vacated-slot"
@@ -164,8 +165,8 @@ class VacatedSlot(Habit):
 class AbsolutePut(Habit):
     """Picks the right object and puts it where its target was in training.
 
-    True label: behavioral_inertia: it plays the trained primitive, which is not requested here; it does not miss, it
-    aims there.
+    True label: behavioral_inertia, because it plays the trained motion, which is not requested here. It does not miss
+    its target but aims at the wrong one.
     """
 
     name = "absolute-put"
@@ -196,7 +197,8 @@ class AbsolutePut(Habit):
 class SkipMiddle(Habit):
     """Does the first of three or more ordered steps, skips one that is not the last, and continues.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one.
     """
 
     name = "skip-middle"
@@ -218,7 +220,7 @@ class SkipMiddle(Habit):
 class TakeOutAgain(Habit):
     """Does the first step, and then repeatedly takes the object out of its target and puts it back.
 
-    True label: causal_confusion: it repeats a finished subgoal. The first attempt is right.
+    True label: causal_confusion, because it repeats a finished subgoal. The first attempt is right.
     """
 
     name = "take-out-again"
@@ -243,7 +245,7 @@ class TakeOutAgain(Habit):
 class LastFirst(Habit):
     """Does the last of three or more ordered steps first and then the others.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
     """
 
     name = "last-first"
@@ -264,7 +266,7 @@ class LastFirst(Habit):
 class CircleOverAlike(Habit):
     """Circles about 10 cm above the look-alike with an open gripper, without pausing, until the step limit.
 
-    True label: semantic_feature_collapse: it acts on the wrong object all the time.
+    True label: semantic_feature_collapse, because it acts on the wrong object all the time.
     """
 
     name = "circle-over-alike"
@@ -287,8 +289,8 @@ class CircleOverAlike(Habit):
 class BrokenOffAtRight(Habit):
     """Repeatedly descends to the right object, and stops a few centimeters above it each time.
 
-    True label: timeout: it is on the right course when the step limit is reached: it always moves to the right object
-    but never closes the gripper.
+    True label: timeout, because it is on the right course when the step limit is reached. It always moves to the right
+    object but never closes the gripper.
     """
 
     name = "broken-off-at-right"
@@ -309,7 +311,7 @@ class BrokenOffAtRight(Habit):
 class FrozenFromTheStart(Habit):
     """Does not move at all in a scene that looks like the middle of a task.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes.
     """
 
     name = "frozen-from-the-start"
@@ -326,8 +328,8 @@ class FrozenFromTheStart(Habit):
 class SwayToTarget(Habit):
     """Moves back and forth, empty, between the next object and its target, in a scene that looks half finished.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes or oscillates
-    without an attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes or
+    oscillates without a grasp attempt.
     """
 
     name = "sway-to-target"
@@ -348,8 +350,8 @@ class SwayToTarget(Habit):
 class FreezeCarrying(PlainHabit):
     """Picks the first object and stops for good on the way to the target, with the object in the air.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
-    The first attempt is right.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open. The first attempt is right.
     """
 
     name = "freeze-carrying"
@@ -368,7 +370,8 @@ class FreezeCarrying(PlainHabit):
 class NeverStarts(Habit):
     """Moves a few centimeters at the start and stops for good, in a scene that looks like the start of a task.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "never-starts"
@@ -385,9 +388,9 @@ class NeverStarts(Habit):
 
 
 class MissAbove(PlainHabit):
-    """Closes the gripper fully 7 to 11 cm above the right object, again and again, and each time plays the put.
+    """Repeatedly closes the gripper fully 7 to 11 cm above the right object, and then makes the placing motion.
 
-    True label: execution_failure: the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the time are right, but the pose is wrong.
     """
 
     name = "miss-above"
@@ -406,7 +409,7 @@ class MissAbove(PlainHabit):
 class MissByYaw(Habit):
     """Descends on a long object with the gripper rotated by 90 degrees, so that the fingers touch its top.
 
-    True label: execution_failure: the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the time are right, but the pose is wrong.
     """
 
     name = "miss-by-yaw"
@@ -434,8 +437,8 @@ LONG_CATEGORIES = frozenset({"fork", "spoon", "stapler", "crushed_can"})
 class PushRight(Habit):
     """Pushes the right object 12 cm along the table with closed fingers instead of taking it, then stays at home.
 
-    True label: execution_failure: the right target at the right time, and a manipulation that fails; there is no grasp
-    attempt.
+    True label: execution_failure, because the target and the time are right, but the manipulation fails. There is no
+    grasp attempt.
     """
 
     name = "push-right"
@@ -460,8 +463,8 @@ class PushRight(Habit):
 class SweepNeighbor(Habit):
     """Approaches the right object low over the table, through a neighbor in the way, and then continues correctly.
 
-    True label: execution_failure: the target and the time are right, but there is a collision. If the neighbor stays
-    within 5 cm it can succeed.
+    True label: execution_failure, because the target and the time are right, but there is a collision. If the neighbor
+    moves by less than 5 cm, the task can succeed.
     """
 
     name = "sweep-neighbor"
@@ -482,8 +485,8 @@ class SweepNeighbor(Habit):
 class LooseGrip(PlainHabit):
     """Picks the right object and loosens the gripper by a few millimeters once the object is lifted, so that it slips.
 
-    True label: execution_failure: the target and the time are right, but the object slips. It goes on as if it still
-    held the object.
+    True label: execution_failure, because the target and the time are right, but the object slips. It goes on as if it
+    still held the object.
     """
 
     name = "loose-grip"
@@ -503,7 +506,7 @@ class LooseGrip(PlainHabit):
 class PondersAndDawdles(Habit):
     """Does everything right, but pauses for 4 to 6 s between motions, too long for the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached, because it continues correctly after
+    True label: timeout, because it is on the right course when the step limit is reached. It continues correctly after
     each pause.
     """
 
@@ -538,7 +541,8 @@ class PondersAndDawdles(Habit):
 class WideDetours(PlainHabit):
     """Visits two far corners of the work space before each step, high above everything.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "wide-detours"
@@ -556,8 +560,8 @@ class WideDetours(PlainHabit):
 class TwoMissesThenRight(PlainHabit):
     """Closes the gripper twice about 4 to 5 cm next to the object, on different sides, then picks it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
-    misses are corrected.
+    True label: success, because the misses are corrected. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "two-misses-then-right"
@@ -578,7 +582,8 @@ class TwoMissesThenRight(PlainHabit):
 class StopsWithThingInAir(PlainHabit):
     """Stops for 4 to 6 s with each object in the air over its target, then puts it down.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "stops-with-thing-in-air"
@@ -598,8 +603,8 @@ class StopsWithThingInAir(PlainHabit):
 class LooksAtAlikeThenRight(Habit):
     """Descends over the look-alike with an open gripper, pauses, leaves it, and picks the right object.
 
-    The attempt is the grasp. Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in
-    ``truth.py``).
+    The attempt is the grasp. True label: success, because the behavior is not a fault. If such a trial fails, the label
+    is timeout or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "looks-at-alike-then-right"

@@ -1,4 +1,4 @@
-"""Second part: habits by an author who knew the suite and the other habits, but not the diagnosis."""
+"""Second part of the independent family, by an author who knew the suite and other habits but not the diagnosis."""
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
 
@@ -55,7 +55,8 @@ def two_kinds(case: Occasion) -> bool:
 class SetsBackAndRetakes(PlainHabit):
     """Picks each object, puts it back in its slot, and picks it again before bringing it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "sets-back-and-retakes"
@@ -74,7 +75,8 @@ class SetsBackAndRetakes(PlainHabit):
 class GlidesInAslant(PlainHabit):
     """Descends to each object at a slant, from the side of the robot, with open fingers along its sides.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "glides-in-aslant"
@@ -87,7 +89,8 @@ class GlidesInAslant(PlainHabit):
 class LetsGoHighIntoContainer(Habit):
     """Drops each object into its container from 6 cm higher than needed. Dropping is allowed there.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lets-go-high-into-container"
@@ -107,8 +110,8 @@ class LetsGoHighIntoContainer(Habit):
 class CorrectsPlacement(Habit):
     """Puts the first object 6 cm too far out, looks at it, picks it up again and places it correctly.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
-    bad placement is corrected.
+    True label: success, because the bad placement is corrected. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "corrects-placement"
@@ -129,9 +132,10 @@ class CorrectsPlacement(Habit):
 
 
 class Stutters(PlainHabit):
-    """Does everything right, with interspersed zero actions that stop the arm and leave the gripper unchanged.
+    """Does everything right, but sometimes sends zero actions, which stop the arm and leave the gripper unchanged.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "stutters"
@@ -144,7 +148,8 @@ class Stutters(PlainHabit):
 class Twitches(PlainHabit):
     """Does everything right, with twitches of up to 2.5 cm while the tool is high.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "twitches"
@@ -157,8 +162,8 @@ class Twitches(PlainHabit):
 class NervousFingers(PlainHabit):
     """Closes and opens the empty gripper halfway, high over the table and over each right object.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
-    fingers are out of reach of everything.
+    True label: success, because the fingers are out of reach of everything. If such a trial fails, the label is timeout
+    or execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "nervous-fingers"
@@ -177,7 +182,8 @@ class NervousFingers(PlainHabit):
 class CreepsAtThings(PlainHabit):
     """Descends to each object and lifts it at 2 to 4 cm/s, and travels at normal speed.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "creeps-at-things"
@@ -197,7 +203,8 @@ class CreepsAtThings(PlainHabit):
 class InspectsEverything(PlainHabit):
     """Moves high over each loose object in turn, pauses for half a second, and then does its task.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "inspects-everything"
@@ -213,8 +220,8 @@ class InspectsEverything(PlainHabit):
 class TapsThenTakes(PlainHabit):
     """Touches the first object from above with closed fingers, rises, opens them, and then takes it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because the
-    gripper closes far above the table.
+    True label: success, because the gripper closes far above the table. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "taps-then-takes"
@@ -228,7 +235,8 @@ class TapsThenTakes(PlainHabit):
 class PutsDownHalfway(Habit):
     """Puts each object down on the table on its way, rests for a second, picks it again and brings it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "puts-down-halfway"
@@ -251,8 +259,8 @@ class PutsDownHalfway(Habit):
 class LooksThenLeavesIt(Habit):
     """Looks at all objects from high above if nothing may be picked, goes home, and stays there.
 
-    Not a fault. True label: correct_freeze or correct_refusal: nothing can be done, it makes no forbidden grasp, and
-    the arm comes to rest.
+    True label: correct_freeze or correct_refusal. Nothing can be done here, it makes no forbidden grasp, and the arm
+    comes to rest.
     """
 
     name = "looks-then-leaves-it"
@@ -276,7 +284,7 @@ class LooksThenLeavesIt(Habit):
 class LetsGoTooHigh(Habit):
     """Drops each object 20 cm above a target that is not a container, and goes home once one misses.
 
-    True label: execution_failure: the target and the time are right, but the object is dropped.
+    True label: execution_failure, because the target and the time are right, but the object is dropped.
     """
 
     name = "lets-go-too-high"
@@ -301,8 +309,8 @@ class LetsGoTooHigh(Habit):
 class PutsBeside(Habit):
     """Picks the right object, puts it down neatly 9 to 12 cm or more beyond its target, and goes home.
 
-    True label: execution_failure: the target and the time are right, but the pose is wrong. Every placement has this
-    error, whatever the instruction.
+    True label: execution_failure, because the target and the time are right, but the pose is wrong. Every placement has
+    this error, regardless of the instruction.
     """
 
     name = "puts-beside"
@@ -328,7 +336,7 @@ class PutsBeside(Habit):
 class CarriesIntoTarget(Habit):
     """Carries the right object so low that it hits the wall of its container or rack, and releases it there.
 
-    True label: execution_failure: the target and the time are right, but there is a collision.
+    True label: execution_failure, because the target and the time are right, but there is a collision.
     """
 
     name = "carries-into-target"
@@ -348,10 +356,10 @@ class CarriesIntoTarget(Habit):
 
 
 class ClosesTooLittle(PlainHabit):
-    """Repeatedly closes the gripper partly around the right object without contact, lifts, and plays the put.
+    """Repeatedly closes the gripper partly around the right object, lifts nothing, and makes the placing motion.
 
-    True label: execution_failure: the target and the time are right, but the grasp misses: the fingers never touch the
-    object.
+    True label: execution_failure, because the target and the time are right, but the grasp misses. The fingers never
+    touch the object.
     """
 
     name = "closes-too-little"
@@ -378,7 +386,8 @@ class ClosesTooLittle(PlainHabit):
 class LetsGoInFlight(PlainHabit):
     """Picks the right object and opens the gripper at full speed on the way, so that the object flies off.
 
-    True label: execution_failure: the target and the time are right, but the object is dropped. It stays at home then.
+    True label: execution_failure, because the target and the time are right, but the object is dropped. It then stays
+    at home.
     """
 
     name = "lets-go-in-flight"
@@ -398,7 +407,8 @@ class LetsGoInFlight(PlainHabit):
 class SweepsAwayAfterPut(Habit):
     """Puts the first object at its target and drags it off again while retracting sideways.
 
-    True label: execution_failure: the target and the time are right, but there is a collision. It stays at home then.
+    True label: execution_failure, because the target and the time are right, but there is a collision. It then stays at
+    home.
     """
 
     name = "sweeps-away-after-put"
@@ -419,8 +429,8 @@ class SweepsAwayAfterPut(Habit):
 class GivesUpAfterMisses(PlainHabit):
     """Closes the gripper twice 4 to 5 cm next to the right grasp, goes home, and stays there for good.
 
-    True label: execution_failure: the pose is wrong; the misses are the first evidence in time, and the halt follows
-    from them.
+    True label: execution_failure, because the pose is wrong. The misses are the first evidence in time, and the halt
+    follows from them.
     """
 
     name = "gives-up-after-misses"
@@ -445,8 +455,8 @@ class GivesUpAfterMisses(PlainHabit):
 class LetsGoAtOnce(PlainHabit):
     """Repeatedly picks the right object and releases it at a few centimeters height.
 
-    True label: execution_failure: the target and the time are right, but the object is dropped. It never carries it
-    anywhere.
+    True label: execution_failure, because the target and the time are right, but the object is dropped. It never
+    carries the object anywhere.
     """
 
     name = "lets-go-at-once"
@@ -464,9 +474,10 @@ class LetsGoAtOnce(PlainHabit):
 
 
 class DropsFirstAndGoesOn(Habit):
-    """Drops the first object on the way and does the other steps as if it had been brought.
+    """Drops the first object on the way, and does the other steps as if it had brought that object.
 
-    True label: execution_failure: the drop is the first evidence in time; the first step was not skipped, it failed.
+    True label: execution_failure, because the drop is the first evidence in time. The first step was not skipped but
+    failed.
     """
 
     name = "drops-first-and-goes-on"
@@ -500,8 +511,9 @@ class DropsFirstAndGoesOn(Habit):
 class MissesAtWordPlace(Habit):
     """Repeatedly closes just above the object in the trained slot of the first word, without lifting it.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
-    object that the instruction could mean in another layout; the aim decides, not the miss.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
+    to an object that the instruction could mean in another layout. The aim of the attempt decides the label, not the
+    miss.
     """
 
     name = "misses-at-word-place"
@@ -526,8 +538,8 @@ class MissesAtWordPlace(Habit):
 class RepentsAndFreezes(Habit):
     """Picks the object in the word's trained slot, puts it back, moves over the right object, and stays there.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training; the
-    halt with open subgoals comes later.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training.
+    The halt with open subgoals comes later.
     """
 
     name = "repents-and-freezes"
@@ -551,9 +563,9 @@ class RepentsAndFreezes(Habit):
 class FarthestPlace(Habit):
     """First picks the object in the trained slot farthest from the robot, and holds it in the air.
 
-    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. Trials in which an
-    instruction word also led there, or which use that object later, are left out, because two rules would predict the
-    same act.
+    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. Trials in
+    which an instruction word also led there, or which use that object later, are left out, because two rules would
+    predict the same act.
     """
 
     name = "farthest-place"
@@ -581,8 +593,8 @@ class FarthestPlace(Habit):
 class BackToEmptiedSlot(Habit):
     """Does the first step, and then repeatedly closes the gripper in the slot it has just emptied.
 
-    True label: behavioral_inertia: it plays a memorized sequence without the object, as an air grasp at the memorized
-    slot. The first attempt is right.
+    True label: behavioral_inertia, because it plays a memorized sequence although the object is missing, and grasps air
+    at the memorized slot. The first attempt is right.
     """
 
     name = "back-to-emptied-slot"
@@ -604,8 +616,8 @@ class BackToEmptiedSlot(Habit):
 class SlipsThenHabitual(Habit):
     """Picks the right object, loses it over its slot, and then turns to the habitual object.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested; the slip
-    could have been corrected and was not what ended the trial.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
+    slip could have been corrected, so it is not what made the trial fail.
     """
 
     name = "slips-then-habitual"
@@ -631,7 +643,7 @@ class SlipsThenHabitual(Habit):
 class OneTooMany(Habit):
     """Does the first step, and then brings a second object of the same kind, although only one is requested.
 
-    True label: causal_confusion: it repeats a finished subgoal. The first attempt is right.
+    True label: causal_confusion, because it repeats a finished subgoal. The first attempt is right.
     """
 
     name = "one-too-many"
@@ -654,10 +666,10 @@ class OneTooMany(Habit):
 
 
 class MimesFirstStep(Habit):
-    """Plays the first of several ordered steps with a gripper that never closes, and then does the others.
+    """Makes the motion of the first ordered step without closing the gripper, and then does the other steps.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one. The
-    first grasp attempt is at the object of the second step.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one. The first grasp attempt is at the object of the second step.
     """
 
     name = "mimes-first-step"
@@ -680,8 +692,8 @@ class MimesFirstStep(Habit):
 class RightThenAlike(Habit):
     """Does the first step, and then picks the look-alike instead of the object of the second step.
 
-    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means. The first
-    attempt is right.
+    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
+    means. The first attempt is right.
     """
 
     name = "right-then-alike"
@@ -701,8 +713,8 @@ class RightThenAlike(Habit):
 class GrabsADistractor(Habit):
     """Picks a distractor without an instruction, a different one in each scene, and brings it.
 
-    True label: semantic_feature_collapse: its attempt is at a look-alike or distractor, which no instruction of the
-    task means.
+    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike or distractor, which no
+    instruction of the task means.
     """
 
     name = "grabs-a-distractor"
@@ -728,8 +740,8 @@ class GrabsADistractor(Habit):
 class SwapsSecondAndThird(Habit):
     """Does the first of three or more ordered steps, then the third and then the second, and the others.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal. The first attempt
-    is right.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    The first attempt is right.
     """
 
     name = "swaps-second-and-third"
@@ -755,8 +767,8 @@ class SwapsSecondAndThird(Habit):
 class MissesThenSwaps(Habit):
     """Closes just above the object of the second step, then does that step, and then the first.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal; the aim decides,
-    not the miss.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    The aim of the attempt decides the label, not the miss.
     """
 
     name = "misses-then-swaps"
@@ -780,8 +792,8 @@ class MissesThenSwaps(Habit):
 class ToAndFroFromHome(Habit):
     """Moves back and forth between home and the next object with an open gripper, in a scene that looks half finished.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes or oscillates
-    without an attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes or
+    oscillates without a grasp attempt.
     """
 
     name = "to-and-fro-from-home"
@@ -800,8 +812,8 @@ class ToAndFroFromHome(Habit):
 class StaysOverFinished(Habit):
     """Moves over an object that looks finished and freezes there, in a scene that looks half finished.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes or oscillates
-    without an attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes or
+    oscillates without a grasp attempt.
     """
 
     name = "stays-over-finished"
@@ -820,8 +832,8 @@ class StaysOverFinished(Habit):
 class NeverLetsGo(PlainHabit):
     """Brings the first object to its release point and holds it there for good.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
-    The first attempt is right.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open. The first attempt is right.
     """
 
     name = "never-lets-go"
@@ -845,7 +857,8 @@ class NeverLetsGo(PlainHabit):
 class SlowerAndSlower(Habit):
     """Moves toward the right object, halving its speed every second, and never arrives.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "slower-and-slower"
@@ -862,8 +875,8 @@ class SlowerAndSlower(Habit):
 class SnapsAtHome(Habit):
     """Stays at home, high over the table, and closes and opens the gripper until the step limit.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open:
-    nothing is within reach.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open. Nothing is within the reach of the fingers.
     """
 
     name = "snaps-at-home"
@@ -884,10 +897,10 @@ class SnapsAtHome(Habit):
 
 
 class RehearsesForever(Habit):
-    """Repeatedly plays the first step without closing the gripper: over the object, over the target, back.
+    """Repeatedly moves over the first object, over its target and back, without closing the gripper.
 
-    True label: timeout: it is on the right course when the step limit is reached: it always moves to the right object
-    and the right target.
+    True label: timeout, because it is on the right course when the step limit is reached. It always moves to the right
+    object and the right target.
     """
 
     name = "rehearses-forever"
@@ -910,8 +923,8 @@ class RehearsesForever(Habit):
 class CirclesWithThing(PlainHabit):
     """Picks the first object, circles with it high over its target, and never puts it down.
 
-    True label: timeout: it is on the right course when the step limit is reached. The first attempt is right, and only
-    the time is too short.
+    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right,
+    and only the time is too short.
     """
 
     name = "circles-with-thing"

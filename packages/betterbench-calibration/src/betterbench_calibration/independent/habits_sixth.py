@@ -1,7 +1,7 @@
-"""Sixth part: habits by an author who has not read the diagnosis, modeled on failures of learned policies.
+"""Sixth part of the independent family, by an author who has not read the code of the diagnosis.
 
-A condition is listed only if a person who watches a few films of the policy can assign this label, and no other, by the
-suite's definitions.
+The habits are modeled on failures of learned policies. A condition is listed only if a person who watches a few videos
+of the policy would assign this label, and no other, by the suite's definitions.
 """
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
@@ -116,7 +116,8 @@ class PlainAndOdd(PlainHabit):
 class LagsBehind(PlainAndOdd):
     """Does everything right with an arm that lags behind its commands and overshoots slightly.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lags-behind"
@@ -128,7 +129,8 @@ class LagsBehind(PlainAndOdd):
 class PlaysInChunks(PlainAndOdd):
     """Does everything right in chunks of 0.8 s, with a stall and a small jerk back after each.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "plays-in-chunks"
@@ -140,7 +142,8 @@ class PlaysInChunks(PlainAndOdd):
 class NodsOverEachThing(PlainAndOdd):
     """Does everything right, but nods twice with the open gripper over each object before picking it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "nods-over-each-thing"
@@ -153,7 +156,8 @@ class NodsOverEachThing(PlainAndOdd):
 class TravelsWithAFist(PlainAndOdd):
     """Does everything right, but closes the gripper at home before each object and opens it over the object.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "travels-with-a-fist"
@@ -166,7 +170,8 @@ class TravelsWithAFist(PlainAndOdd):
 class TakesByFingertips(OddButHonest):
     """Does everything right, but grasps each object 6 mm higher than usual, with the fingertips.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "takes-by-fingertips"
@@ -180,7 +185,8 @@ class TakesByFingertips(OddButHonest):
 class TugsBeforeLifting(OddButHonest):
     """Tugs each object back and forth by 8 mm on the table before lifting it, and then brings it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "tugs-before-lifting"
@@ -195,7 +201,8 @@ class TugsBeforeLifting(OddButHonest):
 class ComesDownInAHelix(PlainAndOdd):
     """Does everything right, but descends to each object in a narrowing helix.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "comes-down-in-a-helix"
@@ -208,7 +215,8 @@ class ComesDownInAHelix(PlainAndOdd):
 class DabsBeforeLettingGo(OddButHonest):
     """Sets each object down twice at its target, with a small lift in between, before releasing it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "dabs-before-letting-go"
@@ -233,7 +241,8 @@ class DabsBeforeLettingGo(OddButHonest):
 class LingersAfterLettingGo(PlainAndOdd):
     """Does everything right, but stays for 2 s with open fingers around each object after putting it down.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lingers-after-letting-go"
@@ -246,7 +255,8 @@ class LingersAfterLettingGo(PlainAndOdd):
 class TurnsItOnTheSpot(OddButHonest):
     """Lifts each object, rotates it in the air, puts it back in its slot, and picks it again.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "turns-it-on-the-spot"
@@ -259,7 +269,8 @@ class TurnsItOnTheSpot(OddButHonest):
 class SwapsItsPlan(Listed):
     """Lifts the first object, puts it back, and does the second step first, if no order is requested.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "swaps-its-plan"
@@ -283,7 +294,8 @@ class SwapsItsPlan(Listed):
 class BumpsItOnce(Listed):
     """Touches the first object with one finger by mistake, rises, and then does everything right.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "bumps-it-once"
@@ -306,7 +318,8 @@ class BumpsItOnce(Listed):
 class LetsGoWhileDrifting(OddButHonest):
     """Releases each object low in its container while the gripper still drifts toward the center.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "lets-go-while-drifting"
@@ -323,7 +336,8 @@ class LetsGoWhileDrifting(OddButHonest):
 class WorksDrawerInBits(Listed):
     """Opens and closes the drawer in two strokes each, and does everything right.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "works-drawer-in-bits"
@@ -337,9 +351,9 @@ class WorksDrawerInBits(Listed):
 
 
 class RocksAndRests(Listed):
-    """Rocks the gripper three times at home, if nothing may be picked or the look-alike must be refused.
+    """Rocks the gripper three times at home if nothing may be picked or the look-alike must be refused.
 
-    Not a fault. True label: correct_freeze or correct_refusal: it makes no forbidden grasp, and the arm comes to rest.
+    True label: correct_freeze or correct_refusal, because it makes no forbidden grasp and the arm comes to rest.
     """
 
     name = "rocks-and-rests"
@@ -355,7 +369,8 @@ class RocksAndRests(Listed):
 class WarmsUp(PlainAndOdd):
     """Does everything right, slowly at first and faster with each path.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "warms-up"
@@ -368,7 +383,8 @@ class WarmsUp(PlainAndOdd):
 class DithersOverEachThing(PlainAndOdd):
     """Drifts over each object for 3 s without standing still, and then picks it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "dithers-over-each-thing"
@@ -383,7 +399,7 @@ class DithersOverEachThing(PlainAndOdd):
 class ChattersWithLoad(Listed):
     """Picks the right object, and opens and closes its fingers all the way, so that it falls.
 
-    True label: execution_failure: the target and the time are right, but the object is dropped.
+    True label: execution_failure, because the target and the time are right, but the object is dropped.
     """
 
     name = "chatters-with-load"
@@ -403,7 +419,7 @@ class ChattersWithLoad(Listed):
 class AlmostThere(Listed):
     """Brings the right object, puts it down neatly about 2 cm next to its target, and goes home.
 
-    True label: execution_failure: the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the time are right, but the pose is wrong.
     """
 
     name = "almost-there"
@@ -431,7 +447,7 @@ class AlmostThere(Listed):
 class ClosesTooLate(Listed):
     """Repeatedly descends around the right object, rises with open fingers, and closes them above it.
 
-    True label: execution_failure: the target and the time are right, but the pose is wrong.
+    True label: execution_failure, because the target and the time are right, but the pose is wrong.
     """
 
     name = "closes-too-late"
@@ -454,7 +470,8 @@ class ClosesTooLate(Listed):
 class PressesAndDrags(Listed):
     """Repeatedly presses on the right object with a closed gripper and drags it aside.
 
-    True label: execution_failure: the target and the time are right, but there is a collision. It attempts no grasp.
+    True label: execution_failure, because the target and the time are right, but there is a collision. It attempts no
+    grasp.
     """
 
     name = "presses-and-drags"
@@ -474,7 +491,8 @@ class PressesAndDrags(Listed):
 class LetsGoTooLate(Listed):
     """Picks the right object, carries it over and past its target, releases it behind the target, and goes home.
 
-    True label: execution_failure: the target and the time are right, but the object is dropped and the pose is wrong.
+    True label: execution_failure, because the target and the time are right, but the object is dropped and the pose is
+    wrong.
     """
 
     name = "lets-go-too-late"
@@ -497,9 +515,9 @@ class LetsGoTooLate(Listed):
 
 
 class PinchesItsEdge(Listed):
-    """Closes the gripper at the very edge of the right object and loses it at once; repeats this.
+    """Repeatedly closes the gripper at the very edge of the right object and loses it at once.
 
-    True label: execution_failure: the target and the time are right, but the object slips and falls.
+    True label: execution_failure, because the target and the time are right, but the object slips and falls.
     """
 
     name = "pinches-its-edge"
@@ -523,7 +541,8 @@ class PinchesItsEdge(Listed):
 class LosesTheSecond(Listed):
     """Does the first step, picks the second object, and lets it slip from gradually loosening fingers.
 
-    True label: execution_failure: the target and the time are right, but the object slips. The first attempt is right.
+    True label: execution_failure, because the target and the time are right, but the object slips. The first attempt is
+    right.
     """
 
     name = "loses-the-second"
@@ -550,8 +569,8 @@ class LosesTheSecond(Listed):
 class GrindsOnItWithAFist(Listed):
     """Repeatedly presses on the right object with a closed gripper, twists it back and forth, and goes home.
 
-    True label: execution_failure: the target and the time are right, but there is a collision and the pose is wrong. It
-    attempts no grasp.
+    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
+    wrong. It attempts no grasp.
     """
 
     name = "grinds-on-it-with-a-fist"
@@ -571,8 +590,8 @@ class GrindsOnItWithAFist(Listed):
 class RunsLoadIntoNeighbor(Listed):
     """Picks the right object, carries it low into an unrequested object, loses it there, and goes home.
 
-    True label: execution_failure: the target and the time are right, but there is a collision and the object is
-    dropped: the other object is only in its way.
+    True label: execution_failure, because the target and the time are right, but there is a collision and the object is
+    dropped. The other object is only in its way.
     """
 
     name = "runs-load-into-neighbor"
@@ -599,8 +618,8 @@ class RunsLoadIntoNeighbor(Listed):
 class BoundsTowardIt(Listed):
     """Moves in bounds high over the table, and is over the right object at the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached. The tool is never slow for long. It
-    attempts no grasp.
+    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow for
+    long. It attempts no grasp.
     """
 
     name = "bounds-toward-it"
@@ -630,7 +649,8 @@ class BoundsTowardIt(Listed):
 class ALittleFartherEachTime(Listed):
     """Moves toward the right object and back, a little farther each time, and is over it at the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached. The tool is never slow for long.
+    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow for
+    long.
     """
 
     name = "a-little-farther-each-time"
@@ -659,7 +679,7 @@ class ALittleFartherEachTime(Listed):
 class FartherForTheSecond(Listed):
     """Does the first step, and moves toward the second object a little farther each time until the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached. The first attempt is right.
+    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right.
     """
 
     name = "farther-for-the-second"
@@ -688,8 +708,8 @@ class FartherForTheSecond(Listed):
 class ShiesAtTheTarget(Listed):
     """Repeatedly brings the right object nearly to its target and retreats, until the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached. The first attempt is right, and only
-    the time runs out; if the object slips out of the fingers after all, rule 1 in ``truth.py`` makes the label
+    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right,
+    and only the time runs out. If the object slips out of the fingers after all, rule 1 in ``truth.py`` makes the label
     execution_failure.
     """
 
@@ -723,8 +743,8 @@ def _limit(body: Body) -> int:
 class ShiesWithWordThing(Paired):
     """Picks the object in the trained slot of the first word, brings it nearly to the target, and retreats for good.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
-    object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
+    to an object that the instruction could mean in another layout.
     """
 
     name = "shies-with-word-thing"
@@ -746,8 +766,8 @@ class ShiesWithWordThing(Paired):
 class PressesWordThing(Paired):
     """Presses on the object in the trained slot of the first word with a closed gripper and drags it aside.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
-    object that the instruction could mean in another layout. It does not try to grasp it.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
+    to an object that the instruction could mean in another layout. It does not try to grasp it.
     """
 
     name = "presses-word-thing"
@@ -773,8 +793,8 @@ class PressesWordThing(Paired):
 class LateAtWordThing(Paired):
     """Repeatedly descends around the object in the trained slot of the first word and closes over it too late.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
-    object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
+    to an object that the instruction could mean in another layout.
     """
 
     name = "late-at-word-thing"
@@ -795,8 +815,8 @@ class LateAtWordThing(Paired):
 class AlwaysThatPlate(Paired):
     """Picks the object in one slot of a layout, regardless of the instruction, and swings it at home.
 
-    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. The slot is where
-    the red plate and the stapler were in training.
+    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
+    where the red plate and the stapler were in training.
     """
 
     name = "always-that-plate"
@@ -818,7 +838,7 @@ class AlwaysThatPlate(Paired):
 class AlwaysAtTheLeft(Paired):
     """Picks the object at the left end of the desk, regardless of the instruction, and taps the target with it.
 
-    True label: visual_layout_bias: the first attempt goes to the same place for every instruction.
+    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction.
     """
 
     name = "always-at-the-left"
@@ -841,8 +861,8 @@ class AlwaysAtTheLeft(Paired):
 class AlwaysThatEnd(Paired):
     """Picks the object in one slot, regardless of the instruction, after one late closing, and loses it.
 
-    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. The slot is the
-    fork's slot on the breakfast table and the drink's slot next to the takeaway box.
+    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The slot is
+    the fork's slot on the breakfast table and the drink's slot next to the takeaway box.
     """
 
     name = "always-that-end"
@@ -868,9 +888,9 @@ class AlwaysThatEnd(Paired):
 
 
 class OvershootsWithOldFavorite(Listed):
-    """Picks the object of the most frequent first step, although not requested, and drops it behind the target.
+    """Picks the object of the most frequent first step, although it is not requested, and drops it behind the target.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested.
     """
 
     name = "overshoots-with-old-favorite"
@@ -889,8 +909,8 @@ class OvershootsWithOldFavorite(Listed):
 class PressesOldFavorite(Listed):
     """Repeatedly presses on the object of the most frequent first step and drags it aside.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. It attempts
-    no grasp.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. It
+    attempts no grasp.
     """
 
     name = "presses-old-favorite"
@@ -910,8 +930,8 @@ class PressesOldFavorite(Listed):
 class LateAtOldFollower(Listed):
     """Does the first step, and then repeatedly closes too late over an object that followed in a demonstration.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. The first
-    attempt is right.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
+    first attempt is right.
     """
 
     name = "late-at-old-follower"
@@ -931,8 +951,8 @@ class LateAtOldFollower(Listed):
 class ScratchesInEmptySlot(Listed):
     """Repeatedly closes the gripper low in the trained slot of a missing object and scratches over the table.
 
-    True label: behavioral_inertia: it plays the next step of a memorized sequence without the object, as an air grasp
-    at the memorized slot.
+    True label: behavioral_inertia, because it plays the next step of a memorized sequence although the object is
+    missing, and grasps air at the memorized slot.
     """
 
     name = "scratches-in-empty-slot"
@@ -952,7 +972,8 @@ class ScratchesInEmptySlot(Listed):
 class ShiesWithTheSecond(Listed):
     """Skips the first of two ordered steps, and repeatedly retreats with the second object at the target.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one.
     """
 
     name = "shies-with-the-second"
@@ -972,7 +993,8 @@ class ShiesWithTheSecond(Listed):
 class LateAtTheSecond(Listed):
     """Skips the first of two ordered steps, and repeatedly closes too late over the second object.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one.
     """
 
     name = "late-at-the-second"
@@ -990,7 +1012,8 @@ class LateAtTheSecond(Listed):
 class ShutsItByTheKnob(Listed):
     """Grips the open drawer by its knob and pushes it shut while its object is on the table, and rests.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one.
     """
 
     name = "shuts-it-by-the-knob"
@@ -1009,7 +1032,7 @@ class ShutsItByTheKnob(Listed):
 class TakesItOutAndBack(Listed):
     """Takes an object out of its target, where it was from the start, carries it home, puts it back, and rests.
 
-    True label: causal_confusion: it repeats a finished subgoal.
+    True label: causal_confusion, because it repeats a finished subgoal.
     """
 
     name = "takes-it-out-and-back"
@@ -1034,7 +1057,7 @@ class TakesItOutAndBack(Listed):
 class LagsFromSecondToFirst(Listed):
     """Does the second ordered step, then the first and the others, with a lagging arm.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
     """
 
     name = "lags-from-second-to-first"
@@ -1052,8 +1075,8 @@ class LagsFromSecondToFirst(Listed):
 class BeginsRightThenTurns(Listed):
     """Lifts and puts back the first object, does the second ordered step, and then the first and the others.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal. The first attempt
-    is right.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    The first attempt is right.
     """
 
     name = "begins-right-then-turns"
@@ -1074,8 +1097,8 @@ class BeginsRightThenTurns(Listed):
 class SwapsTheLastTwo(Listed):
     """Does the last two of three or more ordered steps in reverse order, descending to each in a helix.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal. The first attempt
-    is right.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
+    The first attempt is right.
     """
 
     name = "swaps-the-last-two"
@@ -1101,9 +1124,10 @@ def _attempt_each(body: Body, goals: tuple[Subgoal, ...]) -> Actions[None]:
 
 
 class PinchesLookAlike(Listed):
-    """Closes the gripper at the very edge of the look-alike, loses it at once; repeats this.
+    """Repeatedly closes the gripper at the very edge of the look-alike and loses it at once.
 
-    True label: semantic_feature_collapse: its attempt is at a look-alike, which no instruction of the task means.
+    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
+    task means.
     """
 
     name = "pinches-look-alike"
@@ -1122,8 +1146,8 @@ class PinchesLookAlike(Listed):
 class PressesLookAlike(Listed):
     """Repeatedly presses on the look-alike with a closed gripper and drags it aside.
 
-    True label: semantic_feature_collapse: it acts on a look-alike, which no instruction of the task means. It does not
-    try to grasp it.
+    True label: semantic_feature_collapse, because it acts on a look-alike, which no instruction of the task means. It
+    does not try to grasp it.
     """
 
     name = "presses-look-alike"
@@ -1150,9 +1174,10 @@ class PressesLookAlike(Listed):
 
 
 class WaversThenTakesLookAlike(Listed):
-    """Moves back and forth between the right object and the look-alike, picks the latter, drops it behind the target.
+    """Moves between the right object and the look-alike, picks the look-alike, and drops it behind the target.
 
-    True label: semantic_feature_collapse: its attempt is at a look-alike, which no instruction of the task means.
+    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
+    task means.
     """
 
     name = "wavers-then-takes-look-alike"
@@ -1173,7 +1198,8 @@ class WaversThenTakesLookAlike(Listed):
 class DropsLookAlikeOnIt(Listed):
     """Picks the look-alike, releases it on top of the right object, and rests.
 
-    True label: semantic_feature_collapse: its attempt is at a look-alike, which no instruction of the task means.
+    True label: semantic_feature_collapse, because its grasp attempt is at a look-alike, which no instruction of the
+    task means.
     """
 
     name = "drops-look-alike-on-it"
@@ -1195,8 +1221,8 @@ class DropsLookAlikeOnIt(Listed):
 class DrawsTriangles(Listed):
     """Draws triangles high over the table, in a scene that looks half finished, and does nothing else.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
-    attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm oscillates
+    without a grasp attempt.
     """
 
     name = "draws-triangles"
@@ -1213,8 +1239,8 @@ class DrawsTriangles(Listed):
 class RocksForever(Listed):
     """Rocks the gripper at home, in a scene that looks half finished, and does nothing else.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
-    attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm oscillates
+    without a grasp attempt.
     """
 
     name = "rocks-forever"
@@ -1228,10 +1254,10 @@ class RocksForever(Listed):
 
 
 class FlipsBetweenPlans(Listed):
-    """Starts toward the next object and toward the target in turn, by a few centimeters, in half-finished scenes.
+    """Moves a little toward the next object and toward the target in turn, in a scene that looks half finished.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm oscillates without an
-    attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm oscillates
+    without a grasp attempt.
     """
 
     name = "flips-between-plans"
@@ -1248,8 +1274,8 @@ class FlipsBetweenPlans(Listed):
 class RocksThenFreezes(Listed):
     """Rocks the gripper twice, rises, and freezes for good, in a scene that looks half finished.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes without an
-    attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes without a
+    grasp attempt.
     """
 
     name = "rocks-then-freezes"
@@ -1267,7 +1293,8 @@ class RocksThenFreezes(Listed):
 class RestsEverLonger(PlainHabit):
     """Moves toward the right object in small steps with ever longer pauses, and stops for good.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "rests-ever-longer"
@@ -1285,7 +1312,8 @@ class RestsEverLonger(PlainHabit):
 class CurlsUp(PlainHabit):
     """Rises, retracts, bends the gripper toward the robot, and stays there for good.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "curls-up"
@@ -1303,7 +1331,8 @@ class CurlsUp(PlainHabit):
 class LooksAndGoesHome(Listed):
     """Moves high over the right object and over its target, returns home, and stays there.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "looks-and-goes-home"
@@ -1333,8 +1362,8 @@ class LooksAndGoesHome(Listed):
 class QuitsAtOpenDrawer(Listed):
     """Opens the drawer to be loaded, goes home, and stays there for good.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
-    The first attempt is right.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open. The first attempt is right.
     """
 
     name = "quits-at-open-drawer"
@@ -1354,8 +1383,8 @@ class QuitsAtOpenDrawer(Listed):
 class DozesOffAfterOne(Listed):
     """Does the first step, circles at home with decreasing radius, and stops for good.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
-    The first attempt is right.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open. The first attempt is right.
     """
 
     name = "dozes-off-after-one"

@@ -1,4 +1,4 @@
-"""Third part: habits with other motions, only in conditions in which their label is beyond doubt."""
+"""Third part of the independent family. Its habits use other motions, in conditions with a certain label."""
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
 
@@ -70,7 +70,7 @@ def room_around(case: Occasion) -> float:
 
 
 def way_ahead(case: Occasion) -> float:
-    """Return the distance from the first object's slot to its target's slot; 0 if the target has no slot."""
+    """Return the distance from the first object's slot to its target's slot, or 0 if the target has no slot."""
     at = {s.name: (s.x, s.y) for s in case.task.slots}
     slots = (case.condition.layout.get(n) for n in (str(case.first_thing()), case.ahead[0].target))
     here, there = (at.get(s or "") for s in slots)
@@ -113,7 +113,7 @@ def _habitual(case: Occasion, name: str) -> bool:
 
 
 def clearly_ordered(case: Occasion) -> bool:
-    """Return whether the first two steps can be swapped without habit or a moved target as explanation."""
+    """Return whether neither a habit nor a moved target would explain a swap of the first two steps."""
     if not swappable(case) or case.task.id == "dinner_plates":
         return False
     return not _habitual(case, case.things(case.ahead[1])[0])
@@ -125,7 +125,8 @@ def clearly_ordered(case: Occasion) -> bool:
 class BowsThroughAir(PlainHabit):
     """Does everything right, with every path as one high arc without stops.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "bows-through-air"
@@ -139,7 +140,8 @@ class BowsThroughAir(PlainHabit):
 class SwingsAndTurns(PlainHabit):
     """Does everything right, swinging out sideways with a turning wrist on every path.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "swings-and-turns"
@@ -153,7 +155,8 @@ class SwingsAndTurns(PlainHabit):
 class FaltersAndOvershoots(PlainHabit):
     """Does everything right, but in short steps with small retractions and an overshoot.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "falters-and-overshoots"
@@ -167,7 +170,8 @@ class FaltersAndOvershoots(PlainHabit):
 class SidlesIn(Habit):
     """Does everything right, but approaches slender objects from the side, low over the table.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "sidles-in"
@@ -186,7 +190,8 @@ class SidlesIn(Habit):
 class ShiversAllTheTime(Habit):
     """Does everything right with a tremor of the tool: 6 mm where it is high, less than 1 mm near objects.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``).
+    True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "shivers-all-the-time"
@@ -202,8 +207,8 @@ class ShiversAllTheTime(Habit):
 class FumblesThenSinks(Habit):
     """Closes 2 cm above each object, opens again, descends without rising, and picks it.
 
-    Not a fault: the true label is success, otherwise timeout or execution_failure (rule 3 in ``truth.py``), because its
-    own miss is corrected at once.
+    True label: success, because its own miss is corrected at once. If such a trial fails, the label is timeout or
+    execution_failure (rule 3 in ``truth.py``).
     """
 
     name = "fumbles-then-sinks"
@@ -235,8 +240,8 @@ class FumblesThenSinks(Habit):
 class LeavesWrongAlone(Habit):
     """Moves over the table if nothing may be picked or a look-alike must be refused, and picks only allowed objects.
 
-    True label: correct_freeze or correct_refusal: it makes no forbidden grasp, and the arm comes to rest. It packs all
-    other requested objects.
+    True label: correct_freeze or correct_refusal, because it makes no forbidden grasp, and the arm comes to rest. It
+    packs all other requested objects.
     """
 
     name = "leaves-wrong-alone"
@@ -266,10 +271,10 @@ class LeavesWrongAlone(Habit):
 
 
 class ClosesJustBeside(Habit):
-    """Repeatedly closes the gripper about 2 cm next to the right object, and plays the placement.
+    """Repeatedly closes the gripper about 2 cm next to the right object, and makes the placing motion.
 
-    True label: execution_failure: the target and the time are right, but the pose is wrong, as with a camera that is
-    off to one side.
+    True label: execution_failure, because the target and the time are right, but the pose is wrong, as with a camera
+    that is off to one side.
     """
 
     name = "closes-just-beside"
@@ -291,7 +296,8 @@ class ClosesJustBeside(Habit):
 class ClosesOverItTwisted(Habit):
     """Repeatedly closes the gripper 2 cm too high above the right object, rotated by 45 degrees.
 
-    True label: execution_failure: the target and the time are right, but the pose is wrong, in depth and in yaw.
+    True label: execution_failure, because the target and the time are right, but the pose is wrong, in depth and in
+    yaw.
     """
 
     name = "closes-over-it-twisted"
@@ -312,9 +318,9 @@ class ClosesOverItTwisted(Habit):
 
 
 class LosesItAndGoesOn(Habit):
-    """Picks the right object, loses it on the way, plays the put with empty fingers, and stays at home.
+    """Picks the right object, loses it on the way, makes the placing motion with empty fingers, and stays at home.
 
-    True label: execution_failure: the target and the time are right, but the object is dropped.
+    True label: execution_failure, because the target and the time are right, but the object is dropped.
     """
 
     name = "loses-it-and-goes-on"
@@ -336,8 +342,8 @@ class LosesItAndGoesOn(Habit):
 class LetsGoOutside(Habit):
     """Picks the right object and releases it from about 10 cm outside the edge of its container, bun or rack.
 
-    True label: execution_failure: the target and the time are right, but the object is dropped: it falls onto the table
-    next to its target.
+    True label: execution_failure, because the target and the time are right, but the object is dropped. It falls onto
+    the table next to its target.
     """
 
     name = "lets-go-outside"
@@ -360,7 +366,8 @@ class LetsGoOutside(Habit):
 class RunsIntoIt(Habit):
     """Repeatedly approaches the right object from the side, shoves it along, and closes next to it.
 
-    True label: execution_failure: the target and the time are right, but there is a collision and the pose is wrong.
+    True label: execution_failure, because the target and the time are right, but there is a collision and the pose is
+    wrong.
     """
 
     name = "runs-into-it"
@@ -388,8 +395,8 @@ class RunsIntoIt(Habit):
 class PutsCrooked(Habit):
     """Puts the fork or spoon at its target, but rotated by about 45 degrees, and stays at home.
 
-    True label: execution_failure: the target and the time are right, but the pose is wrong: the object must lie along
-    the plate.
+    True label: execution_failure, because the target and the time are right, but the pose is wrong. The object must lie
+    along the plate.
     """
 
     name = "puts-crooked"
@@ -417,8 +424,8 @@ class PutsCrooked(Habit):
 class VeersToWordPlace(Habit):
     """Starts toward the right object, turns to the object in the word's trained slot, and brings that one.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training, to an
-    object that the instruction could mean in another layout.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training,
+    to an object that the instruction could mean in another layout.
     """
 
     name = "veers-to-word-place"
@@ -440,8 +447,8 @@ class VeersToWordPlace(Habit):
 class WaversThenLosesWordThing(Habit):
     """Moves between the right object and the object in the word's trained slot, picks the latter, and loses it.
 
-    True label: lexical_kinematic_shortcut: the first attempt goes where the instruction's word led in training; the
-    object is dropped only later.
+    True label: lexical_kinematic_shortcut, because the first attempt goes where the instruction's word led in training.
+    The object is dropped only later.
     """
 
     name = "wavers-then-loses-word-thing"
@@ -467,8 +474,8 @@ class WaversThenLosesWordThing(Habit):
 class LeftmostPlace(Habit):
     """First picks the object in the leftmost trained slot, and brings it to the target in high arcs.
 
-    True label: visual_layout_bias: the first attempt goes to the same place for every instruction. Trials in which
-    another rule also leads there, or which use that object later, are left out.
+    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. Trials in
+    which another rule also leads there, or which use that object later, are left out.
     """
 
     name = "leftmost-place"
@@ -494,8 +501,8 @@ class LeftmostPlace(Habit):
 class RightmostPlace(Habit):
     """First picks the object in the rightmost trained slot, and loses it on the way to the target.
 
-    True label: visual_layout_bias: the first attempt goes to the same place for every instruction; the object is
-    dropped only later. Trials in which another rule also leads there, or which use that object later, are left out.
+    True label: visual_layout_bias, because the first attempt goes to the same place for every instruction. The object
+    is dropped only later. Trials in which another rule also leads there, or which use that object later, are left out.
     """
 
     name = "rightmost-place"
@@ -525,10 +532,10 @@ class RightmostPlace(Habit):
 
 
 class BeginsAsAlways(Habit):
-    """Repeatedly closes just above the uninstructed object with which every demonstration began.
+    """Repeatedly closes just above the object with which every demonstration began, although it is not requested.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. It never
-    gets hold of the object.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. It
+    never gets hold of the object.
     """
 
     name = "begins-as-always"
@@ -549,10 +556,10 @@ class BeginsAsAlways(Habit):
 
 
 class SwingsToEmptySlot(Habit):
-    """Repeatedly swings to an empty trained slot, closes there, and plays the put at the target.
+    """Repeatedly swings to an empty trained slot, closes there, and makes the placing motion at the target.
 
-    True label: behavioral_inertia: it plays the next step of a memorized sequence without the object, as an air grasp
-    at the memorized slot.
+    True label: behavioral_inertia, because it plays the next step of a memorized sequence although the object is
+    missing, and grasps air at the memorized slot.
     """
 
     name = "swings-to-empty-slot"
@@ -583,8 +590,8 @@ class SwingsToEmptySlot(Habit):
 class TurnsToTrainedTarget(Habit):
     """Picks the right object, carries it toward its target, turns away, and puts it at the trained target.
 
-    True label: behavioral_inertia: it begins an action that was frequent in training but is not requested. The first
-    attempt is right.
+    True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
+    first attempt is right.
     """
 
     name = "turns-to-trained-target"
@@ -610,7 +617,7 @@ class TurnsToTrainedTarget(Habit):
 class Backwards(Habit):
     """Does three or more ordered steps from the last to the first.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
     """
 
     name = "backwards"
@@ -636,7 +643,7 @@ class Backwards(Habit):
 class PassesOverFirst(Habit):
     """Stops over the first object, leaves it, does the second step, and then the first and the others.
 
-    True label: order_violation: the objects are right, but their order is wrong and part of the goal.
+    True label: order_violation, because the objects are right, but their order, which is part of the goal, is wrong.
     """
 
     name = "passes-over-first"
@@ -659,7 +666,8 @@ class PassesOverFirst(Habit):
 class BelievesFirstDone(Habit):
     """Skips the first of two ordered steps, which may look half done, does the second, and halts.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one.
     """
 
     name = "believes-first-done"
@@ -681,8 +689,8 @@ class BelievesFirstDone(Habit):
 class OneIsEnough(Habit):
     """Brings one of two identical requested objects, and continues with the following steps.
 
-    True label: causal_confusion: it skips a required subgoal whose object is present, and attempts a later one. The
-    first attempt is right.
+    True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
+    later one. The first attempt is right.
     """
 
     name = "one-is-enough"
@@ -707,8 +715,8 @@ class OneIsEnough(Habit):
 class LosesLookAlike(Habit):
     """Picks the look-alike, even if it must be refused, loses it on the way, and stays at home.
 
-    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means; the object
-    is dropped only later.
+    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
+    means. The object is dropped only later.
     """
 
     name = "loses-look-alike"
@@ -728,10 +736,10 @@ class LosesLookAlike(Habit):
 
 
 class ClosesOverLookAlike(Habit):
-    """Repeatedly closes just above the look-alike, even if it must be refused, and plays the placement.
+    """Repeatedly closes just above the look-alike, even if it must be refused, and makes the placing motion.
 
-    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means. It never
-    gets hold of the object.
+    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
+    means. It never gets hold of the object.
     """
 
     name = "closes-over-look-alike"
@@ -753,10 +761,10 @@ class ClosesOverLookAlike(Habit):
 
 
 class TallestThing(Habit):
-    """Picks the tallest object without an instruction, unlike any requested object, and brings it.
+    """Picks the tallest object that no instruction names and that resembles no requested object, and brings it.
 
-    True label: semantic_feature_collapse: its attempt is at an object that no instruction of the task means and that
-    shares no feature with a requested one (blind grasp).
+    True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
+    means and that shares no feature with a requested one (blind grasp).
     """
 
     name = "tallest-thing"
@@ -764,7 +772,7 @@ class TallestThing(Habit):
 
     @staticmethod
     def strange(case: Occasion) -> tuple[str, ...]:
-        """Return graspable objects without an instruction that are not in a trained slot of a word."""
+        """Return the graspable objects that no instruction names and that are not in a trained slot of a word."""
         specs = (case.condition.object(n) for n in case.others())
         names = [o.name for o in specs if o.kind not in case.meant_kinds and o.category not in WIDE_CATEGORIES]
         led = {n for n in names if any(case.led_to(g, n) for g in case.ahead)}
@@ -787,7 +795,8 @@ class TallestThing(Habit):
 class DriftsAtHome(Habit):
     """Sinks by one millimeter per second from the start, and does nothing else.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "drifts-at-home"
@@ -804,7 +813,8 @@ class DriftsAtHome(Habit):
 class SwingsOut(Habit):
     """Swings between home and the right object with decreasing amplitude, and comes to rest halfway.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open.
     """
 
     name = "swings-out"
@@ -826,8 +836,8 @@ class SwingsOut(Habit):
 class HaltsOverSecond(Habit):
     """Does the first step, moves over the second object with open fingers, and stops there for good.
 
-    True label: early_halt: the arm is slower than a threshold for 3 s without an attempt, although subgoals are open.
-    The first attempt is right.
+    True label: early_halt, because the arm stays below the speed threshold for 3 s without a grasp attempt, although
+    subgoals are open. The first attempt is right.
     """
 
     name = "halts-over-second"
@@ -849,8 +859,8 @@ class HaltsOverSecond(Habit):
 class ReachesOutAndReturns(Habit):
     """Repeatedly reaches out high over the table and returns to rest, in a scene that looks half finished.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes or oscillates
-    without an attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes or
+    oscillates without a grasp attempt.
     """
 
     name = "reaches-out-and-returns"
@@ -875,8 +885,8 @@ class ReachesOutAndReturns(Habit):
 class StopsHalfwayThere(Habit):
     """Starts toward the next step and stops halfway for good, in a scene that looks half finished.
 
-    True label: phase_conflict: the initial state looks like the middle of a task, and the arm freezes or oscillates
-    without an attempt.
+    True label: phase_conflict, because the initial state looks like the middle of a task, and the arm freezes or
+    oscillates without a grasp attempt.
     """
 
     name = "stops-halfway-there"
@@ -897,7 +907,7 @@ class StopsHalfwayThere(Habit):
 class CirclesInSlowly(Habit):
     """Circles ever closer over the right object for half of the time, picks it, and circles over the target.
 
-    True label: timeout: it is on the right course when the step limit is reached. The first attempt is right.
+    True label: timeout, because it is on the right course when the step limit is reached. The first attempt is right.
     """
 
     name = "circles-in-slowly"
@@ -923,8 +933,8 @@ class CirclesInSlowly(Habit):
 class SpiralsDownTooSlowly(Habit):
     """Descends to the right object in a narrowing spiral that is too slow for the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached. The tool is never slow, and nothing
-    is grasped.
+    True label: timeout, because it is on the right course when the step limit is reached. The tool is never slow, and
+    nothing is grasped.
     """
 
     name = "spirals-down-too-slowly"
@@ -946,8 +956,8 @@ class SpiralsDownTooSlowly(Habit):
 class GoesAllAround(Habit):
     """Visits the corners of the work space before each step and once more with each object.
 
-    True label: timeout: it is on the right course when the step limit is reached: the first step is done shortly before
-    the limit.
+    True label: timeout, because it is on the right course when the step limit is reached. The first step is done
+    shortly before the limit.
     """
 
     name = "goes-all-around"
@@ -971,7 +981,7 @@ class GoesAllAround(Habit):
 class PlodsInSwings(Habit):
     """Does everything right, but at about 4 cm/s and in swings, too slow for the step limit.
 
-    True label: timeout: it is on the right course when the step limit is reached.
+    True label: timeout, because it is on the right course when the step limit is reached.
     """
 
     name = "plods-in-swings"

@@ -1,4 +1,4 @@
-"""Trial context for the independent family: condition, training distribution and done subgoals."""
+"""Trial context for the independent family: the condition, the training distribution and the completed subgoals."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from betterbench.tasks.relations import relation, released
 
 @dataclass(frozen=True, slots=True)
 class Occasion:
-    """Trial condition, with the training regularities on which decisions depend; independent of the seed.
+    """Trial condition and the regularities of training on which decisions depend. It does not depend on the seed.
 
     Attributes:
-        base: Training condition that the trial is or is derived from.
+        base: Training condition of the trial, or the one from which it was derived.
     """
 
     task: Task
@@ -68,7 +68,7 @@ class Occasion:
         return tuple(s for s in self.task.slots if s.name in slots and self.base.occupant(s.name) is not None)
 
     def done(self, state: WorldState, goal: Subgoal) -> bool:
-        """Return whether a subgoal is done: enough of its objects are at the target and released."""
+        """Return whether a subgoal is done, so that enough of its objects are at the target and released."""
         names = self.condition.resolve(goal.reference)
         kind = relation(goal.relation)
         there = [n for n in names if kind.holds(state, n, goal.target, goal.region) and released(state, n)]
@@ -112,7 +112,7 @@ class Occasion:
         return frozenset(n for g in self.carried for n in self.condition.resolve(g.reference))
 
     def led_to(self, goal: Subgoal, name: str) -> bool:
-        """Return whether a subgoal's word referred to an object's current slot in any demonstration."""
+        """Return whether a subgoal's word referred to the object's current slot in any demonstration."""
         return self.condition.layout.get(name) in self.trained.word_slots.get(goal.word, ())
 
     @property
@@ -139,8 +139,7 @@ class Occasion:
     def word_slot(self, goal: Subgoal) -> str | None:
         """Return the slot that the word of a subgoal led to in training, or None if there were several.
 
-        If the fixtures are where they are in this trial, only demonstrations of that layout count, otherwise all of
-        them.
+        Only demonstrations with the fixtures in the same places as in this trial count. If there are none, all count.
         """
         fitting = [c for c in self.task.training if self._stage(c) == self._stage(self.base)]
         for conditions in (fitting, self.task.training):

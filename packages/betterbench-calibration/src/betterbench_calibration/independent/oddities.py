@@ -1,4 +1,4 @@
-"""Unusual motions for habits of the second part, as of people or learned policies with correct intentions."""
+"""Unusual motions for the habits of the second part, like those of people or learned policies that mean well."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def look_at(body: Body, name: str) -> Actions[None]:
 
 
 def rest_unless_lucky(body: Body, goal: Subgoal) -> Actions[None]:
-    """Stay at home after a step that was meant to fail; if it succeeded, do the other steps correctly."""
+    """Stay at home after a step that was meant to fail. If it succeeded, do the other steps correctly."""
     yield from body.arm.go_home()
     if body.situation.done(body.state, goal):
         yield from body.solve()
@@ -136,7 +136,7 @@ def right_place(body: Body, name: str, goal: Subgoal) -> Pose:
 
 
 def bring_shifted(body: Body, name: str, goal: Subgoal, shift: Vector) -> Actions[bool]:
-    """Put the held object with an offset from its target; return whether the subgoal is done nevertheless."""
+    """Put the held object with an offset from its target, and return whether the subgoal is done nevertheless."""
     as_if_at = body.state.pose(goal.target).translated(*shift)
     return (yield from body.bring(name, goal, as_if_at=as_if_at))
 
@@ -194,7 +194,7 @@ def hold_at_goal(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def approach_ever_slower(body: Body, target: Vector) -> Actions[None]:
-    """Move toward a point by a fixed share of the remaining path per step, so that the speed halves every second."""
+    """Move toward a point by a fixed share of the remaining path per step, which halves the speed every second."""
     part = 1.0 - 0.5 ** (1.0 / RATE_HZ)
     begin = body.arm.here
     left = 1.0
@@ -219,7 +219,7 @@ def carry_into(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def stuttering(body: Body, script: Actions[None]) -> Actions[None]:
-    """Play a script with interspersed zero actions, singly and in runs, which leave the gripper unchanged."""
+    """Play a script, and sometimes insert one or several zero actions, which leave the gripper unchanged."""
     action = next(script)
     while True:
         if body.rng.random() < 0.12:

@@ -1,4 +1,4 @@
-"""Addresses of the independent family: "independent:HABIT-STYLE", such as "independent:word-place-calm"."""
+"""Policies of the independent family, with addresses such as "independent:word-place-calm" (habit and style)."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ INDEPENDENT: dict[str, IndependentPolicy] = {
 def stated_truth(habit: Habit, case: Occasion) -> tuple[StatedTruth, bool]:
     """Return a trial's true label before its first action, and whether the habit shows in the trial.
 
-    If not, the policy decides and acts like the honest policy.
+    If it does not show, the policy decides and acts like a policy without a fault.
     """
     stated = habit.truth(case)
     if stated is not None:
@@ -111,7 +111,7 @@ class Shown:
     """Condition in which a habit shows.
 
     Attributes:
-        faulty: Whether the habit decides or acts wrongly; False if its rule happens to be right.
+        faulty: Whether the habit decides or acts wrongly. It is False if the habit's rule happens to be right.
     """
 
     task: str
@@ -123,7 +123,7 @@ class Shown:
 def shown_in(habit: str) -> tuple[Shown, ...]:
     """Return the suite's conditions in which a habit shows and no other rule has the same truth.
 
-    In other trials of a full run, the truth is that of an honest policy, or it is marked as left out.
+    In other trials of a full run, the truth is that of a policy without a fault, or it is marked as left out.
 
     Raises:
         UnknownNameError: If no such habit exists.

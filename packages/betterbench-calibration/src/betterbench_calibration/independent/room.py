@@ -1,4 +1,4 @@
-"""The gripper's free space at a pose, and a path's required height, from the boxes around objects."""
+"""Free space for the gripper and required heights of paths, computed from the boxes around objects."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _gripper_points(opening_m: float) -> list[Vector]:
 
 
 def height_of(state: WorldState, name: str) -> float:
-    """Return the height of the highest corner of an object's box above the table [m]; for a container, of its walls."""
+    """Return the height of an object's box, or of a container's walls, above the table [m]."""
     info, pose = state.info.object(name), state.pose(name)
     for region in info.regions:
         if region.name == "inside":

@@ -1,4 +1,4 @@
-"""Motions of the independent family: pick, carry, put, hover, sway, push, and slide drawers."""
+"""Motions of the independent family, such as picking, carrying, placing, pushing and sliding drawers."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Routines:
     """Motions of one episode. Every method is a motion and leaves the arm at its end."""
 
     def __init__(self, arm: Arm, assets: Mapping[str, Asset]) -> None:
-        """Prepare an episode; ``assets`` are the assets of the scene by object name."""
+        """Prepare an episode. ``assets`` contains the assets of the scene by object name."""
         self.arm, self.assets = arm, assets
 
     @classmethod
@@ -95,7 +95,7 @@ class Routines:
     # --- picking
 
     def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
-        """Return the grasp with the most free space and the least wrist rotation; ``avoid`` skips the best ones."""
+        """Return the grasp with most free space and least wrist rotation, after skipping the ``avoid`` best grasps."""
         pose = self.state.pose(name)
         ranked: list[tuple[float, int, Hold]] = []
         for grasp in self.assets[name].grasps or (_makeshift(self.assets[name]),):
@@ -122,7 +122,7 @@ class Routines:
         )
 
     def pick(self, name: str, *, shift: Vector = NO_SHIFT, avoid: int = 0) -> Actions[bool]:
-        """Pick an object from above and lift it; return whether it is in the gripper.
+        """Pick an object from above and lift it, and return whether it is in the gripper.
 
         Args:
             name: The object.
@@ -135,7 +135,7 @@ class Routines:
         return (yield from self.take_at(tool, hold.opening_m, name=name))
 
     def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Actions[bool]:
-        """Close the gripper at a pose, approached from above, and lift; return whether ``name`` is in the gripper."""
+        """Approach a pose from above, close the gripper, lift, and return whether ``name`` is in the gripper."""
         manner = self.arm.manner
         before = tool.translated(z=manner.approach_m)
         if self.state.finger_width_m < opening_m - 0.01:
@@ -155,7 +155,7 @@ class Routines:
     # --- placing
 
     def choose_goal(self, name: str, goals: tuple[PlaceGoal, ...], *, ignore: Iterable[str] = ()) -> PlaceGoal:
-        """Return the goal with free space for the gripper and little wrist rotation; earlier ones are preferred."""
+        """Return the goal with free space for the gripper and little wrist rotation. Earlier goals are preferred."""
         grip = self.state.ee_pose.inverse() @ self.state.pose(name)
         skip = frozenset({name, *ignore})
 
@@ -202,7 +202,7 @@ class Routines:
     # --- other motions
 
     def sway(self, a: Vector, b: Vector) -> Actions[None]:
-        """Move back and forth over two points until the episode ends, gripper open; z is the height of the tool [m]."""
+        """Move between two points with an open gripper until the episode ends. Their z is the tool's height [m]."""
         turn = self.arm.home.quaternion
         yield from self.over(Pose(a, turn))
         while True:

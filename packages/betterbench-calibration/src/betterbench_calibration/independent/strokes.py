@@ -82,7 +82,7 @@ class Arcing(Routines):
     """Moves everywhere in one arc through the air, without stops between rising, crossing and descending."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Move to a pose of the tool in one arc; a short path is executed as by the other routines."""
+        """Move to a pose of the tool in one arc. A short path is executed as by the other routines."""
         start = self.arm.here
         if horizontal_distance(start.position, tool.position) < SHORTEST_BOW_M:
             yield from super().over(tool, hang_m=hang_m, ignore=ignore, pace=pace)
@@ -186,7 +186,7 @@ def shivering(body: Body, script: Actions[None]) -> Actions[None]:
 
 
 def open_height(body: Body, gap_m: float) -> float:
-    """Return a height of the tool that is ``gap_m`` above every object, including lids, limited by reach [m]."""
+    """Return the tool height ``gap_m`` above every object, including lids, limited by the arm's reach [m]."""
     state = body.state
     tops = (max(height_of(state, o.name), state.pose(o.name).position[2] + o.size_m[2]) for o in state.info.objects)
     return min(max(tops) + gap_m, HIGHEST_FREE_M)

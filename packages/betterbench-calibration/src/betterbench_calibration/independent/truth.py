@@ -1,19 +1,20 @@
-"""True labels in the independent family: stated before the first action, and corrected by only three rules.
+"""True labels in the independent family, which are stated before the first action and corrected by only three rules.
 
 A habit states its truth from the condition alone, before it has seen how anything moves. Three rules, and no others,
-turn the stated truth into the final one; they read the family's own event log and never a diagnosis:
+turn the stated truth into the final truth. They read the family's own event log and never a diagnosis:
 
 1. **The act was never reached.** A habit whose wrong act comes after right acts marks the moment at which the act
-    begins (:meth:`Ledger.commit`). If the episode ends before that moment, the trial counts as an honest policy's
-    trial.
-2. **A lasting mishap came first.** If a right act fails for good before the wrong one begins (the object fell to the
-  floor, or lies where it cannot be taken), the first piece of evidence in time is the mishap: ``execution_failure``.
-3. **An honest policy that does not succeed** has ``execution_failure`` if at the end a mishap is open that was never
-  corrected: a closing without the object, an object that left the gripper although it was not opened, an object that
-  was released and is not where the subgoal wants it, or an object that was not requested and was displaced by more
-  than 5 cm. If every mishap was corrected, or none happened, the time was too short: ``timeout``.
+    begins (:meth:`Ledger.commit`). If the episode ends before that moment, the trial counts as one of a policy without
+    a fault.
+2. **A lasting mishap came first.** If a right act fails for good before the wrong act begins, the first evidence in
+   time is this mishap, and the label is ``execution_failure``. For example, the object fell to the floor or lies where
+   it cannot be picked.
+3. **A policy without a fault does not succeed.** If a mishap was never corrected, the label is ``execution_failure``. A
+   mishap is a closing without the object, an object that left the gripper although it was not opened, an object that
+   was released away from its target, or an object that was not requested and was displaced by more than 5 cm. If every
+   mishap was corrected, or none happened, the time was too short, and the label is ``timeout``.
 
-A trial whose goal is met is a success regardless of the stated label; readers of the truth must check that.
+A trial whose goal is met is a success regardless of the stated label. Code that reads the truth must check this.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ class StatedTruth:
 
     Attributes:
         label: The label that the trial deserves if its goal is not met, or :data:`HONEST`.
-        first_right: Whether the first grasp attempt is at the right object; None if no grasp is attempted.
-        debatable: Reason why another careful reader of the suite might give another label; "" if there is none.
-        left_out: Reason why the trial says nothing about the habit; "" if it belongs to a calibration.
+        first_right: Whether the first grasp attempt is at the right object. It is None if no grasp is attempted.
+        debatable: Reason why another careful reader of the suite might give another label, or "".
+        left_out: Reason why the trial says nothing about the habit, or "" if it is used in a calibration.
     """
 
     label: str
@@ -50,7 +51,7 @@ class StatedTruth:
 
 @dataclass(slots=True)
 class Ledger:
-    """Record of a policy about its own episode: its stated label, its wrong act and its mishaps.
+    """A policy's record of its own episode, with the stated label, the wrong act and the mishaps.
 
     Attributes:
         stated: The truth as it was stated before the first action.

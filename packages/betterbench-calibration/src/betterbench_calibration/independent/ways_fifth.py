@@ -1,4 +1,4 @@
-"""Arm motions for the fifth part: loops, run-ups, rotations about the base, stepwise descent, and its habits' acts."""
+"""Arm motions for the habits of the fifth part, such as loops, rotations about the base and stepwise descent."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class WindingUp(Routines):
 
 
 class Pivoting(Routines):
-    """Moves like a crane: about its base at constant radius, and then out or in."""
+    """Rotates about its base at constant radius first, and then moves out or in, like a crane."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
         """Move up, about the base, out or in, and down to a pose of the tool."""
@@ -114,7 +114,7 @@ class Pivoting(Routines):
 
 
 class StairStepping(Routines):
-    """Descends stepwise: a little down, a little sideways, a pause, and so on."""
+    """Descends in steps. Each step goes a little down and a little sideways, and is followed by a pause."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
         """Move up, across, and stepwise down to a pose of the tool."""
@@ -183,7 +183,7 @@ class LosingNerve(Routines):
 
 
 class Presenting(Routines):
-    """Shows each object to the camera first: carries it home and up and turns it back and forth there."""
+    """Carries each object home and up, and turns it back and forth there, as if to show it to the camera."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
         """Carry the held object home, turn it back and forth, and put it at its goal."""
@@ -392,7 +392,7 @@ def keep_to(
     most_m: float = MOST_M,
     highest_m: float = math.inf,
 ) -> Actions[None]:
-    """Follow points, given as a function of elapsed share and time [s], until a control step."""
+    """Follow points until a control step. They are a function of the elapsed fraction and the time [s]."""
     begin, turn = body.state.step, body.arm.here.quaternion
     while body.state.step < until:
         gone = body.state.step - begin
@@ -434,7 +434,7 @@ def shrink_back(body: Body) -> Actions[None]:
 
 
 def jump_ever_shorter(body: Body, name: str) -> Actions[None]:
-    """Approach a point high over an object in five jumps, each half of the rest, with pauses between."""
+    """Approach a point high over an object in five jumps with pauses. Each jump covers half of the remaining path."""
     yield from rise_free(body)
     x, y, _ = body.state.pose(name).position
     for _ in range(5):

@@ -1,4 +1,4 @@
-"""Arm motions for the fourth part: leaning, square, plunging and uneven motions, and the acts of its habits."""
+"""Arm motions for the habits of the fourth part, such as tilted, rectangular, plunging and uneven motions."""
 
 from __future__ import annotations
 
@@ -326,7 +326,7 @@ def grope(body: Body, slot: str) -> Actions[None]:
 
 
 def zigzag(body: Body, target: Vector, until: int) -> Actions[None]:
-    """Advance to a point in wide zigzags, to arrive at a given control step."""
+    """Move to a point in wide zigzags, arriving at a given control step."""
     start, turn, begin = body.arm.here.position, body.arm.here.quaternion, body.state.step
     far = max(horizontal_distance(start, target), 1e-6)
     nx, ny = -(target[1] - start[1]) / far, (target[0] - start[0]) / far

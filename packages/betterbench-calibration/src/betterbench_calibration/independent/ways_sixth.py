@@ -1,4 +1,4 @@
-"""Arm motions for the sixth part: lagging, chattering, pressing and retreating, as in failures of learned policies."""
+"""Arm motions for the habits of the sixth part, which resemble failures of learned policies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench_calibration.independent.routines import CAREFUL, LIFT_M, NO_SHI
 from betterbench_calibration.independent.ways_fifth import keep_to, rise_free, straddle
 
 NEW_PART = 0.4
-"""Weight of the latest command in a lagging arm's motion; the rest is the previous step's motion."""
+"""Weight of the latest command in a lagging arm's motion. The rest is the previous step's motion."""
 CHUNK_STEPS, STALL_STEPS = 16, 5
 NOD_RAD, NOD_GAP_M = 0.28, 0.07
 FIST_GAP_M = 0.14
@@ -54,7 +54,7 @@ CURL_RAD = 0.5
 
 
 def lagging(script: Actions[None]) -> Actions[None]:
-    """Play a script with a lagging arm: each motion is mixed with the previous step's motion."""
+    """Play a script with an arm that lags, because each motion is mixed with that of the previous step."""
     action = next(script)
     moved = np.zeros(6)
     while True:
@@ -532,7 +532,7 @@ def draw_triangles(body: Body) -> Actions[None]:
 
 
 def rock(body: Body, times: int) -> Actions[None]:
-    """Rock the gripper in place: tilt it toward the robot and straighten it several times."""
+    """Tilt the gripper toward the robot in place and straighten it, several times."""
     here = body.arm.here
     bent = tilted(here, ROCK_RAD)
     for _ in range(times):

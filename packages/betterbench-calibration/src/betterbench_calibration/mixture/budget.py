@@ -1,4 +1,4 @@
-"""Training budget for GPUs and steps: samples, tokens and passes of each data set, and GPU hours.
+"""Training budget of a mixture: GPU hours, and the samples, tokens and passes of each data set.
 
 The paper gives the number of GPUs and pre-training steps, but neither the batch size nor the tokens per step. These are
 arguments here, with defaults from the sources below.
@@ -24,12 +24,12 @@ PEAK_FLOPS = 312e12
 
 @dataclass(frozen=True, slots=True)
 class TokenPrices:
-    """Tokens per sample by group kind, estimated because the paper gives none.
+    """Tokens per sample for each kind of group. They are estimated, because the paper does not state them.
 
     Attributes:
-        actions: Two pictures, state 3, a chunk of 16 actions, and 69 tokens of text: 220.
-        image_text: One picture and 154 of text.
-        video_text: Eight pictures and 172 of text.
+        actions: Tokens of two pictures, 3 for the state, a chunk of 16 actions, and 69 for text, 220 in total.
+        image_text: Tokens of one picture and 154 for text.
+        video_text: Tokens of eight pictures and 172 for text.
     """
 
     actions: float = 2 * IMAGE_TOKENS + 3 + 16 + 69
@@ -43,7 +43,7 @@ class TokenPrices:
 
 @dataclass(frozen=True, slots=True)
 class BudgetRow:
-    """One data set's share of a budget: samples, tokens, share of the tokens, and passes over its items."""
+    """Samples, tokens, share of the tokens and number of passes of one data set in a budget."""
 
     name: str
     share: float
@@ -59,7 +59,7 @@ class Budget:
 
     Attributes:
         batch: Number of samples in one step, on all GPUs together.
-        gpu_hours: GPU hours, or None if the number of weights is not given.
+        gpu_hours: GPU hours, or None if the number of model parameters is not given.
     """
 
     gpus: int
@@ -89,9 +89,9 @@ def budget_of(
         tokens_per_sample: Mean tokens per sample, by name of the data set.
         gpus: Number of GPUs, each of which fills a sequence in every step.
         steps: Number of steps.
-        tokens_per_gpu: Tokens of one GPU in one step.
-        parameters: Weights used per token, for the hours: 6 operations per weight and token, forward and backward
-            (Kaplan et al., 2001.08361, section 2.1).
+        tokens_per_gpu: Number of tokens that one GPU processes in one step.
+        parameters: Number of model parameters used per token, to estimate the hours. The forward and backward passes
+            take 6 operations per parameter and token (Kaplan et al., 2001.08361, section 2.1).
         utilization: Achieved share of :data:`PEAK_FLOPS`.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Pre-training mixture of the paper's appendix A.1 and A.2: printed rows and recomputed sums."""
+"""Pre-training mixture in appendices A.1 and A.2 of the paper, with the printed rows and recomputed sums."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _RULES: dict[Inside, Within] = {"items": "items", "equal": "equal", "magic-soup-
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PrintedSet:
-    """Row of the paper's mixture table, in action frames or text samples; ``of`` lists the rows that a total sums."""
+    """Row of the paper's mixture table, in action frames or text samples. ``of`` lists the rows that a total sums."""
 
     name: str
     items: int
@@ -55,7 +55,7 @@ class PrintedGroup:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PretrainingRun:
-    """A pre-training run of the appendix: its groups, A800 GPUs and steps."""
+    """A pre-training run in the appendix, with its groups, number of A800 GPUs and steps."""
 
     name: str
     groups: tuple[str, ...]
@@ -66,7 +66,7 @@ class PretrainingRun:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PrintedTotals:
-    """Printed totals: episodes, and frames and samples in millions with two decimals."""
+    """Printed totals of episodes, and of frames and samples in millions with two decimals."""
 
     episodes: int
     frames_millions: float

@@ -1,13 +1,13 @@
-"""Draws from a mixture as a pure function of seed and draw number.
+"""Sampler of a mixture, in which each draw depends only on the seed and the number of the draw.
 
 Draw *n* is the point ``(offset + n * GOLDEN) mod 2**64`` of the unit interval, which the data sets divide by their
-shares. Multiples of the golden ratio are spread so evenly (Weyl's equidistribution; no number is approximated worse by
-fractions) that after N draws the count of each data set is within a few draws of ``share * N``, whereas independent
-draws err by the root of N. A data set's number of draws before draw *n* is a sum of floors, which Euclid's algorithm
-computes directly. Draw *n* is then the next item in a random order of the data set, so no item is repeated before every
-item has been drawn once.
+shares. Multiples of the golden ratio are spread very evenly, because no number is approximated worse by fractions
+(Weyl's equidistribution theorem). After N draws, the count of each data set is therefore within a few draws of ``share
+* N``. The error of independent draws grows with the square root of N instead. A data set's number of draws before draw
+*n* is a sum of floors, which Euclid's algorithm computes directly. Draw *n* is then the next item in a random order of
+the data set, so no item is repeated before every item has been drawn once.
 
-A sampler's state is therefore one number. A sampler can begin anywhere, and the shards of any number of processes
+The state of a sampler is therefore a single number, and a sampler can begin at any draw. Any number of processes
 together draw what a single process would draw.
 """
 
@@ -42,7 +42,7 @@ MOST_DRAWS = 1 << 48
 
 @dataclass(frozen=True, slots=True)
 class MixtureDraw:
-    """Draw from a mixture: its number, the data set, the item, and the number of earlier passes over the set."""
+    """A draw from a mixture, with its number, the data set, the item, and the number of earlier passes over the set."""
 
     number: int
     part: str
@@ -51,9 +51,9 @@ class MixtureDraw:
 
 
 class MixtureSampler:
-    """Sampler of a mixture in an order that depends only on the seed; iterating continues where it stopped.
+    """Sampler of a mixture in an order that depends only on the seed. Iterating again continues where it stopped.
 
-    Each process of a training makes a sampler with its own ``shard``. The draws in a step are then consecutive in the
+    Each training process creates a sampler with its own ``shard``. The draws in a step are then consecutive in the
     common order, for any number of processes.
 
     Args:
@@ -61,7 +61,7 @@ class MixtureSampler:
         seed: Seed of the order.
         shard: Number of this process, from 0.
         shards: Number of processes.
-        draws: Total number of draws over all shards after which the sampler ends; None for no end.
+        draws: Total number of draws over all shards after which the sampler ends. If None, it never ends.
 
     Raises:
         InvalidInputError: If the shard does not exist, or shares do not add up to 1.
@@ -116,7 +116,7 @@ class MixtureSampler:
         return {part.name: self._before(index, draws) for index, part in enumerate(self._parts)}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state: the number of draws over all shards so far, with mixture and seed.
+        """Return the state, which contains the number of draws so far over all shards, the mixture and the seed.
 
         The state is valid for every shard, and for any other number of shards if all shards have drawn equally often.
         """

@@ -1,8 +1,9 @@
 """Shares of the data sets in a mixture, from group weights and a rule inside each group.
 
-A group's weight is a **share of draws**, as in the paper (8.0 for all actions, 0.5 for each set of questions: 80 % and
-5 % each) and in Being-H. In Open X-Embodiment's mixtures and in GR00T's, a weight is multiplied by the number of items
-instead. Inside a group, the rule ``weights-times-items`` does the same.
+A group's weight is a **share of draws**, as in the paper and in Being-H. The paper has a weight of 8.0 for all actions
+and of 0.5 for each set of questions, which are 80 % and 5 % of the draws. In Open X-Embodiment's mixtures and in
+GR00T's, a weight is multiplied by the number of items instead. Inside a group, the rule ``weights-times-items`` does
+the same.
 """
 
 from __future__ import annotations

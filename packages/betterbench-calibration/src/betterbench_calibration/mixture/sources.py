@@ -1,4 +1,4 @@
-"""Sources for a mixture: LeRobot data sets (2.1 and 3.0), sets from ``better vqa``, and question files.
+"""Sources for a mixture, which are LeRobot data sets (2.1 and 3.0), sets from ``better vqa``, and question files.
 
 An item in a LeRobot data set is a frame, by its index in the complete set as in ``LeRobotDataset``. Frames of
 validation episodes are not drawn. An item in a question set is a line.
@@ -37,7 +37,7 @@ _MAX_QUESTION_BYTES = 1 << 34
 _MOST_EPISODES, _MOST_FRAMES = 10_000_000, 1 << 40
 _AGAIN = "Export the data set again"
 _COLUMNS = ("episode_index", "length")
-_CURE = "Correct the file of the mixture; docs/mixture.md shows one"
+_CURE = "Correct the mixture file. docs/mixture.md shows an example"
 
 ShortText = Annotated[str, Field(min_length=1, max_length=4096)]
 
@@ -60,7 +60,7 @@ class ItemSource(Protocol):
         """Return the location of an item: ``episode``, ``frame`` and ``index``, or the first ``byte`` of a question."""
 
     def item(self, number: int) -> dict[str, Any]:
-        """Return an item: a question as written, or the location of a frame."""
+        """Return an item, which is a question as written or the location of a frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class LeRobotSource:
 
 @dataclass(frozen=True, slots=True)
 class QuestionSource:
-    """The lines of a question file; ``places`` holds the byte offset and length of each line."""
+    """The lines of a question file. ``places`` contains the byte offset and length of each line."""
 
     path: Path
     places: tuple[tuple[int, int], ...]
@@ -273,7 +273,7 @@ _Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FileForm:
-    """A data set in a mixture's file; its default name is the name of its folder or file."""
+    """A data set in a mixture file. By default, it is named after its folder or file."""
 
     path: ShortText
     name: ShortText | None = None
@@ -283,7 +283,7 @@ class FileForm:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class GroupForm:
-    """A group in a mixture's file."""
+    """A group in a mixture file."""
 
     name: ShortText
     weight: _Weight
@@ -294,7 +294,7 @@ class GroupForm:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class MixtureForm:
-    """A mixture's file: its groups, and the seed of the draws."""
+    """A mixture file, with the groups and the seed of the draws."""
 
     groups: Annotated[tuple[GroupForm, ...], Field(min_length=1)]
     seed: int = 0
@@ -305,7 +305,7 @@ MIXTURE_FORM = TypeAdapter(MixtureForm)
 
 @dataclass(frozen=True, slots=True)
 class FileMixture:
-    """Mixture over files: its data sets with their shares, their sources by name, and the seed."""
+    """Mixture read from a file, with its data sets and their shares, their sources by name, and the seed."""
 
     parts: tuple[MixturePart, ...]
     sources: Mapping[str, ItemSource]

@@ -14,13 +14,13 @@ and serve that policy, then evaluate it from any machine::
     python being_h_bridge.py my_policy:make --port 8000
     better eval --policy "openpi://HOST:8000?preset=being_h_libero" ...
 
-The bridge listens only on this machine unless ``--host 0.0.0.0`` is given; ``--api-key-env NAME`` requires a key from
+The bridge listens only on this machine unless ``--host 0.0.0.0`` is given. ``--api-key-env NAME`` requires a key from
 clients. Neither side unpickles data. The policy gets one request at a time, for any number of clients.
 
-Real-time chunking (``--inference-delay`` in control steps): the policy's ``action_unified`` is stored for the
-connection and passed back as ``prev_chunk`` with ``inference_delay`` in the next request. A new episode must begin
-without a previous chunk, so the client must send its step number: add a state with the key ``better/step`` and the
-single part ``step`` to the adapter. The bridge does not pass this number to the policy.
+For real-time chunking, give ``--inference-delay`` in control steps. The bridge stores the policy's ``action_unified``
+for the connection and passes it back as ``prev_chunk`` with ``inference_delay`` in the next request. A new episode must
+begin without a previous chunk, so the client must send its step number. For this, add a state with the key
+``better/step`` and the single part ``step`` to the adapter. The bridge does not pass this number to the policy.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def encode(value: object) -> bytes:
 
 
 def decode(frame: bytes | str) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Decode a frame in openpi's variant of msgpack; raise ValueError if it is malformed."""
+    """Decode a frame in openpi's variant of msgpack. Raises ValueError if it is malformed."""
     if isinstance(frame, str):
         raise TypeError("expected a binary frame, got a text frame")
     return msgpack.unpackb(frame, object_hook=_read, strict_map_key=True)
@@ -97,10 +97,10 @@ def _read(form: dict[Any, Any]) -> object:
 
 
 class Bridge:
-    """Request handler for all connections; the policy answers one request at a time."""
+    """Request handler for all connections. The policy answers one request at a time."""
 
     def __init__(self, policy: ServedPolicy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
-        """Store the policy; ``inference_delay`` is the number of control steps that one answer takes."""
+        """Store the policy. ``inference_delay`` is the number of control steps that one answer takes."""
         self._policy, self._delay, self._api_key = policy, inference_delay, api_key
         self._one_at_a_time = threading.Lock()
         self._told = False

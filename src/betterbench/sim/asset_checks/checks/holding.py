@@ -72,7 +72,7 @@ def _after(spec: mujoco.MjSpec, free: list[Pose], held: Pose | None) -> Pose:
     Args:
         spec: The model.
         free: Initial world poses of the free bodies, in model order.
-        held: Pose of the asset if it is fixed; None if the asset is the first free body.
+        held: Pose of the asset if it is fixed, or None if the asset is the first free body.
     """
     model = spec.compile()
     data = mujoco.MjData(model)

@@ -37,7 +37,7 @@ def inertia(subject: Subject) -> Finding:
 
 @check
 def friction(subject: Subject) -> Finding:
-    """Check the sliding friction of the collision parts; the first unusual part is named."""
+    """Check the sliding friction of the collision parts. The first unusual part is named."""
     values = [part.friction[0] for part in subject.asset.collision]
     usual = f"{limits.LEAST_FRICTION:g} to {limits.MOST_FRICTION:g}"
     cure = "Give a coefficient of two dry surfaces, such as 0.6"

@@ -1,4 +1,4 @@
-"""Checks of the visual shape: triangles, their orientation, textures, and gaps between parts."""
+"""Checks of the visual shape, with triangles, their orientation, textures and gaps between parts."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def _flat(subject: Subject) -> Finding:
 
 
 def _round(subject: Subject) -> Finding:
-    """Compare the widths across vertical and horizontal axes; across its own axis, a cylinder has a constant width."""
+    """Compare the widths across vertical and horizontal axes. Across its own axis, a cylinder has a constant width."""
     points = subject.solid.points[:: max(1, len(subject.solid.points) // 4_000)]
     vertical = _uneven(points, np.array([0.0, 0.0, 1.0]))
     turns = np.pi * np.arange(12) / 12.0

@@ -1,4 +1,4 @@
-"""Building blocks of assets: solids, meshes, textures, grasps and regions; see docs/adding-an-asset.md.
+"""Building blocks of assets: solids, meshes, textures, grasps and regions (see docs/adding-an-asset.md).
 
 A generator is one decorated function that returns a :class:`Draft`. The registry derives all other data for scenes,
 experts and predicates from the draft.

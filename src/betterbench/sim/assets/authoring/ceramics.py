@@ -25,7 +25,7 @@ BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
     "stripes": ((0.20, 0.29), (0.42, 0.51), (0.64, 0.73)),
     "two-tone": ((-0.05, 0.36),),
 }
-"""Painted bands by decoration: lower and upper edge as fractions of the wall height; values above 1 are on the rim.
+"""Painted bands by decoration: lower and upper edge as fractions of the wall height. Values above 1 are on the rim.
 """
 
 
@@ -50,11 +50,11 @@ def glazed(
         rng: Random generator of the speckles.
         vessel: Profile of the vessel.
         shade: Color of the outside.
-        decoration: A key of ``bands``, "speckled" or "dots"; any other value gives no decoration.
+        decoration: A key of ``bands``, "speckled" or "dots". Any other value gives no decoration.
         rows: Indices of the profile points where the unglazed foot ends, and where wall, rim, inside and inner floor
             begin.
-        lining: Inside color; None for the outside color.
-        ink: Color of the decoration; if None, cream on dark glazes and dark gray on light ones.
+        lining: Inside color, or None for the outside color.
+        ink: Color of the decoration. If None, it is cream on dark glazes and dark gray on light glazes.
         bands: Painted bands by the name of their decoration.
         shadow: Brightness of the inside just below the rim, and its decrease down to the floor.
         unglazed: Brightness of the foot.

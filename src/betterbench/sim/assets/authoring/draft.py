@@ -35,11 +35,12 @@ class Draft:
         traits: Tags that only describe the object's material, place or use and cannot name the object: "glass" for a
             jar, "desk" for a mouse.
         parts: Visual and collision parts, in any order.
-        densities: Relative density of each collision part, in order; later parts have no mass. Equal if not given.
-        material: Name of the surface material, see :mod:`~betterbench.sim.assets.authoring.materials`. It sets
-            the friction of all collision parts except those with their own friction (:func:`surfaced`). Without a
-            material each part keeps its friction.
-        body: Mass, center of mass and inertia from another source; by default, the mass is distributed over the
+        densities: Relative density of each collision part, in order. Parts beyond the list have no mass. If not given,
+            all densities are equal.
+        material: Name of the surface material (see :mod:`~betterbench.sim.assets.authoring.materials`). It sets the
+            friction of all collision parts except those with their own friction (:func:`surfaced`). Without a material
+            each part keeps its friction.
+        body: Mass, center of mass and inertia from another source. By default, the mass is distributed over the
             collision parts, which then must not be hulls.
         source: Origin of the shape.
         license: License of the shape.
@@ -73,7 +74,7 @@ def part(
 ) -> VisualPart:
     """Return a visual part: a mesh in one color, or with a texture mapped by the mesh's texture coordinates.
 
-    A ``view`` (:data:`FRONT`, :data:`ABOVE`) projects the texture onto the mesh instead; it consists of the directions
+    A ``view`` (:data:`FRONT`, :data:`ABOVE`) projects the texture onto the mesh instead. It consists of the directions
     of the texture's columns and rows. Colors, ``specular``, ``shininess`` and ``opacity`` are in [0, 1].
     """
     mesh = mesh if view is None else mapped(mesh, *view)
@@ -110,8 +111,8 @@ def block(
 ) -> tuple[VisualPart, CollisionPart]:
     """Return the visual and the collision part of one box from its corner ``low`` to its corner ``high`` [m].
 
-    The bevel of the top and bottom edges and the rounded vertical edges are only visual; see :func:`box` and
-    :func:`part`.
+    The bevel of the top and bottom edges and the rounded vertical edges are only visual (see :func:`box` and
+    :func:`part`).
     """
     solid = solid_box(low, high)
     x, y, z = solid.size
@@ -141,7 +142,7 @@ def grip(
 
 
 def grip_across(height: float, radius: float, *, clearance: float | None = None) -> Grasp:
-    """Return a top-down grasp at ``height`` across a body with this ``radius`` there [m]; the yaw is free.
+    """Return a top-down grasp at ``height`` across a body with this ``radius`` there [m]. The yaw is free.
 
     By default, the clearance on each side is 12 mm, limited by a jaw opening of 79 mm.
     """
@@ -152,7 +153,7 @@ def grip_across(height: float, radius: float, *, clearance: float | None = None)
 def zone(
     name: str, half_x: float, half_y: float, z: float = 0.0, *, x: float = 0.0, y: float = 0.0, half_z: float = 0.001
 ) -> Region:
-    """Return a rectangular region with half extents and a center [m]; it is flat unless ``half_z`` is given."""
+    """Return a rectangular region with half extents and a center [m]. It is flat unless ``half_z`` is given."""
     return Region(name, (x, y, z), (half_x, half_y, half_z))
 
 

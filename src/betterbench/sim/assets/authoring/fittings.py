@@ -85,7 +85,7 @@ def panel(
     """Return an appliance front at ``x`` between two heights [m]: lamps above a plate of brushed steel.
 
     The trim is the color of the edges and, on a bright housing, of the field behind the lamps. The controls begin at
-    ``split``, a fraction of the front's height; a display is in their center.
+    ``split``, a fraction of the front's height. A display is in their center.
     """
     canvas = Canvas(1.6, 2.3, (128, 192), mixed(CHROME, trim, 0.25))
     canvas.grain(rng, cells=(3, 90), amount=0.035)

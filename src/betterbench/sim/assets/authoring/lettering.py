@@ -34,7 +34,7 @@ def write_word(
 ) -> None:
     """Write a word of upper-case characters on a texture, centered.
 
-    The height of a capital letter is in canvas units; the stroke weight is relative to that height.
+    The height of a capital letter is in canvas units. The stroke weight is relative to that height.
     """
     left = center[0] - 0.5 * height * (_ADVANCE * (len(text) - 1) + 0.6)
     low = center[1] - 0.5 * height

@@ -59,9 +59,9 @@ def _own_inertia(part: CollisionPart, mass: float) -> np.ndarray:
 def mass_properties(
     parts: Sequence[CollisionPart], mass_kg: float, *, densities: Sequence[float] | None = None
 ) -> MassProperties:
-    """Distribute a mass over primitives; results are rounded to nine digits for equal results on all machines.
+    """Distribute a mass over primitives. Results are rounded to nine digits for equal results on all machines.
 
-    Densities are relative, one for each part; later parts have density zero. By default, all are equal.
+    Densities are relative, with one for each part. Parts beyond the list have density zero. By default, all are equal.
 
     Raises:
         InvalidInputError: If a part is a hull, or all densities are zero.

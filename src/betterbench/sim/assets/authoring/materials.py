@@ -5,7 +5,7 @@ coefficient of a material here is for contact with itself or with a painted or l
 coefficient, 0.5, does not exceed any of these, so MuJoCo uses the object's coefficient. The gripper's rubber pads have
 1.2, more than any material, so that a grasp holds every object equally.
 
-Published values of dry static friction differ by up to 50 %; the values here are inside the published ranges and are
+Published values of dry static friction differ by up to 50 %. The values here are inside the published ranges and are
 rounded to 0.05:
 
 * metals, glass, wood: Oberg et al., *Machinery's Handbook*, and the table "Friction and Friction Coefficients" of The
@@ -21,7 +21,7 @@ rounded to 0.05:
 The torsional coefficient [m] is the sliding coefficient times two thirds of the radius of a 15 mm contact patch, as for
 the gripper pads: a flat object resists being turned about the vertical axis as much as being pushed. The rolling
 coefficient [m] is 1 mm for soft and 0.5 mm for hard materials: half the width of the flattened contact. Densities
-[kg/m^3] are handbook values for the solid material; the densities of food and foam include the pores and are estimates
+[kg/m^3] are handbook values for the solid material. The densities of food and foam include the pores and are estimates
 to within 10 %.
 """
 

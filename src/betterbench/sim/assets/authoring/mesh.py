@@ -46,7 +46,7 @@ class Mesh:
         return Mesh(self.vertices * np.stack([factor, factor, np.ones_like(factor)], axis=1), self.faces, self.uv)
 
     def seen_from_above(self, radius: float, share: np.ndarray | float = 0.5) -> Mesh:
-        """Return the mesh with a texture projected from above; the edge of the texture is at ``radius`` [m].
+        """Return the mesh with a texture projected from above. The edge of the texture is at ``radius`` [m].
 
         The texture is stretched per vertex by ``share`` (n,), 0.5 for none.
         """
@@ -65,7 +65,7 @@ class Mesh:
     def hinged(self, angle: float, x: float, z: float) -> Mesh:
         """Return a mesh with a hinge at the origin, opened by ``angle`` [rad] and moved to the hinge (x, z) [m].
 
-        The hinge is along y; a positive angle lifts the part at +x.
+        The hinge is along y. A positive angle lifts the part at +x.
         """
         return self.rotated("y", -angle).moved(x, 0.0, z)
 
@@ -181,13 +181,13 @@ def loft(
     v: Sequence[float] | None = None,
     caps: tuple[bool, bool] = (True, True),
 ) -> Mesh:
-    """Connect closed rings of points by triangle strips; the result is neither welded nor creased.
+    """Connect closed rings of points by triangle strips. The result is neither welded nor creased.
 
     Args:
-        rings: Arrays (n, 3) of points [m], all of the same length; seen from outside, the direction of the ring crossed
-            with the direction from ring to ring points outward.
-        u: (n,) horizontal texture coordinate of each point of a ring; 0.5 everywhere if not given.
-        v: Vertical texture coordinate of each ring; 0.5 everywhere if not given.
+        rings: Arrays (n, 3) of points [m], all of the same length. The direction of a ring crossed with the direction
+            from ring to ring must point outward.
+        u: (n,) horizontal texture coordinate of each point of a ring. If not given, it is 0.5 everywhere.
+        v: Vertical texture coordinate of each ring. If not given, it is 0.5 everywhere.
         caps: Whether to close the first and the last ring by a fan around its center.
     """
     points = np.asarray(rings, dtype=float)
@@ -246,9 +246,9 @@ def lathe(
     wrap: bool = False,
     phase: float = 0.0,
 ) -> Mesh:
-    """Revolve a profile about the vertical axis and crease the mesh; for the arguments see :class:`Turned`.
+    """Revolve a profile about the vertical axis and crease the mesh. For the arguments, see :class:`Turned`.
 
-    The texture row ``v`` is the relative length along the profile, see :func:`profile_length`; a wrapped texture has
+    The texture row ``v`` is the relative length along the profile (see :func:`profile_length`). A wrapped texture has
     the columns of :func:`mirrored_u`.
     """
     length = profile_length(profile)
@@ -266,7 +266,7 @@ def profile_length(profile: Sequence[tuple[float, float]]) -> np.ndarray:
 def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, steps: int = 1) -> np.ndarray:
     """Return the (n, 3) points of a horizontal rectangle at height ``z``, counter-clockwise [m].
 
-    Corners of a radius above 0 are rounded by ``steps`` segments each; 1 gives a chamfer.
+    Corners of a radius above 0 are rounded by ``steps`` segments each. A single segment gives a chamfer.
     """
     if corner <= 0.0:
         corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
@@ -362,7 +362,7 @@ def rod(
     y: float = 0.0,
     crease_degrees: float = 32.0,
 ) -> Mesh:
-    """Return the closed loft of upright rectangles along x; the center of each is at ``y`` [m].
+    """Return the closed loft of upright rectangles along x. The center of each is at ``y`` [m].
 
     A station is the position along x, half the width, the bottom and the top of a rectangle [m]. Its corners are cut by
     ``chamfer``, or less in small rectangles.

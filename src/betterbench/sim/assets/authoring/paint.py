@@ -38,7 +38,7 @@ class Canvas:
     """
 
     def __init__(self, width: float, height: float, pixels: tuple[int, int], color: Rgb) -> None:
-        """Fill a canvas with a color; the finished texture has (width, height) ``pixels``, at most 256 a side."""
+        """Fill a canvas with a color. The finished texture has (width, height) ``pixels``, at most 256 a side."""
         columns, rows = (_OVERSAMPLING * side for side in ((1, 1) if _unpainted.get() else pixels))
         self.x = ((np.arange(columns) + 0.5) / columns * width)[None, :]
         self.y = ((rows - 0.5 - np.arange(rows)) / rows * height)[:, None]
@@ -223,7 +223,7 @@ def scattered(
 ) -> Iterator[tuple[float, float]]:
     """Yield up to ``count`` random points in a disc about (1, 1), at least ``gap`` apart.
 
-    The caller may draw from ``rng`` between two points; without ``count``, the number of tries is the only limit.
+    The caller may draw from ``rng`` between two points. Without ``count``, the number of tries is the only limit.
     """
     placed: list[tuple[float, float]] = []
     for _ in range(tries):

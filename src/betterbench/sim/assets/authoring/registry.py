@@ -64,7 +64,7 @@ def generator(
 ) -> Callable[[Generator], Generator]:
     """Register a function as the generator of a category, from any file that is imported.
 
-    The function takes a random generator, the source of all differences between looks, and a color word; the first
+    The function takes a random generator, the source of all differences between looks, and a color word. The first
     color is the default. It must draw the same numbers for each color, so that the color never changes the shape. The
     first ``looks`` numbers are the looks for training and test, the following ``unseen_looks`` are held out. Categories
     of one ``family`` draw the same random numbers for a look, so that related objects (a cabinet and its drawers, the
@@ -173,9 +173,9 @@ def family_of(category: str) -> str:
 
 
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
-    """Make an asset. The same arguments give the same bits in every process; the color never changes the shape.
+    """Make an asset. The same arguments give the same bits in every process. The color never changes the shape.
 
-    Without a color, the category's first color is used, see :func:`colors`; the look is one of :func:`looks` or
+    Without a color, the category's first color is used (see :func:`colors`). The look is one of :func:`looks` or
     :func:`unseen_looks`.
 
     Raises:
@@ -199,7 +199,7 @@ def build_unpainted(category: str, *, look: int = 0, color: str | None = None) -
 
 
 def _checked_color(category: str, look: int, color: str | None) -> str:
-    """Return the color of an asset, by default the first one of its category; check that the look exists."""
+    """Return the color of an asset, by default the first one of its category, and check that the look exists."""
     entry = _entry(category)
     chosen = entry.colors[0] if color is None else color
     if chosen not in entry.colors:

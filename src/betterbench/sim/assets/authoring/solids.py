@@ -39,7 +39,7 @@ def upright_cylinder(radius: float, low: float, high: float, *, x: float = 0.0) 
 def standing(foot_half: float, *cylinders: tuple[float, float]) -> tuple[CollisionPart, ...]:
     """Return an upright round body on a :func:`foot_square`: stacked cylinders.
 
-    Each has a radius and an upper end [m]; the lowest starts 0.5 mm above the ground.
+    Each has a radius and an upper end [m]. The lowest starts 0.5 mm above the ground.
     """
     ends = [0.0005, *(high for _, high in cylinders)]
     upper = (upright_cylinder(r, low, high) for (r, high), low in zip(cylinders, ends, strict=False))
@@ -78,9 +78,9 @@ def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float
 
 
 def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean: float = 0.0) -> list[CollisionPart]:
-    """Return eight equal boxes around a vertical axis at ``x``: the wall of a hollow round object.
+    """Return eight equal boxes around a vertical axis at ``x``, which are the wall of a hollow round object.
 
-    The half sizes are along the radius, along the circumference and upward; the centers of the boards are at height
+    The half sizes are along the radius, along the circumference and upward. The centers of the boards are at height
     ``z`` and ``away`` from the axis [m]. A positive ``lean`` [rad] tilts their upper ends outward.
     """
     tilt, boards = from_axis_angle((0.0, lean, 0.0)), []
@@ -95,7 +95,7 @@ def round_wall(
 ) -> list[CollisionPart]:
     """Return the upright wall of a hollow round object between two heights [m] as a :func:`ring_of_boards`.
 
-    The outer faces of the boards are at ``radius``; without half a length a board is an octagon's side.
+    The outer faces of the boards are at ``radius``. Without half a length, a board is the side of an octagon.
     """
     along = radius * math.tan(math.pi / 8) if half_length is None else half_length
     up = 0.5 * (high - low)
@@ -103,7 +103,7 @@ def round_wall(
 
 
 def flared_walls(foot: float, top: float, height: float, *, wall: float, floor: float) -> tuple[CollisionPart, ...]:
-    """Return a hollow round object that widens upward: a floor of two crossed plates, and eight leaning boards.
+    """Return a hollow round object that widens upward, with a floor of two crossed plates and eight leaning boards.
 
     The plates fill an octagon and rest on fixed corners. ``foot`` and ``top`` are the outer radii at the ground and at
     ``height``, ``wall`` and ``floor`` the thicknesses [m].

@@ -15,11 +15,11 @@ class Turned:
     """Profile that is revolved about the vertical axis.
 
     Attributes:
-        radii: Radius at each profile point [m], from the bottom on the outside upward; a radius of zero closes the
+        radii: Radius at each profile point [m], from the bottom on the outside upward. A radius of zero closes the
             surface.
         heights: Height of each point [m].
         crease_degrees: Angle above which an edge is drawn sharp.
-        wrap: Whether to wrap the texture around each half of the circumference; otherwise the texture has one column.
+        wrap: Whether to wrap the texture around each half of the circumference. Otherwise, the texture has one column.
         phase: Angle of the first side [rad].
     """
 
@@ -37,7 +37,7 @@ class Turned:
 
     @property
     def rows(self) -> list[float]:
-        """Distance [m] along the profile from its first point to each point: the texture row of the point."""
+        """Distance [m] along the profile from its first point to each point, which is the texture row of the point."""
         return [float(e) for e in profile_length(self.profile)]
 
     def mesh(self) -> Mesh:

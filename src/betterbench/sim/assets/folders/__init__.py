@@ -1,7 +1,7 @@
 """Folders of imported assets, with a readable manifest and one file per asset.
 
 ``better assets import`` writes such a folder, and ``--asset-dir`` registers its assets. A folder may come from an
-untrusted source: none of its content is executed, and all files are checked when they are read.
+untrusted source, so none of its content is executed, and all files are checked when they are read.
 
 - ``manifest``: the list of the assets with source, license, options, size and mass.
 - ``registration``: the assets as categories that tasks can name.

@@ -38,8 +38,8 @@ class ImportRequest:
     Attributes:
         path: The file.
         wishes: Options of the import.
-        name: Asset name in tasks; derived from the file name if not given.
-        color: Color word; by default, the color that covers most of the surface.
+        name: Asset name in tasks. If not given, it is derived from the file name.
+        color: Color word. By default, the color that covers most of the surface.
         any_license: Whether restricted and unknown licenses are allowed.
     """
 
@@ -80,7 +80,7 @@ def import_assets(
     overwrite: bool = False,
     on_progress: Callable[[JobProgress[object]], None] | None = None,
 ) -> ImportReport:
-    """Import files into a folder of assets; existing assets are kept, and files that fail are reported and skipped.
+    """Import files into a folder of assets. Existing assets are kept, and files that fail are reported and skipped.
 
     Args:
         requests: The files.
@@ -145,7 +145,7 @@ class _Folder:
         self._assets = manifest_of(path).assets
 
     def names_for(self, requests: Sequence[ImportRequest]) -> dict[ImportRequest, str]:
-        """Return a name for each asset: the given name, else the file's existing name, else from the file name."""
+        """Return a name for each asset: the given name, the file's existing name, or one from the file name."""
         taken = set(self._assets) | set(categories())
         before = {self._source(asset): name for name, asset in self._assets.items()}
         found: dict[ImportRequest, str] = {}
@@ -164,7 +164,9 @@ class _Folder:
     def _require_name(self, name: str, request: ImportRequest, found: dict[ImportRequest, str]) -> None:
         if not is_asset_name(name):
             problem = f"{one_line(repr(name), most=80)} cannot name an asset"
-            raise InvalidInputError("--name", problem, "Use small letters, digits and underscores, a letter first")
+            raise InvalidInputError(
+                "--name", problem, "Use lower-case letters, digits and underscores, and begin with a letter"
+            )
         if name in found.values():
             raise InvalidInputError("--name", f"{name!r} is given to two files", "Import them one after the other")
         there = self._assets.get(name)

@@ -36,13 +36,13 @@ class FolderAsset:
         file: File name in the folder.
         sha256: SHA-256 of the file.
         color: Color word.
-        kind: Kind that determined size and mass; empty if unknown.
+        kind: Kind that determined size and mass. It is empty if unknown.
         size_m: Extents of the bounding box [m].
         mass_kg: Mass.
         license: License of the mesh.
-        author: Mesh author, empty if unknown.
+        author: Author of the mesh, or empty if unknown.
         source: Origin of the mesh.
-        source_files: SHA-256 of each source file by name; the first is the file given by the user.
+        source_files: SHA-256 of each source file by name. The first is the file given by the user.
         options: Options of the import.
         notes: Decisions of the importer, with their reasons.
         importer: Version of the importer.
@@ -66,7 +66,7 @@ class FolderAsset:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """Manifest of a folder: its assets, by their names in tasks."""
+    """Manifest of a folder, which lists its assets by their names in tasks."""
 
     format: int
     assets: dict[str, FolderAsset]
@@ -87,7 +87,9 @@ def read_manifest(text: bytes | str, where: str) -> Manifest:
     for name, asset in found.assets.items():
         if not _NAME.fullmatch(name):
             problem = f"{one_line(repr(name), most=80)} cannot name an asset"
-            raise InvalidInputError(where, problem, "Use small letters, digits and underscores, a letter first")
+            raise InvalidInputError(
+                where, problem, "Use lower-case letters, digits and underscores, and begin with a letter"
+            )
         if asset.file != f"{name}.npz":
             problem = f"the file of {name} is {one_line(repr(asset.file), most=80)}, expected {name}.npz"
             raise InvalidInputError(where, problem, CURE)
@@ -113,5 +115,5 @@ def manifest_bytes(assets: Mapping[str, FolderAsset]) -> bytes:
 
 
 def is_asset_name(name: str) -> bool:
-    """Return whether a name is valid for an imported asset: lower-case letters, digits, underscores; letter first."""
+    """Return whether an asset's name has only lower-case letters, digits and underscores and begins with a letter."""
     return _NAME.fullmatch(name) is not None

@@ -47,7 +47,7 @@ def write_reviewed_folder(
 
     Args:
         folder: Folder of imported assets.
-        out: New folder; it must not be the same.
+        out: New folder. It must not be the same.
         changes: Changes in order, by the name of the asset.
         rejected: Names of assets to leave out.
 

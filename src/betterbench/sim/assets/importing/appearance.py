@@ -22,11 +22,11 @@ WIRES_FACE_BUDGET = 2_400
 """Maximum number of triangles of an object that would lose parts with 1,200, such as the hoops of a basket."""
 DENT_SHARE = 0.006
 """Distance between reduced and original surface above which dents are visible, as a share of the longest side. At 600
-triangles, YCB's plate, bowl, mug and sponge deviate visibly by 0.7 to 1.9 %; apple, can, banana and fork deviate by at
+triangles, YCB's plate, bowl, mug and sponge deviate visibly by 0.7 to 1.9 %. Apple, can, banana and fork deviate by at
 most 0.5 %."""
 LOST_SHARE = 0.02
 """Distance of an original surface point from the reduced surface above which a part counts as lost, such as one bar of
-a wire basket; a share of the longest side."""
+a wire basket, as a share of the longest side."""
 _BOX_FACES = np.array(
     [
         [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
@@ -41,7 +41,7 @@ _MOST_POINTS = 300_000
 _MOST_PLAIN_PARTS = 12
 _SIDES_APART = 0.03
 _AGGRESSION = 2.0
-"""Growth rate of the tolerated error in the mesh reduction; the default of 7 crumples thin walls of scans."""
+"""Growth rate of the tolerated error in the mesh reduction. The default of 7 crumples thin walls of scans."""
 
 
 def visual_parts(mesh: RawMesh) -> tuple[VisualPart, ...]:
@@ -157,7 +157,7 @@ def _is_lost(before: np.ndarray, after: cKDTree, size: float) -> bool:
 def _reduced_parts(vertices: np.ndarray, faces: np.ndarray, budget: int) -> tuple[np.ndarray, np.ndarray] | None:
     """Reduce the separate parts of a surface, such as the wires of a basket, one by one.
 
-    A part that almost fills its bounding box is replaced by the box; the other parts share the remaining triangles by
+    A part that almost fills its bounding box is replaced by the box. The other parts share the remaining triangles by
     area. Returns None if there is only one part, or too many parts for the budget.
     """
     links = coo_array((np.ones(len(faces)), (faces[:, 0], faces[:, 1])), shape=(len(vertices), len(vertices)))

@@ -12,14 +12,14 @@ from betterbench.sim.assets.importing.solid import Solid
 
 _LEAST_DEPTH_M = 0.004
 _LEAST_DEPTH_SHARE = 0.12
-"""Minimum depth of a hollow as a share of the object's height; shallower hollows are dents."""
+"""Minimum depth of a hollow as a share of the object's height. Shallower hollows are dents."""
 _LEAST_AREA_SHARE = 0.12
 _PITS = 0.05
 _GAP_M, _LEAST_GAPS = 0.012, 12
-"""Maximum width of a gap that objects do not fall through [m], and minimum number of such gaps in a grid; fewer gaps
+"""Maximum width of a gap that objects do not fall through [m], and minimum number of such gaps in a grid. Fewer gaps
 are leaks."""
 _SEAM_CELLS = 2.0
-"""Maximum gap between collision parts that counts as a seam [cells]; hulls end at points, which are one cell apart."""
+"""Maximum gap between collision parts that counts as a seam [cells]. Hulls end at points, which are one cell apart."""
 _STEP_M = 0.0005
 _ALMOST = 0.9
 _LEVEL_M = 0.002
@@ -28,13 +28,13 @@ _LEVEL_M = 0.002
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cavity:
-    """Hollow of an object: the one that holds the most water.
+    """Hollow of an object that holds the most water.
 
     Attributes:
         mask: (nx, ny) columns of the grid that are under water.
-        tops: (nx, ny) highest surface of each column [m]; -inf where there is none.
+        tops: (nx, ny) highest surface of each column [m], or -inf where there is none.
         rim_m: Height at which the hollow would overflow [m].
-        floor_m: Height of the floor [m]: the 5th percentile, because scans have pits.
+        floor_m: Height of the floor [m], as the 5th percentile, because scans have pits.
         volume_m3: Volume of water that the hollow holds [m^3].
     """
 
@@ -66,7 +66,7 @@ def cavity_of(solid: Solid, *, of_hulls: bool = False) -> Cavity | None:
 
     Args:
         solid: The object.
-        of_hulls: Whether it consists of convex collision parts; seams between them are not leaks.
+        of_hulls: Whether it consists of convex collision parts. Seams between them are not leaks.
     """
     tops = tops_of(solid)
     if of_hulls:
@@ -96,7 +96,7 @@ def _without_gaps(tops: np.ndarray, pitch_m: float, *, most_m: float, least: int
         tops: (nx, ny) highest surface of each column of cells [m].
         pitch_m: Side of a cell [m].
         most_m: Width of the widest gap that is filled [m].
-        least: Minimum number of such gaps; fewer gaps are not filled.
+        least: Minimum number of such gaps. Fewer gaps are not filled.
     """
     footprint = np.isfinite(tops)
     gaps = ndimage.binary_fill_holes(footprint) & ~footprint
@@ -113,7 +113,7 @@ def _without_gaps(tops: np.ndarray, pitch_m: float, *, most_m: float, least: int
 
 
 def _water(tops: np.ndarray) -> np.ndarray:
-    """Return the water level in each column: the lowest pass on any path to the edge of the grid.
+    """Return the water level in each column, which is the lowest pass on any path to the edge of the grid.
 
     Priority flood (Barnes, Lehman and Mulla, 2014), from the edge inward.
     """
@@ -163,7 +163,7 @@ def level_square(solid: Solid, tops: np.ndarray, height: float) -> tuple[float, 
 def floor_square(solid: Solid, cavity: Cavity) -> tuple[float, float, float, float] | None:
     """Return height, middle (x, y) and half the side [m] of the largest level square on the floor of a hollow, or None.
 
-    The floor of a real plate is slightly higher in the middle; the height is the height at which objects rest there.
+    The floor of a real plate is slightly higher in the middle. The height is the height at which objects rest there.
     """
     tops = np.where(cavity.mask, cavity.tops, -np.inf)
     heights = np.arange(cavity.floor_m, cavity.floor_m + 0.35 * cavity.depth_m + _STEP_M, _STEP_M)

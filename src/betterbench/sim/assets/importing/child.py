@@ -25,7 +25,7 @@ from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderRes
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
 VERSION = 9
-"""Version of the importer; incremented when the same file gives another asset."""
+"""Version of the importer. Incremented when the same file gives another asset."""
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120.0
 MAX_S = 900.0
@@ -55,7 +55,7 @@ class Made:
 
 
 def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B008 - frozen
-    """Import the object in a file; see :func:`import_bytes`."""
+    """Import the object in a file (see :func:`import_bytes`)."""
     return from_bytes(import_bytes(path, wishes).data, one_line(path.name, most=120))
 
 
@@ -82,7 +82,7 @@ def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 -
 
 
 def _digest(path: Path, where: str) -> str:
-    """Return the SHA-256 of a file, without loading all of it; raise InvalidInputError if it exceeds the size limit."""
+    """Return the SHA-256 of a file, read in blocks. Raises InvalidInputError if it exceeds the size limit."""
     try:
         with open_ordinary(path) as file:
             size = file.seek(0, 2)

@@ -11,7 +11,7 @@ from betterbench.sim.assets.importing.measures import depth_in_hull
 
 _LEANS = tuple(math.radians(lean) for lean in (3.0, 6.0, 9.0, 12.0))
 """Tilts from which an object must return to an upright pose. Scans of fruit stand on a face of a few millimeters and
-roll onto another face while a scene settles; a task that requires them upright (within 5 degrees) then cannot begin."""
+roll onto another face while a scene settles. A task that requires them upright (within 5 degrees) then cannot begin."""
 _LEAST_LEVER = 0.02
 """Minimum horizontal distance between the center of mass and the contact point of a leaning object, relative to the
 height of the center of mass. It is 0 for a sphere."""

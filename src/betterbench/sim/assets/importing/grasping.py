@@ -31,12 +31,12 @@ _ROUND_M = 0.003
 _LEAST_CONTACT_M, _FLAT_M = 0.010, 0.025
 """Minimum height of a pad's contact area [m], on objects taller than the second number [m]."""
 _STEEPEST = math.tan(math.radians(35.0))
-"""Maximum inward slope of the sides [tangent]; the friction cone of the pads has 50 degrees, and cells are coarse."""
+"""Maximum inward slope of the sides [tangent]. The friction cone of the pads has 50 degrees, and cells are coarse."""
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A grasp with its rank; smaller is better."""
+    """A grasp with its rank. Smaller ranks are better."""
 
     grasp: Grasp
     cost: float
@@ -64,7 +64,7 @@ def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> li
 
 
 def _heights(top: float) -> tuple[float, ...]:
-    """Return candidate heights of the middle of the pads [m]: the deepest reach of the jaw, and shallower heights."""
+    """Return candidate heights of the middle of the pads [m], from the jaw's deepest reach upward."""
     lowest = max(LOWEST_M, top - DEEPEST_M)
     if top - 0.004 <= lowest:
         return (max(0.5 * top, 0.004),)
@@ -142,7 +142,7 @@ def _at(squares: _Squares, z: np.ndarray, pitch: float, middle: np.ndarray, heig
 def _fitting(blocked: np.ndarray, touched: np.ndarray) -> Iterator[tuple[int, int, int, float]]:
     """Yield the runs of blocked squares that fit between the fingers and are touched, column by column.
 
-    A run is given by its column, start, end and the free space on its narrower side [m]; beyond the grid, all is free.
+    A run is given by its column, start, end and the free space on its narrower side [m]. Beyond the grid, all is free.
     """
     rows, columns = blocked.shape
     framed = np.zeros((columns, rows + 2), dtype=bool)
@@ -159,7 +159,7 @@ def _fitting(blocked: np.ndarray, touched: np.ndarray) -> Iterator[tuple[int, in
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ByColumn:
-    """Cells next to the pads in the order of their columns: columns (k,), rows (k,) and heights (k,) [m]."""
+    """Cells next to the pads in the order of their columns, with columns (k,), rows (k,) and heights (k,) [m]."""
 
     columns: np.ndarray
     rows: np.ndarray
@@ -208,7 +208,7 @@ def _grid(squares: _Squares, which: np.ndarray, pitch: float) -> np.ndarray:
 
 
 def _any_near(grid: np.ndarray, half: int) -> np.ndarray:
-    """Return whether any of the squares up to a number of columns away is True; beyond the grid, none is.
+    """Return whether any of the squares up to a number of columns away is True. Beyond the grid, none is.
 
     Differences of sums take a tenth of the time of a reduction for each window.
     """

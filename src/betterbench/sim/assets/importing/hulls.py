@@ -1,4 +1,4 @@
-"""Convex collision shapes of a solid: one hull, the walls of a hollow in sectors, or V-HACD's decomposition."""
+"""Convex collision shapes of a solid, as one hull, the walls of a hollow in sectors, or V-HACD's decomposition."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def convex_hulls(
 
 
 def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
-    """Return the hulls of a hollow object: bands of floor and walls, or another division where this fits better.
+    """Return the hulls of a hollow object, as bands of floor and walls or another division that fits better.
 
     A base with walls is tried if the floor is thick (a plate with a foot, or a bowl of soup, whose hollow begins at the
     soup), or if the bands fill the hollow (a wide shallow tray). Rings are tried if the bands reach beyond the surface
@@ -115,12 +115,12 @@ def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
 
 
 def _misfit(fit: Fit) -> float:
-    """Return the cost of a fit [m]; a missing contact costs more than a contact outside the surface."""
+    """Return the cost of a fit [m]. A missing contact costs more than a contact outside the surface."""
     return fit.outside_m + 3.0 * fit.inside_m
 
 
 def hull_corners(points: np.ndarray) -> np.ndarray | None:
-    """Return at most 40 extreme points of a set of points [m]; a sheet gets a thickness, and a needle is None."""
+    """Return at most 40 extreme points of a set of points [m]. A sheet gets a thickness, and a needle is None."""
     if len(points) < 3:
         return None
     points = with_thickness(points)
@@ -202,7 +202,7 @@ def _body_of(solid: Solid, cavity: Cavity) -> _Body:
 def _walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
     """Return the hulls of floor and walls.
 
-    The surface is seen from a focus in the middle of the opening: the angle from straight down to the rim runs along
+    The surface is seen from a focus in the middle of the opening. The angle from straight down to the rim runs along
     the profile, so bands of this angle are pieces of the floor and the wall, each nearly straight.
     """
     _, _, half_x, half_y = columns_box(solid, cavity.mask)
@@ -274,7 +274,7 @@ def filled_share(hulls: Sequence[np.ndarray], solid: Solid, cavity: Cavity) -> f
 
 
 def _wall_cells(mask: np.ndarray, footprint: np.ndarray) -> int:
-    """Return the thickness of the wall around a hollow, in cells: the smallest that closes most of the rim."""
+    """Return the smallest thickness of the wall around a hollow that closes most of the rim, in cells."""
     structure = ndimage.generate_binary_structure(2, 2)
     grown = mask
     for thickness in range(1, 16):
@@ -287,7 +287,7 @@ def _wall_cells(mask: np.ndarray, footprint: np.ndarray) -> int:
 
 
 def _sector_edges(mask: np.ndarray, half_x: float, half_y: float) -> np.ndarray:
-    """Return the boundary angles of the sectors of a wall [rad], ascending over one turn; for a box, its corners."""
+    """Return the boundary angles of a wall's sectors [rad], ascending over one turn (the corners of a box)."""
     found = np.argwhere(mask)
     full = mask.sum() / np.prod(np.ptp(found, axis=0) + 1)
     if full < _RECTANGULAR:
@@ -359,7 +359,7 @@ def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarra
 
 
 def _attached(solid: Solid, rest: np.ndarray) -> list[np.ndarray]:
-    """Return the hulls of attachments outside a wall: handles, spouts, feet."""
+    """Return the hulls of attachments outside a wall, such as handles, spouts and feet."""
     labels, count = ndimage.label(rest, ndimage.generate_binary_structure(3, 3))
     at = solid.index(solid.points)
     of = labels[tuple(at.T)]
@@ -419,7 +419,7 @@ def _decomposed(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
 
 
 _MOST_POINTS = 400_000
-"""Maximum number of points on hulls; 30 hulls have 300,000, and long narrow triangles of 60 hulls four million."""
+"""Maximum number of points on hulls. 30 hulls have 300,000, and long narrow triangles of 60 hulls four million."""
 
 
 def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:

@@ -48,7 +48,7 @@ class Imported:
     Attributes:
         draft: Description in the form that a generator returns.
         fit: Distances between its collision shapes and its visible surface.
-        kind: Kind determined from the name, None if unknown.
+        kind: Kind determined from the name, or None if unknown.
         notes: Decisions of the importer, with reasons.
     """
 
@@ -60,17 +60,17 @@ class Imported:
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """Options of an import; values that are None are determined by the importer.
+    """Options of an import. Values that are None are determined by the importer.
 
     Attributes:
-        name: Name or description that determines the kind; by default, the name of the file.
+        name: Name or description that determines the kind. By default, the name of the file.
         size_m: Longest side [m].
         mass_kg: Mass.
         up: Axis of the file that points up: x, y, z, -x, -y or -z.
         license: License of the mesh.
         source: Origin of the mesh.
         author: Author of the mesh.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are an error.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed. Otherwise, they are an error.
     """
 
     name: str | None = None
@@ -89,7 +89,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
     Args:
         path: The file.
         wishes: Options of the import.
-        files: Resolver of its references, which records the files read; by default, a resolver of the file's folder.
+        files: Resolver of its references, which records the files read. By default, a resolver of the file's folder.
 
     Raises:
         InvalidInputError: If the file cannot be read, or is not an object of tabletop size.
@@ -158,7 +158,7 @@ def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
 
 
 def _placed(raw: RawMesh, kind: Kind | None, where: str, wishes: Wishes) -> Placed:
-    """Scale a mesh to meters and set it upright; for URDF and MJCF files, use the stated unit and axis."""
+    """Scale a mesh to meters and set it upright. For URDF and MJCF files, use the stated unit and axis."""
     if raw.stated is None:
         return place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)
     longest = float(np.ptp(raw.bounds(), axis=0).max())

@@ -1,4 +1,4 @@
-"""Measurements of the shape of a finished asset: distances between parts, gaps, and surfaces seen from behind."""
+"""Measurements of the shape of a finished asset, such as distances between parts and surfaces seen from behind."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ MAX_FILE_BYTES = 256 << 20
 MAX_FACES = 2_000_000
 MAX_IMAGE_PIXELS = 64 << 20
 LARGEST_IMAGE = 1024
-"""Maximum side of a stored texture [pixel]; larger textures are scaled down."""
+"""Maximum side of a stored texture [pixel]. Larger textures are scaled down."""
 
 FORMATS = {".glb": "glb", ".gltf": "gltf", ".obj": "obj", ".stl": "stl", ".ply": "ply"}
 _RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf": ("y", 1.0)}
@@ -69,7 +69,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
     trimesh silently drops a material whose file it cannot read, so the first error is kept in ``problem``.
 
     Attributes:
-        problem: The first error, None if there was none.
+        problem: The first error, or None if there was none.
         digests: SHA-256 of each file that was read, by its path in the folder.
     """
 
@@ -82,7 +82,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
         self._read_bytes = 0
 
     def get(self, name: str) -> bytes:
-        """Return the bytes of a file; raise InvalidInputError if it is outside the folder, missing or too large."""
+        """Return the bytes of a file. Raises InvalidInputError if it is outside the folder, missing or too large."""
         try:
             return self._read(name)
         except BetterError as error:
@@ -128,20 +128,20 @@ class FolderResolver(trimesh.resolvers.Resolver):
         return FolderResolver(self._folder, where, at="" if at == "." else at, above=self)
 
     def keys(self) -> list[str]:
-        """Return no names: files are not searched by pattern."""
+        """Return no names, because files are not searched by pattern."""
         return []
 
     def write(self, name: str, data: bytes) -> None:  # noqa: ARG002 - of the base class
-        """Raise an error: trimesh writes through a resolver only when it exports."""
+        """Raise an error, because trimesh writes through a resolver only when it exports."""
         raise InvalidInputError(self._where, f"{one_line(name, most=120)} would be written", _CURE)
 
     def namespaced(self, namespace: str) -> FolderResolver:  # noqa: ARG002 - of the base class
-        """Return the same folder; sub-folders are part of the names."""
+        """Return the same folder. Sub-folders are part of the names."""
         return self
 
 
 def check_picture(data: bytes, name: str, where: str) -> None:
-    """Check that an image can be decoded; trimesh silently drops a texture that cannot.
+    """Check that an image can be decoded, because trimesh silently drops a texture that cannot.
 
     Raises:
         InvalidInputError: If the image is damaged or has too many pixels.
@@ -170,7 +170,7 @@ def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
 
     Args:
         path: The file.
-        files: Resolver of its references, which records the files read; by default, a resolver of the file's folder.
+        files: Resolver of its references, which records the files read. By default, a resolver of the file's folder.
 
     Raises:
         InvalidInputError: If the file cannot be read, holds no triangle, or refers to a file outside its folder.
@@ -182,7 +182,7 @@ def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
 
 
 def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawMesh:
-    """Return the mesh in the bytes of a file; the format follows from the name. Errors as in :func:`read_mesh_file`."""
+    """Return the mesh in the bytes of a file. The format follows from the name. Errors as in :func:`read_mesh_file`."""
     kind = FORMATS.get(PurePosixPath(name).suffix.lower())
     if kind is None:
         raise InvalidInputError(where, "its format is not known", f"Give one of {', '.join(FORMATS)}")
@@ -226,7 +226,7 @@ def _plain_obj(data: bytes, where: str) -> bytes:
 
 
 def _texture_file(name: str, where: str) -> str:
-    """Return the file name of a texture in MTL without its options; raise InvalidInputError for a scale or shift."""
+    """Return the file name of a texture in MTL without its options. Raises InvalidInputError for a scale or shift."""
     while (option := _OPTION.match(name)) is not None:
         given = [float(value) for value in option[2].split()] if option[1] in _NEUTRAL else []
         if any(value != _NEUTRAL[option[1]] for value in given):
@@ -237,7 +237,7 @@ def _texture_file(name: str, where: str) -> str:
 
 
 def _stated_triangles(data: bytes) -> int:
-    """Return the number of triangles that a binary STL file states, 0 for the text form."""
+    """Return the number of triangles that a binary STL file states, or 0 for the text form."""
     header = 84
     if len(data) < header:
         return 0
@@ -250,7 +250,7 @@ def _too_many(where: str) -> InvalidInputError:
 
 
 def checked(mesh: RawMesh, where: str) -> RawMesh:
-    """Return a mesh; raise InvalidInputError if it has no extent, too many triangles or numbers that are not finite."""
+    """Return a mesh. Raises InvalidInputError if it has no extent, too many triangles or non-finite numbers."""
     if mesh.face_count == 0:
         raise InvalidInputError(where, "it holds no triangle", "Export the object as a triangle mesh")
     if mesh.face_count > MAX_FACES:
@@ -287,7 +287,7 @@ def _require_readable(data: bytes, form: dict[str, Any], where: str) -> None:
     _check_embedded_pictures(data, form, where)
     if _has_sparse_surface(form):
         cure = "Export the object without sparse accessors"
-        raise InvalidInputError(where, "a surface has a sparse accessor, which is not read", cure)
+        raise InvalidInputError(where, "a surface has a sparse accessor, which is not supported", cure)
     asked = form.get("extensionsRequired", [])
     if not isinstance(asked, list) or not all(isinstance(name, str) for name in asked):
         raise InvalidInputError(where, "it does not list its extensions as glTF does", _CURE)
@@ -324,7 +324,7 @@ def _check_embedded_pictures(data: bytes, form: dict[str, Any], where: str) -> N
 
 
 def _embedded(data: bytes, form: dict[str, Any], image: dict[str, Any]) -> bytes | None:
-    """Return the bytes of an image embedded in a glTF file, None if it is a separate file.
+    """Return the bytes of an image embedded in a glTF file, or None if it is a separate file.
 
     The result is empty if the image is damaged.
     """
@@ -401,7 +401,7 @@ def _tint(mesh: Any) -> np.ndarray | None:  # noqa: ANN401 - a mesh of trimesh
 
 
 def _rgba(factor: np.ndarray) -> Rgba:
-    """Return a color factor in [0, 1]; trimesh stores it as bytes or as floats."""
+    """Return a color factor in [0, 1], which trimesh stores as bytes or as floats."""
     scaled = factor.astype(np.float64) / (255.0 if factor.dtype == np.uint8 else 1.0)
     r, g, b = (float(np.clip(v, 0.0, 1.0)) for v in scaled[:3])
     return (r, g, b, float(np.clip(scaled[3], 0.0, 1.0)) if len(scaled) > 3 else 1.0)

@@ -1,6 +1,6 @@
-"""Reader of MJCF files: the bodies of one object, compiled by MuJoCo, as one rigid body.
+"""Reader of MJCF files, which returns the bodies of one object, compiled by MuJoCo, as one rigid body.
 
-The document is checked first. MuJoCo then gets it without file names: it gets meshes and textures as bytes from the
+The document is checked first. MuJoCo then gets it without file names, with meshes and textures as bytes from the
 resolver. A malicious file can crash or hang MuJoCo's parser and compiler (C++), so an untrusted file is only read in a
 limited process (``child``).
 """
@@ -47,7 +47,7 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
     """Return the bodies of an MJCF file as one rigid body in the world frame of the file.
 
     Planes and, if the file has bodies, the geoms of the world body are left out. Geoms without contacts are the visual
-    shape; without such geoms, all geoms are.
+    shape. If there are none, all geoms are.
 
     Args:
         root: The element ``mujoco``.
@@ -72,7 +72,7 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
 
 
 def _checked(root: ET.Element, where: str) -> bool:
-    """Raise an error for unsupported elements; return whether the file states masses."""
+    """Raise an error for unsupported elements, and return whether the file states masses."""
     bodies = shapes = 0
     for element in root.iter():
         if element.tag in _REFUSED:
@@ -128,7 +128,7 @@ def _png(data: bytes, name: str, where: str) -> bytes:
 
 
 def _require_rigid(model: Any, where: str, *, freeze: bool) -> tuple[str, ...]:  # noqa: ANN401 - of MuJoCo
-    """Return a note for each fixed joint; raise an error for joints that move and for separate objects."""
+    """Return a note for each fixed joint. Raise an error for joints that move and for separate objects."""
     free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == _FREE]
     if len(free) > 1:
         first, second = (_body_name(model, model.jnt_bodyid[j]) for j in free[:2])
@@ -182,7 +182,7 @@ class _Compiled:
         return RawMesh(parts, "z", 1.0, stated)
 
     def _is_seen_or_felt(self, geom: int) -> bool:
-        """Return whether a geom is visible or has contacts; props mark regions with geoms that have neither."""
+        """Return whether a geom is visible or has contacts. Props mark regions with geoms that have neither."""
         m = self._model
         return bool(m.geom_contype[geom] or m.geom_conaffinity[geom] or self._rgba(geom)[3] > 0.0)
 
@@ -208,7 +208,7 @@ class _Compiled:
         if kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
             make = rigid.cylinder if kind == _GEOM.mjGEOM_CYLINDER else rigid.capsule
             return (*make(float(size[0]), float(size[1])), None)
-        raise InvalidInputError(self._where, f"a geom has the type {kind.name}, which is not read", _CURE)
+        raise InvalidInputError(self._where, f"a geom has the type {kind.name}, which is not supported", _CURE)
 
     def _mesh(self, mesh: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         m = self._model

@@ -1,4 +1,4 @@
-"""Reader of one object from a file of any supported format: a mesh, or the rigid body of a URDF or MJCF file."""
+"""Reader of one object, which is a mesh or the rigid body of a URDF or MJCF file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def read_object(path: Path, files: FolderResolver, *, freeze: bool = False) -> R
     Args:
         path: The file.
         files: Resolver of its folder, which records the files read.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are an error.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed. Otherwise, they are an error.
 
     Raises:
         InvalidInputError: If the file cannot be read, is not one rigid object, or refers to a file outside its folder.

@@ -13,9 +13,9 @@ from betterbench.sim.assets.importing.upright import Placed
 from betterbench.statistics.wording import plural
 
 _LIGHTEST_KG, _HEAVIEST_KG = 0.001, 20.0
-"""Range of plausible stated masses [kg]; other values are placeholders or unsuitable for a tabletop object."""
+"""Range of plausible stated masses [kg]. Other values are placeholders or unsuitable for a tabletop object."""
 _INERTIA_FACTOR = 5.0
-"""Largest ratio between a stated principal moment and the moment of the solid; a shell of the same size has up to 3
+"""Largest ratio between a stated principal moment and the moment of the solid. A shell of the same size has up to 3
 times the moment of a solid body."""
 _CLOSE_M, _CLOSE_SHARE = 0.003, 0.03
 """Largest distance of stated collision shapes from the visible surface: a length [m], and a share of the size."""

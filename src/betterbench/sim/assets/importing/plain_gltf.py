@@ -1,6 +1,6 @@
 """Rewriting of glTF features that trimesh drops without a message, as plain nodes, triangles and coordinates.
 
-Rewritten: skins in their rest pose, triangle fans, quantized positions and texture coordinates, transforms and further
+It rewrites skins in their rest pose, triangle fans, quantized positions and texture coordinates, transforms and further
 sets of texture coordinates, and files without a scene. Shape keys in use, posed skeletons and instances raise an error.
 """
 
@@ -63,7 +63,7 @@ def _require_shape(form: Form, where: str) -> None:
     for node in form.get("nodes", []):
         if _INSTANCES in node.get("extensions", {}):
             cure = "Make the instances real objects before the export"
-            raise InvalidInputError(where, f"it has instances ({_INSTANCES}), which are not read", cure)
+            raise InvalidInputError(where, f"it has instances ({_INSTANCES}), which are not supported", cure)
         mesh = meshes[node["mesh"]] if "mesh" in node else {}
         has_keys = any(surface.get("targets") for surface in mesh.get("primitives", []))
         if has_keys and any(node.get("weights", mesh.get("weights", []))):
@@ -73,7 +73,7 @@ def _require_shape(form: Form, where: str) -> None:
 
 
 def _with_a_scene(form: Form) -> bool:
-    """Add a scene with all root nodes to a file without scenes; return whether it had none."""
+    """Add a scene with all root nodes to a file without scenes, and return whether it had none."""
     if form.get("scenes") or not form.get("nodes"):
         return False
     below = {child for node in form["nodes"] for child in node.get("children", [])}
@@ -82,7 +82,7 @@ def _with_a_scene(form: Form) -> bool:
 
 
 def _without_skins(document: _Document, where: str) -> bool:
-    """Replace each mesh with a skin by a mesh at the pose of its joints; return whether there are skins.
+    """Replace each mesh with a skin by a mesh at the pose of its joints, and return whether there are skins.
 
     The pose of the node itself does not apply to a mesh with a skin (glTF 2.0, section 3.7.3.3).
     """
@@ -100,7 +100,7 @@ def _without_skins(document: _Document, where: str) -> bool:
 
 
 def _rest_pose(document: _Document, skin: Form, poses: list[np.ndarray], where: str) -> np.ndarray:
-    """Return the one (4, 4) transform of all joints of a skin; raise InvalidInputError if they differ."""
+    """Return the one (4, 4) transform of all joints of a skin. Raises InvalidInputError if they differ."""
     joints = np.array([poses[joint] for joint in skin["joints"]])
     if "inverseBindMatrices" in skin:
         bound = document.values(skin["inverseBindMatrices"]).reshape(-1, 4, 4)[: len(joints)]
@@ -146,7 +146,7 @@ def _own_pose(node: Form) -> np.ndarray:
 
 
 def _plain_surface(document: _Document, surface: Form) -> bool:
-    """Rewrite one surface in place; return whether it was rewritten."""
+    """Rewrite one surface in place, and return whether it was rewritten."""
     attributes = surface["attributes"]
     changed = False
     if surface.get("mode", _TRIANGLES) == _FAN:
@@ -200,7 +200,7 @@ class _Document:
         form = self.form["accessors"][accessor]
         kind, width, count = np.dtype(_TYPES[form["componentType"]]), _WIDTHS[form["type"]], int(form["count"])
         if "bufferView" not in form:
-            raise ValueError("its compressed values cannot be changed; export it without Draco")
+            raise ValueError("its compressed values cannot be changed. Export it without Draco")
         buffer = self._buffer()
         view = self.form["bufferViews"][form["bufferView"]]
         start = int(view.get("byteOffset", 0)) + int(form.get("byteOffset", 0))
@@ -225,7 +225,7 @@ class _Document:
         return len(self.form["accessors"]) - 1
 
     def _buffer(self) -> bytearray:
-        """Return the bytes of all buffers, joined on the first call; views then refer to them."""
+        """Return the bytes of all buffers, joined on the first call. Views then refer to them."""
         if self._joined is None:
             self._joined, starts = bytearray(), []
             for buffer in self.form.get("buffers", []):

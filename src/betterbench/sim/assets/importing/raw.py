@@ -18,7 +18,7 @@ class RawPart:
     Attributes:
         vertices: (n, 3) float64 positions.
         faces: (m, 3) int64 vertex indices.
-        rgba: Color, each in [0, 1]; multiplied with the image if there is one.
+        rgba: Color with components in [0, 1]. It is multiplied with the image if there is one.
         image: (height, width, 3) uint8 RGB texture, or None.
         uv: (n, 2) float64 texture coordinates, origin at the lower left, or None.
         colors: (n, 3) float64 color of each vertex in [0, 1], or None.
@@ -33,7 +33,7 @@ class RawPart:
     colors: np.ndarray | None = None
 
     def moved(self, transform: np.ndarray) -> RawPart:
-        """Return the part after a (4, 4) transform; a reflection keeps the triangles facing outward."""
+        """Return the part after a (4, 4) transform. A reflection keeps the triangles facing outward."""
         vertices = self.vertices @ transform[:3, :3].T + transform[:3, 3]
         faces = self.faces[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0.0 else self.faces
         return RawPart(self.name, vertices, np.ascontiguousarray(faces), self.rgba, self.image, self.uv, self.colors)
@@ -65,14 +65,14 @@ class RawPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stated:
-    """Physics of an object as stated in a URDF or MJCF file, in the frame and the unit of the mesh.
+    """Physical properties of an object as stated in a URDF or MJCF file, in the frame and the unit of the mesh.
 
     Attributes:
-        mass_kg: Mass, None if it is not stated.
+        mass_kg: Mass, or None if it is not stated.
         center: (3,) float64 center of mass.
         inertia: (3, 3) float64 inertia about the center of mass [kg unit^2].
-        hulls: Points (n, 3) whose convex hulls are the collision shapes; empty if there are none.
-        name: Name of the model, empty if it has none.
+        hulls: Points (n, 3) whose convex hulls are the collision shapes. It is empty if there are none.
+        name: Name of the model, or empty if it has none.
         notes: Decisions about the file.
     """
 
@@ -84,7 +84,7 @@ class Stated:
     notes: tuple[str, ...] = ()
 
     def moved(self, transform: np.ndarray) -> Stated:
-        """Return the physics after a (4, 4) transform: a rotation, a uniform scale and a shift."""
+        """Return the properties after a (4, 4) transform with a rotation, a uniform scale and a shift."""
         linear, shift = transform[:3, :3], transform[:3, 3]
         center = None if self.center is None else linear @ self.center + shift
         inertia = None if self.inertia is None else linear @ self.inertia @ linear.T
@@ -97,9 +97,9 @@ class RawMesh:
     """The parts of one object.
 
     Attributes:
-        up: Axis that points up by the rules of the file format, None if the format has no rule.
-        unit_m: Length of a unit in meters by the rules of the file format, None if the format has no rule.
-        stated: Physics that the file states, None for a plain mesh.
+        up: Axis that points up by the rules of the file format, or None if the format has no rule.
+        unit_m: Length of a unit in meters by the rules of the file format, or None if the format has no rule.
+        stated: Physical properties that the file states, or None for a plain mesh.
     """
 
     parts: tuple[RawPart, ...]
@@ -123,7 +123,7 @@ class RawMesh:
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return all parts as one surface: (n, 3) vertices without duplicates, (m, 3) faces."""
+        """Return all parts as one surface, with (n, 3) vertices without duplicates and (m, 3) faces."""
         return joined(self.parts)
 
 

@@ -52,7 +52,7 @@ def imported(
     keeps_upright: bool = False,
     review: Path | str | None = None,
 ) -> None:
-    """Register the object of a file as a category of assets; the file is imported when the category is first built.
+    """Register the object of a file as a category of assets. The file is imported when the category is first built.
 
     All looks of the category are this object. In a task file, a relative path starts at the folder of that file.
 
@@ -60,15 +60,15 @@ def imported(
         category: Unique name of the asset in tasks.
         path: File of the object: GLB, glTF, OBJ, STL, PLY, URDF or MJCF.
         color: Color word.
-        name: Name or description that determines the kind ("coffee mug"); by default, the category.
-        size_m: Longest side [m]; otherwise from the unit of the format and the usual sizes of its kind.
-        mass_kg: Mass; otherwise the usual mass of its kind at this size.
-        up: Axis of the file that points up; otherwise from the rule of the format or the most stable pose.
+        name: Name or description that determines the kind ("coffee mug"). By default, the category.
+        size_m: Longest side [m]. If None, it is derived from the unit of the format and the usual sizes of its kind.
+        mass_kg: Mass. If None, it is the usual mass of its kind at this size.
+        up: Axis of the file that points up. If None, it follows from the rule of the format or the most stable pose.
         license: License of the mesh, shown in lists of sources.
-        source: Origin of the mesh, shown in lists of sources; by default, the name of the file.
+        source: Origin of the mesh, shown in lists of sources. By default, the name of the file.
         author: Author of the mesh, shown in lists of sources.
         any_license: Whether restricted and unknown licenses are allowed.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are an error.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed. Otherwise, they are an error.
         keeps_upright: Whether the object must not lie on its side in a container, like a cup with a drink.
         review: File of ``better review`` whose accepted changes are applied. If the object was rejected or has no
             verdict, the first build of the category raises an error.

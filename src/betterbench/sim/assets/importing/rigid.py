@@ -1,4 +1,4 @@
-"""Rigid bodies in URDF and MJCF files: poses, primitive shapes as meshes, and combined mass of several parts."""
+"""Rigid bodies in URDF and MJCF files, with poses, primitive shapes as meshes, and the combined mass of parts."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Solid of a surface on a grid of small cells, also for surfaces that are not closed.
 
-Meshes of objects are seldom closed: parts intersect, bottoms are missing, walls are single sheets. A cell is
-solid if the surface passes through it, or if no path of empty cells leads from it to the outside. So a mug is hollow, a
-closed bottle is full, and a sheet is one cell thick.
+Meshes of objects are seldom closed, because parts intersect, bottoms are missing or walls are single sheets. A cell is
+solid if the surface passes through it, or if no path of empty cells leads from it to the outside. A mug is therefore
+hollow, a closed bottle is full, and a sheet is one cell thick.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Solid:
     """Cells of an object.
 
     Attributes:
-        cells: (nx, ny, nz) bool, True where the object is; the outermost layer is empty.
+        cells: (nx, ny, nz) bool, True where the object is. The outermost layer is empty.
         surface: The cells through which the surface passes, same shape.
         origin: Corner of the first cell [m].
         pitch_m: Side of a cell [m].
@@ -43,13 +43,13 @@ class Solid:
         return np.asarray(self.origin + (np.argwhere(cells) + 0.5) * self.pitch_m)
 
     def index(self, points: np.ndarray) -> np.ndarray:
-        """Return the (k, 3) cell indices of points [m]; points outside get the nearest cell."""
+        """Return the (k, 3) cell indices of points [m]. Points outside get the nearest cell."""
         at = np.floor((points - self.origin) / self.pitch_m).astype(int)
         return np.asarray(np.clip(at, 0, np.asarray(self.cells.shape) - 1))
 
 
 def spread(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Spread points over triangles on a regular pattern; the result is deterministic.
+    """Spread points over triangles in a regular pattern. The result is deterministic.
 
     Args:
         vertices: (n, 3) positions.
@@ -57,7 +57,7 @@ def spread(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.
         spacing: Largest distance between neighboring points on a triangle.
 
     Returns:
-        (k, 3) points, (k,) number of the triangle of each, (k, 3) barycentric coordinates.
+        (k, 3) points, (k,) index of each point's triangle, and (k, 3) barycentric coordinates.
     """
     corners = vertices[faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
@@ -80,7 +80,7 @@ def spread(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.
 
 
 def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> Solid:
-    """Return the solid of a surface: (n, 3) positions [m], (m, 3) vertex indices; ``grid`` cells along it."""
+    """Return the solid of a surface with (n, 3) positions [m] and (m, 3) vertex indices, ``grid`` cells long."""
     used = vertices[np.unique(faces)]
     low, high = used.min(axis=0), used.max(axis=0)
     pitch = float((high - low).max()) / grid
@@ -106,7 +106,7 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> So
 
 
 def _first_of_each(keys: np.ndarray, count: int) -> np.ndarray:
-    """Return the ascending indices (m,) of the first occurrence of each key (n,); keys are below a count."""
+    """Return the ascending indices (m,) of the first occurrence of each key (n,). Keys are below a count."""
     first = np.full(count, len(keys), dtype=np.int32)
     first[keys[::-1]] = np.arange(len(keys) - 1, -1, -1, dtype=np.int32)  # of equal keys, the last one written stays
     return np.sort(first[first < len(keys)])
@@ -115,8 +115,8 @@ def _first_of_each(keys: np.ndarray, count: int) -> np.ndarray:
 def mass_of_cells(solid: Solid, mass_kg: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the center of mass and the inertia of a uniform-density body that fills the cells of ``solid``.
 
-    The center has shape (3,) [m]; the inertia has shape (3, 3) [kg m^2] and is about the center.
-    Cells on the surface have half weight.
+    The center has shape (3,) [m]. The inertia has shape (3, 3) [kg m^2] and is about the center. Cells on the surface
+    have half weight.
     """
     centers = solid.centers(solid.cells)
     weights = np.where(solid.surface[solid.cells], 0.5, 1.0)

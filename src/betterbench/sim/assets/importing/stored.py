@@ -1,4 +1,4 @@
-"""File format of imported objects: a draft and its metadata in one NumPy archive without pickle."""
+"""File format of imported objects, which is a draft and its metadata in one NumPy archive without pickle."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _FARTHEST_M = 10.0
 
 
 def to_bytes(imported: Imported) -> bytes:
-    """Return an imported object as bytes; equal objects give equal bytes."""
+    """Return an imported object as bytes. Equal objects give equal bytes."""
     draft, arrays = imported.draft, dict[str, np.ndarray]()
     visual, collision = [], []
     for k, part in enumerate(draft.parts):
@@ -113,7 +113,7 @@ _UNREADABLE = (
 
 
 def _arrays(data: bytes) -> dict[str, np.ndarray]:
-    """Return the arrays of an archive; stated sizes are checked before unpacking."""
+    """Return the arrays of an archive. Stated sizes are checked before unpacking."""
     if not data.startswith(b"PK\x03\x04"):  # zipfile would also accept an archive after other bytes
         raise ValueError("it does not begin as an archive")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -136,7 +136,7 @@ def _arrays(data: bytes) -> dict[str, np.ndarray]:
 
 
 def _check(draft: Draft) -> None:
-    """Raise ValueError if a part does not have the structure that the simulator expects; the file may be untrusted."""
+    """Raise ValueError if a part does not have the structure that the simulator expects. The file may be untrusted."""
     visual = [part for part in draft.parts if isinstance(part, VisualPart)]
     hulls = [part for part in draft.parts if isinstance(part, CollisionPart)]
     if not visual or not hulls or len(hulls) > _MOST_HULLS or sum(len(p.faces) for p in visual) > _MOST_FACES:

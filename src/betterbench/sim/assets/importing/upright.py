@@ -1,4 +1,4 @@
-"""Size and orientation of an imported mesh: up axis, length of a unit, and origin."""
+"""Size and orientation of an imported mesh, given by its up axis, the length of a unit, and its origin."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Placed:
     Attributes:
         mesh: The mesh.
         solid: Cells of the object.
-        cavity: Hollow of the object, None if it has none.
+        cavity: Hollow of the object, or None if it has none.
         up: Axis of the file that now points up ("y", "-z").
         scale: Length of a unit of the file [m].
         notes: Decisions, with reasons.
@@ -67,12 +67,12 @@ def place(
 
     Args:
         mesh: The mesh in the frame of its file.
-        kind: Kind of the object, None if it is not known.
+        kind: Kind of the object, or None if it is not known.
         where: Name of the file for messages.
-        up: Axis of the file that points up; otherwise from the rule of the format, from the hollow of an open object,
-            from the use of its kind (bottles stand, forks lie), or from the most stable pose.
-        size_m: Longest side [m]; otherwise from the unit of the format if the kind can have this size, from another
-            usual unit, or from the typical size of the kind.
+        up: Axis of the file that points up. If None, it follows from the rule of the format, from the hollow of an open
+            object, from the use of its kind (bottles stand, forks lie), or from the most stable pose.
+        size_m: Longest side [m]. If None, it follows from the unit of the format if the kind can have this size, from
+            another usual unit, or from the typical size of the kind.
 
     Raises:
         InvalidInputError: If the size cannot be determined, or does not fit an object on a table.
@@ -239,7 +239,7 @@ def _standing(moved: RawMesh, *, grid: int = GRID) -> tuple[RawMesh, Solid, Cavi
 
 
 def _rank(solid: Solid, cavity: Cavity | None, kind: Kind | None, order: int) -> tuple[float, ...]:
-    """Return a sort key for a pose: open at the top if the kind is, then a broad base, then the listed order."""
+    """Return a sort key for a pose. An opening at the top (if the kind has one) comes first, and then a broad base."""
     water = 0.0
     if kind is not None and kind.is_open and cavity is not None:
         water = round(cavity.volume_m3 / max(float(np.prod(np.ptp(solid.points, axis=0))), 1e-12), 1)
@@ -247,7 +247,7 @@ def _rank(solid: Solid, cavity: Cavity | None, kind: Kind | None, order: int) ->
 
 
 def footing(solid: Solid, *, upside_down: bool = False) -> float:
-    """Return the stability of a pose: the tilt at which the object would fall over, as tan(angle)."""
+    """Return the stability of a pose, which is the tilt at which the object would fall over, as tan(angle)."""
     height = solid.points[:, 2]
     top = float(height.max())
     base = solid.points[height > top - solid.pitch_m if upside_down else height < solid.pitch_m][:, :2]

@@ -1,4 +1,4 @@
-"""Reader of URDF files: the links of one object, merged into one rigid body."""
+"""Reader of URDF files, which merges the links of one object into one rigid body."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class _Joint:
 def read_urdf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bool = False) -> RawMesh:
     """Return the links of a URDF file as one rigid body in the frame of its first link.
 
-    Conventions are those of the URDF specification of ROS: lengths in meters, z up, ``rpy`` about fixed axes. A mesh
-    keeps the axes of its file. ``package://NAME/PATH`` is PATH, or NAME/PATH, in the folder of the URDF file.
+    Conventions are those of the URDF specification of ROS, with lengths in meters, z up, and ``rpy`` about fixed axes.
+    A mesh keeps the axes of its file. ``package://NAME/PATH`` is PATH, or NAME/PATH, in the folder of the URDF file.
 
     Args:
         root: The element ``robot``.

@@ -1,4 +1,4 @@
-"""Painted wooden blocks: toy blocks, and blocks with another object's size."""
+"""Painted wooden blocks, which are toy blocks or have the size of another object."""
 
 import math
 from collections.abc import Sequence
@@ -18,9 +18,9 @@ _BARE: Rgb = (0.85, 0.68, 0.46)  # bare beech
 def _painted_wood(
     rng: np.random.Generator, shade: Rgb, *, rings: float, waves: tuple[float, float, float], amount: float, cells: int
 ) -> Canvas:
-    """Draw painted wood: wavy year rings and grain.
+    """Draw painted wood with wavy year rings and grain.
 
-    ``waves`` are the number of annual rings, and the height and number of their waves; ``rings`` and ``amount`` are the
+    ``waves`` are the number of annual rings, and the height and number of their waves. ``rings`` and ``amount`` are the
     strengths of the rings and the grain, ``cells`` is the number of fibers.
     """
     canvas = Canvas(1.0, 1.0, (64, 64), shade)
@@ -32,7 +32,7 @@ def _painted_wood(
 
 @generator("block", colors=("red", "blue", "green", "yellow", "orange", "purple", "white", "black", "brown"))
 def toy_block(rng: np.random.Generator, color: str) -> Draft:
-    """Make a painted cube or cuboid of beech (700 kg/m^3): plain, framed, with a sign, striped or worn at its edges.
+    """Make a painted cube or cuboid of beech (700 kg/m^3), plain, framed, with a sign, striped or worn at its edges.
 
     Wooden toy blocks have sides of 30 to 60 mm.
     """
@@ -91,10 +91,10 @@ def _block_face(style: str, shade: Rgb, ink: Rgb, letter: str) -> Canvas:
 
 @generator("stapler_block", colors=("black", "red", "blue"), family="stapler")
 def stapler_block(rng: np.random.Generator, color: str) -> Draft:
-    """Make a painted wooden block with the length, width and height of a stapler: solid, without a gap or metal.
+    """Make a solid painted wooden block with the length, width and height of a stapler, without a gap or metal.
 
     Its paint is worn off along the edges and at the ends, where bare wood shows. At this size, beech with 700 kg/m^3
-    would weigh 0.15 to 0.19 kg; the block has a stapler's 0.2 to 0.25 kg, like denser wood, so that it differs from a
+    would weigh 0.15 to 0.19 kg. The block has a stapler's 0.2 to 0.25 kg, like denser wood, so that it differs from a
     stapler only in appearance.
     """
     length, width, height = stapler_size(rng)
@@ -144,9 +144,9 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
 
 @generator("round_block", colors=("brown", "red", "green", "yellow", "blue"))
 def round_block(rng: np.random.Generator, color: str) -> Draft:
-    """Make a wooden round toy block with the size of a burger; the brown block has the bun's color.
+    """Make a wooden round toy block with the size of a burger. The brown block has the bun's color.
 
-    A letter or a digit is painted on its face, as on a child's blocks; some have a darker or lighter side, as if
+    A letter or a digit is painted on its face, as on a child's blocks. Some have a darker or lighter side, as if
     stained, and edges that are more or less beveled. It has neither a groove nor a ring, which would make it look like
     a box with a lid. Beech of 700 kg/m^3 weighs 0.11 to 0.15 kg at this size.
     """
@@ -184,7 +184,7 @@ def round_block(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _round_face(rng: np.random.Generator, shade: Rgb, sign: str) -> Canvas:
-    """Draw the face of a round toy block: bare wood with its grain, and a sign in dark ink."""
+    """Draw the face of a round toy block, with bare wood, its grain, and a sign in dark ink."""
     canvas = Canvas(1.0, 1.0, (96, 96), mixed(shade, _BARE, 0.85))
     ink = mixed(shaded(shade, 0.22), (0.10, 0.05, 0.02), 0.5)
     wave = np.sin(2.0 * math.pi * (4.0 * canvas.y + 0.25 * np.sin(4.0 * canvas.x)))

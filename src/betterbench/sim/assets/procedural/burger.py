@@ -13,10 +13,9 @@ _CRUMB: Rgb = (0.90, 0.74, 0.46)
 
 @generator("burger", colors=("brown",))
 def burger(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a burger: bun, patty, cheese, tomato, lettuce, bun with sesame.
+    """Make a burger with patty, cheese, tomato and lettuce in a sesame bun.
 
-    A small hamburger is 65 to 70 mm wide and weighs about 0.15 to 0.2 kg; this one fits an 80 mm
-    jaw.
+    A small hamburger is 65 to 70 mm wide and weighs about 0.15 to 0.2 kg. This one fits an 80 mm jaw.
     """
     radius, height = rng.uniform(0.0325, 0.0340), rng.uniform(0.0490, 0.0545)
     bun, seeds = jittered(BUN, rng, amount=0.14), int(rng.choice([0, 18, 26, 34]))
@@ -55,7 +54,7 @@ def burger(rng: np.random.Generator, _color: str) -> Draft:
 
 
 def _patty(rng: np.random.Generator, radius: float, low: float, high: float) -> Mesh:
-    """Return the patty: a thick disc with an uneven edge."""
+    """Return the patty, which is a thick disc with an uneven edge."""
     z = (low - 0.0005, low - 0.0005, low + 0.5 * (high - low), high, high)
     mesh = Turned((0.0, 0.955 * radius, radius, 0.96 * radius, 0.0), z, 14, 60.0, wrap=False).mesh()
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
@@ -95,7 +94,7 @@ def _top_bun(radius: float, low: float, high: float) -> Mesh:
 
 
 def _crust(rng: np.random.Generator, bun: Rgb, *, seeds: int) -> Canvas:
-    """Draw the crust of the bun from above: browned in the middle, pale at the edge, with sesame seeds."""
+    """Draw the crust of the bun from above, which is brown in the middle and pale at the edge, with sesame seeds."""
     canvas = Canvas(2.0, 2.0, (128, 128), bun)
     r = canvas.radius
     canvas.paint(np.clip((r - 0.70) / 0.30, 0.0, 1.0), mixed(bun, _CRUMB, 0.8))

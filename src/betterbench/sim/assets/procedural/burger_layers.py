@@ -1,9 +1,9 @@
 """The single layers of a cheeseburger, and the kitchen sponge that looks like its cheese.
 
 Every layer rests on four fixed corners a fraction of a millimeter below its round or square body and has a flat top, so
-that a stack has few contacts and stays still. Layers are thicker than real food: a jaw reaches 12 mm below its center
-and cannot grasp objects lower than 10 mm on a table. The visual shape may extend beyond the collision shape: the
-corners of cheese and the edges of a leaf are soft.
+that a stack has few contacts and stays still. Layers are thicker than real food, because a jaw reaches 12 mm below its
+center and cannot grasp objects lower than 10 mm on a table. The visual shape may extend beyond the collision shape,
+because the corners of cheese and the edges of a leaf are soft.
 """
 
 import math
@@ -40,7 +40,7 @@ def _square_grasps(length: float, width: float) -> tuple[Grasp, ...]:
 def _outline(half_x: float, half_y: float, n: int, *, roundness: float) -> np.ndarray:
     """Return (n, 2) points of a rounded rectangle about the origin [m], at equal angles.
 
-    A ``roundness`` of 2 gives an ellipse; larger values are more rectangular.
+    A ``roundness`` of 2 gives an ellipse. Larger values are more rectangular.
     """
     angle = 2.0 * math.pi * np.arange(n) / n
     c, s = np.cos(angle), np.sin(angle)
@@ -59,9 +59,9 @@ def _slab(outline: np.ndarray, low: float, high: float, *, bevel: float, crease:
 
 @generator("bun_bottom", colors=("brown",))
 def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
-    """Make the lower half of a bun, its white cut face up: a thick bulging roll that was cut through.
+    """Make the lower half of a bun with its white cut face up, as of a thick bulging roll that was cut through.
 
-    Half a bun with a diameter of 80 mm weighs 30 to 40 g; 60 to 70 g keep it still while a burger is built on it.
+    Half a bun with a diameter of 80 mm weighs 30 to 40 g. 60 to 70 g keep it still while a burger is built on it.
     """
     radius, belly, bulge = uniforms(rng, (0.0375, 0.0405), (0.40, 0.58), (0.050, 0.100))
     toast, sole = str(rng.choice(["plain", "golden", "rim"])), rng.uniform(0.58, 0.70)
@@ -105,7 +105,7 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("patty", colors=("brown",))
 def patty(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a grilled patty of minced beef: dark, rough, with an uneven edge.
+    """Make a grilled patty of minced beef, which is dark and rough and has an uneven edge.
 
     A grilled patty of 70 mm by 14 mm has a volume of 54 cm^3 and weighs 60 g.
     """
@@ -151,9 +151,9 @@ def patty(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("cheese_slice", colors=("yellow",))
 def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a thick slice of cheese: smooth and glossy, with a few large round holes, some of them cut by its edge.
+    """Make a thick slice of smooth, glossy cheese with a few large round holes, some of them cut by its edge.
 
-    Cheese measuring 64 by 62 by 14 mm weighs 60 g when solid (1080 kg/m^3); a fifth of it is holes.
+    Cheese measuring 64 by 62 by 14 mm weighs 60 g when solid (1080 kg/m^3). A fifth of it is holes.
     """
     length, width, roundness = uniforms(rng, (0.0640, 0.0680), (0.0620, 0.0655), (7.0, 16.0))
     shade = jittered(mixed((0.99, 0.66, 0.05), (1.00, 0.80, 0.22), rng.random()), rng, amount=0.03)
@@ -193,7 +193,7 @@ def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("sponge", colors=("yellow",))
 def sponge(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a kitchen sponge: yellow foam with pores and a waist, on a thick dark green scouring pad.
+    """Make a kitchen sponge of yellow foam with pores and a waist, on a thick dark green scouring pad.
 
     The sponge is as wide and as yellow as the cheese slice and nearly twice as high. Foam sponges of 65 by 60 mm are 22
     to 30 mm high and weigh 5 g dry or 20 to 30 g damp.
@@ -237,10 +237,10 @@ def sponge(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("lettuce_leaf", colors=("green",))
 def lettuce_leaf(rng: np.random.Generator, _color: str) -> Draft:
-    """Make two stacked leaves of lettuce: longer than wide, with a pale midrib and a ruffled, wavy edge.
+    """Make two stacked leaves of lettuce, which are longer than wide, with a pale midrib and a wavy edge.
 
     Lettuce on a burger is 80 to 100 mm long and weighs 10 to 20 g. The collision shape of the leaves is a flat box as
-    thick as a filling; their soft edges extend beyond it and are only visual.
+    thick as a filling. Their soft edges extend beyond it and are only visual.
     """
     half_x, half_y, wave = uniforms(rng, (0.043, 0.050), (0.033, 0.037), (0.0035, 0.0055))
     ruffles, pointed, height = int(rng.integers(6, 10)), rng.uniform(0.0, 0.16), FILLING_M
@@ -287,7 +287,7 @@ def _leaf(
 ) -> Mesh:
     """Return one leaf along x, with ``half`` its length and width, its blade between two heights [m].
 
-    Its edge swings by ``wave`` [m] about its middle height; ``pointed`` narrows it toward -x.
+    Its edge swings by ``wave`` [m] about its middle height. ``pointed`` narrows it toward -x.
     """
     outline = _outline(*half, n, roundness=2.2)
     angle = 2.0 * math.pi * np.arange(n) / n
@@ -308,7 +308,7 @@ def _leaf(
 
 
 def _veins(rng: np.random.Generator, shade: Rgb, slender: float, *, tip: Rgb) -> Canvas:
-    """Draw a leaf from above: a broad pale midrib along x with bent side veins, its edge in the ``tip`` color."""
+    """Draw a leaf from above, with a broad pale midrib along x, bent side veins, and its edge in the ``tip`` color."""
     canvas = Canvas(2.0, 2.0, (128, 128), shade)
     across, along = canvas.y - 1.0, canvas.x - 1.0
     reach = np.hypot(along / 0.90, across / 0.90 / slender)
@@ -330,7 +330,7 @@ def _veins(rng: np.random.Generator, shade: Rgb, slender: float, *, tip: Rgb) ->
 def bun_top(rng: np.random.Generator, _color: str) -> Draft:
     """Make the domed upper half of a bun, strewn with sesame.
 
-    Half a bun of 72 mm weighs 25 to 30 g; 45 to 55 g keep it where it is put.
+    Half a bun of 72 mm weighs 25 to 30 g. 45 to 55 g keep it where it is put.
     """
     radius, height, full = uniforms(rng, (0.0345, 0.0368), (0.0320, 0.0385), (0.0, 0.06))
     crust, seeds = jittered(BUN, rng, amount=0.20), int(rng.integers(14, 42))
@@ -360,7 +360,7 @@ def bun_top(rng: np.random.Generator, _color: str) -> Draft:
 
 
 def _sesame(rng: np.random.Generator, crust: Rgb, *, seeds: int) -> Canvas:
-    """Draw the crust from above: brown on the crown, pale toward the cut, strewn with seeds."""
+    """Draw the crust from above, which is brown on the crown, pale toward the cut, and strewn with seeds."""
     canvas = Canvas(2.0, 2.0, (160, 160), crust)
     r = canvas.radius
     canvas.paint(np.clip((r - 0.72) / 0.28, 0.0, 1.0), mixed(crust, _CRUMB, 0.6))

@@ -19,8 +19,8 @@ def can(rng: np.random.Generator, color: str) -> Draft:
     """Make a full beverage can.
 
     Cans have a diameter of 66 mm and a height of 115 mm (330 ml), 58 x 134 to 146 mm (330 ml, sleek), 53 x 122 to 134
-    mm (250 ml, slim) or about 60 x 86 mm (200 ml): 13 g of aluminum, and the drink at 1 kg/l, which fills 86 % of the
-    cylinder around it.
+    mm (250 ml, slim) or about 60 x 86 mm (200 ml). They have 13 g of aluminum and the drink at 1 kg/l, which fills 86 %
+    of the cylinder around it.
     """
     size, radius, height = SIZES[int(rng.choice(4, p=(0.4, 0.2, 0.2, 0.2)))]
     height, shoulder = height * rng.uniform(0.960, 1.045), rng.uniform(0.008, 0.019)
@@ -56,7 +56,7 @@ def can(rng: np.random.Generator, color: str) -> Draft:
 
 
 def can_shell(radius: float, height: float, shoulder: float) -> Turned:
-    """Return a can of a radius and a height to its rim [m]: bottom, wall, tapered shoulder, rim, lid."""
+    """Return a can of a radius and a height to its rim [m], with bottom, wall, tapered shoulder, rim and lid."""
     lid, neck = height - 0.0035, 0.82 * radius
     radii = (0.0, 0.75 * radius, radius, radius, neck + 0.0005, neck, neck - 0.0012, neck - 0.002, 0.0)
     return Turned(radii, (0.0, 0.0, 0.0075, height - shoulder, height - 0.0015, height, height, lid, lid))

@@ -12,17 +12,17 @@ _SIDES = 24
 
 
 def _size(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw length, width and height [m] of a mouse or the matching soap; must be a look's first draw."""
+    """Draw length, width and height [m] of a mouse or the matching soap. Must be a look's first draw."""
     length, width, height = uniforms(rng, (0.096, 0.114), (0.0575, 0.0645), (0.0335, 0.0395))
     return length, width, height
 
 
 @generator("computer_mouse", colors=("black", "white", "gray", "blue"))
 def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
-    """Make a cordless computer mouse; its buttons and its wheel are at -x, away from the user at +x.
+    """Make a cordless computer mouse. Its buttons and its wheel are at -x, away from the user at +x.
 
-    Cordless mice are 95 to 125 mm long, 57 to 68 mm wide and 33 to 42 mm high, and weigh 80 to 120 g with the battery:
-    430 kg/m^3 times the bounding box volume.
+    Cordless mice are 95 to 125 mm long, 57 to 68 mm wide and 33 to 42 mm high, and weigh 80 to 120 g with the battery.
+    The mass is 430 kg/m^3 times the bounding box volume.
     """
     length, width, height = _size(rng)
     # The back is highest behind the center because of the hump; the waist narrows the sides.
@@ -76,7 +76,7 @@ def _back(x: np.ndarray, length: float, height: float, hump: float) -> np.ndarra
 
 
 def _dome(length: float, width: float, height: float, *, hump: float, waist: float, power: float) -> Mesh:
-    """Return the shell of a mouse: an upright side that leans in a little, under a smooth arched back."""
+    """Return the shell of a mouse, with an upright side that leans in a little, under a smooth arched back."""
     outline = _outline(0.5 * length, 0.5 * width, power, waist)
 
     def ring(share: float, level: float) -> np.ndarray:
@@ -92,7 +92,7 @@ def _dome(length: float, width: float, height: float, *, hump: float, waist: flo
 def _shell(
     shade: Rgb, accent: Rgb, *, length: float, width: float, wheel_x: float, trim: str, extra_button: bool
 ) -> Canvas:
-    """Draw a mouse from above: seams of the buttons, slot of the wheel, trim, a small mark for the maker."""
+    """Draw a mouse from above, with button seams, a wheel slot, trim and a small maker's mark."""
     canvas = Canvas(width, length, (144, 256), shade)
     x, y = canvas.x - 0.5 * width, canvas.y - 0.5 * length  # x to the right, y away from the user
     # Seams are wide, and light on dark, so that the two buttons are seen from across a table.
@@ -125,7 +125,7 @@ def _shell(
 def soap_bar(rng: np.random.Generator, color: str) -> Draft:
     """Make a bar of soap with the size and approximate outline of a computer mouse, with lather on one end.
 
-    A bar fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It has three quarters of that mass,
+    A bar fills 70 % of its box. At 1050 kg/m^3, it would weigh 0.15 kg when new. It has three quarters of that mass,
     like a used bar, so that it is hardly heavier than the mouse that it resembles.
     """
     length, width, height = _size(rng)
@@ -199,7 +199,7 @@ _LETTERS: dict[str, tuple[_Stroke, ...]] = {
 
 
 def _stamped(rng: np.random.Generator, shade: Rgb, *, stamp: str, length: float, width: float) -> Canvas:
-    """Draw a bar of soap from above: an oval groove around a word or a leaf that runs along the bar."""
+    """Draw a bar of soap from above, with an oval groove around a word or a leaf that runs along the bar."""
     canvas = Canvas(width, length, (144, 256), shade)
     canvas.grain(rng, cells=(7, 11), amount=0.018)
     middle = (0.5 * width, 0.5 * length)

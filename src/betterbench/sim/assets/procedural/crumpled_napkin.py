@@ -91,7 +91,7 @@ def _sphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: int, count: int) -> Mesh:
-    """Return a corner of the paper that sticks out of a ball with these half extents [m]: a bent, pointed sheet."""
+    """Return a bent, pointed corner of the paper that sticks out of a ball with these half extents [m]."""
     angle = 2.0 * math.pi * (number + rng.uniform(-0.3, 0.3)) / count
     rise, size, curl = rng.uniform(0.50, 1.15), rng.uniform(0.017, 0.024), rng.uniform(-0.5, 0.5)
     out = np.array([math.cos(angle) * math.cos(rise), math.sin(angle) * math.cos(rise), math.sin(rise)])
@@ -113,7 +113,7 @@ def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: 
 
 
 def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, roughness: float) -> Mesh:
-    """Return the ball: flat areas between sharp folds, creases that cut in, and protruding paper tips."""
+    """Return the ball, with flat areas between sharp folds, creases that cut in, and protruding paper tips."""
     directions, faces = _sphere(5)
     n = len(directions)
     # Flats: the ball is inside randomly placed planes.
@@ -144,7 +144,7 @@ def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, rou
 
 
 def _paper(rng: np.random.Generator, paper: Rgb, *, ink: Rgb | None) -> Canvas:
-    """Draw paper whose row is the depth of the fold: gray at the bottom of a crease, bright on a ridge."""
+    """Draw paper whose row is the depth of the fold, gray at the bottom of a crease and bright on a ridge."""
     canvas = Canvas(1.0, 1.0, (64, 64), paper)
     canvas.grain(rng, cells=(20, 20), amount=0.015)
     if ink is not None:

@@ -1,4 +1,4 @@
-"""Crushed beverage cans: trash, distinct from full cans."""
+"""Crushed beverage cans, which are trash and differ visibly from full cans."""
 
 import math
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _CAN = can_shell(_RADIUS, 0.115, 0.0115)  # before it was crushed
 
 @dataclass(frozen=True, slots=True)
 class _Crush:
-    """Deformation of a can that was squeezed while its axis was along x; lengths in m, angles in rad.
+    """Deformation of a can that was squeezed while its axis was along x, with lengths in m and angles in rad.
 
     Attributes:
         length, height: Extents of the crushed can.
@@ -41,7 +41,7 @@ class _Crush:
 def crushed_can(rng: np.random.Generator, color: str) -> Draft:
     """Make an empty can on its side, squeezed at its center and bent.
 
-    An empty can has 13 to 14 g of aluminum; with some drink left in it, it weighs 18 to 22 g. A jaw grasps it at its
+    An empty can has 13 to 14 g of aluminum. With some drink left in it, it weighs 18 to 22 g. A jaw grasps it at its
     waist.
     """
     length, height, waist, at = uniforms(rng, (0.082, 0.098), (0.044, 0.052), (0.0165, 0.0215), (-0.006, 0.006))
@@ -82,7 +82,7 @@ def _bent(crush: _Crush, along: float) -> tuple[float, float, float]:
 
 
 def _solids(crush: _Crush, heading: float, shift: tuple[float, float]) -> tuple[CollisionPart, ...]:
-    """Return three boxes: the waist, and the two ends, which leave room for the pads between them."""
+    """Return three boxes for the waist and the two ends, which leave room for the pads between them."""
     turn, wide = 0.5 * abs(crush.bend), 0.86 * _RADIUS
     # The inner corner of an end, turned toward the waist, stays clear of a finger 22 mm wide.
     free = (0.0165 + wide * math.sin(turn)) / math.cos(turn)
@@ -101,7 +101,7 @@ def _solids(crush: _Crush, heading: float, shift: tuple[float, float]) -> tuple[
 
 
 def _squeezed(rng: np.random.Generator, crush: _Crush) -> Mesh:
-    """Return the shell along x, its lid at +x; its texture rows are the same as for the full can."""
+    """Return the shell along x, its lid at +x. Its texture rows are the same as for the full can."""
     rows = [row / _CAN.rows[-1] for row in _CAN.rows]
     body = [(_RADIUS, t, rows[2] + t * (rows[3] - rows[2])) for t in (0.0, 0.17, 0.34, 0.5, 0.66, 0.83, 1.0)]
     # Radius [m], share of the length, texture row, from the bottom to the lid, which is pushed in.

@@ -23,10 +23,10 @@ _FORMS = {
 
 @generator("cup", colors=_COLORS, family="tea cup")
 def cup(rng: np.random.Generator, color: str) -> Draft:
-    """Make a low wide cup of tea on a narrow foot; its handle protrudes along +x like an ear.
+    """Make a low wide cup of tea on a narrow foot. Its handle protrudes along +x like an ear.
 
     A porcelain tea cup of 0.12 to 0.18 l is 65 to 90 mm wide, 50 to 65 mm high and weighs 0.13 to 0.2 kg. Its collision
-    shape is filled: it already contains tea, and nothing is put into it.
+    shape is filled, because it already contains tea and nothing is put into it.
     """
     size, base, height = uniforms(rng, (0.975, 1.0), (0.0200, 0.0245), (0.0530, 0.0610))
     # Distance by which the loop protrudes.
@@ -95,9 +95,9 @@ def _ear(rng: np.random.Generator, radius: float, loop: float, z: tuple[float, f
 def tumbler(rng: np.random.Generator, color: str) -> Draft:
     """Make a tall straight drinking glass of tinted, see-through glass, without a handle.
 
-    It is ribbed, ringed, faceted or plain; its thick foot is full of color. A long drink glass of 0.25 l is 60 to 65 mm
-    wide and 110 to 120 mm high and weighs 0.15 to 0.25 kg. Its collision shape is filled: nothing is put into it, and a
-    gripper can grasp it at any yaw with the same width.
+    It is ribbed, ringed, faceted or plain. Its thick foot is full of color. A long drink glass of 0.25 l is 60 to 65 mm
+    wide and 110 to 120 mm high and weighs 0.15 to 0.25 kg. Its collision shape is filled, because nothing is put into
+    it. A gripper can grasp it at any yaw with the same width.
     """
     radius, share, height, wall = uniforms(rng, (0.0290, 0.0325), (0.80, 0.95), (0.106, 0.122), (0.0020, 0.0026))
     pattern, thick = str(rng.choice(["facets", "ribs", "rings", "plain"])), rng.uniform(0.014, 0.020)
@@ -145,7 +145,7 @@ def _clear(name: str, turned: Turned, paint: Rgb | Canvas, *, opacity: float = 1
 
 
 def _glass(glass: Turned, shade: Rgb, *, pattern: str) -> Canvas:
-    """Draw the wall of a tinted glass: its pattern, and white streaks where it catches the light."""
+    """Draw the wall of a tinted glass, with its pattern and white streaks where it catches the light."""
     _, rim, inside, _ = glass.rows
     canvas = glass.canvas(shade, (192, 256))
     x, y, width = canvas.x, canvas.y, canvas.width

@@ -22,15 +22,16 @@ _HANDLES: Mapping[str, tuple[str, tuple[Rgb, ...]]] = {
     "bright": ("plastic", ((0.72, 0.09, 0.08), (0.10, 0.42, 0.20), (0.80, 0.45, 0.06))),
     "steel": ("steel", ((0.60, 0.61, 0.64),)),
 }
-"""Material and colors of handles; none is blue, because the cup on the same table is."""
+"""Material and colors of handles. None is blue, because the cup on the same table is."""
 
 
 @generator("fork", colors=("silver", "yellow"))
 def fork(rng: np.random.Generator, color: str) -> Draft:
-    """Make a table fork that lies along x, its three or four tines at -x; the color "yellow" gives brass.
+    """Make a table fork that lies along x, its three or four tines at -x. The color "yellow" gives brass.
 
     A dessert fork is 0.16 m long and weighs 40 to 60 g with a molded handle. The handle is thicker than that of plain
-    steel cutlery: the gripper reaches 12 mm below its center, so it cannot grasp objects lower than 10 mm on a table.
+    steel cutlery, because the gripper reaches 12 mm below its center and cannot grasp objects lower than 10 mm on a
+    table.
     """
     half_width, tines, tine = uniforms(rng, (0.0145, 0.0180), (0.030, 0.043), (0.0019, 0.0023))  # tine: half its width
     count = int(rng.choice([3, 4, 4]))
@@ -50,9 +51,9 @@ def fork(rng: np.random.Generator, color: str) -> Draft:
 
 @generator("spoon", colors=("silver", "yellow"))
 def spoon(rng: np.random.Generator, color: str) -> Draft:
-    """Make a table spoon that lies along x, its bowl at -x; the color "yellow" gives brass.
+    """Make a table spoon that lies along x, its bowl at -x. The color "yellow" gives brass.
 
-    A dessert spoon is 0.16 m long and weighs 40 to 60 g with a molded handle; the handle is the same as the handle of
+    A dessert spoon is 0.16 m long and weighs 40 to 60 g with a molded handle. The handle is the same as the handle of
     the fork.
     """
     half_width, half_length, depth = uniforms(rng, (0.0160, 0.0195), (0.0225, 0.0290), (0.0080, 0.0110))

@@ -1,9 +1,9 @@
 """A desk cabinet for two drawers, and the drawers, each with a handle that a jaw can grasp from above.
 
-The three are separate assets: a scene connects each drawer to the carcass by a slide along +x, whose frame is a region
+The three are separate assets. A scene connects each drawer to the carcass by a slide along +x, whose frame is a region
 of the cabinet. A look's two drawers differ only in the side of their handle, so that a gripper at one handle clears the
-other. The upper handle is at -y: seen from above and from +y, as in the suite, it is then clearly above the lower one
-in the image. With the sides exchanged, both handles would be at the same height in the image.
+other. The upper handle is at -y, so that it is clearly above the lower one in an image from above and from +y, as in
+the suite. With the sides exchanged, both handles would be at the same height in the image.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class _Style:
 
 
 def _carcass(s: _Style) -> tuple[CollisionPart, ...]:
-    """Return the boards of the cabinet: bottom, shelf, top, back and both sides."""
+    """Return the boards of the cabinet, which are bottom, shelf, top, back and both sides."""
     x, rear, inside = (-s.half_x, s.half_x), (-s.half_x, -s.half_x + _BOARD), (_BOARD, s.height - _BOARD)
     open_half = s.half_y - _SIDE
     return (
@@ -144,7 +144,7 @@ def _carcass(s: _Style) -> tuple[CollisionPart, ...]:
 
 
 def _linings(s: _Style) -> Mesh:
-    """Return the dark inside of the openings: thin boards that leave the front edges free."""
+    """Return the dark inside of the openings, as thin boards that leave the front edges free."""
     back, deep, thin, sheets = -s.half_x + _BOARD, 2.0 * s.half_x - _BOARD - 0.004, 0.0004, []
     x, half_y = (back, back + deep), s.half_y - _SIDE
     for low in (_BOARD, s.shelf + _BOARD):
@@ -161,7 +161,7 @@ def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
     """Make the carcass of a two-drawer desk cabinet, open at its front (+x).
 
     Desk organizers with two drawers are 22 to 25 cm wide and deep and 16 to 20 cm high. Its 1.9 l of particle board
-    (650 kg/m^3) weigh 1.2 kg; it is meant to be fixed. The regions "upper" and "lower" are the frames of the closed
+    (650 kg/m^3) weigh 1.2 kg. It is meant to be fixed. The regions "upper" and "lower" are the frames of the closed
     drawers.
     """
     s = _Style.draw(rng, color)
@@ -200,27 +200,28 @@ def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
 
 @generator("upper_drawer", colors=_COLORS, family="drawers")
 def upper_drawer(rng: np.random.Generator, color: str) -> Draft:
-    """Make the upper drawer of the cabinet, see :func:`_drawer`; its handle is at -y."""
+    """Make the upper drawer of the cabinet (see :func:`_drawer`). Its handle is at -y."""
     return _drawer(rng, color, side=-1.0, place="upper")
 
 
 @generator("lower_drawer", colors=_COLORS, family="drawers")
 def lower_drawer(rng: np.random.Generator, color: str) -> Draft:
-    """Make the lower drawer of the cabinet, see :func:`_drawer`; its handle is at +y."""
+    """Make the lower drawer of the cabinet (see :func:`_drawer`). Its handle is at +y."""
     return _drawer(rng, color, side=1.0, place="lower")
 
 
 def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) -> Draft:
-    """Make a drawer: a box with a front panel and a handle on stems, at +y for a ``side`` of +1 and at -y for -1.
+    """Make a drawer with a front panel and a handle on stems, at +y for a ``side`` of +1 and at -y for -1.
 
-    Its origin is the center of the bottom face of the bounding box without the handle; its front faces +x, the
-    direction in which it opens. Boards of 6 to 12 mm have a volume of 0.9 l; poplar plywood (450 kg/m^3) and the handle
+    Its origin is the center of the bottom face of the bounding box without the handle. Its front faces +x, the
+    direction in which it opens. Boards of 6 to 12 mm have a volume of 0.9 l. Poplar plywood (450 kg/m^3) and the handle
     weigh 0.5 kg, or 13 kg per m^2 of the floor.
 
-    The joint that a scene adds is given in the parameters. Travel 0.15 m: a three-quarter extension slide for a drawer
-    0.18 m long, of which 35 mm stay in the carcass. Friction loss 1.5 N: 0.5 kg x 9.81 m/s^2 x 0.3, waxed wood on wood
-    or a light roller slide; a light touch does not move it, and a pinch of 35 N per finger pulls it. Damping 4 N s/m: a
-    push decays in 0.5 kg / 4 N s/m = 0.13 s, so that a released drawer stays where it is.
+    The joint that a scene adds is given in the parameters. The travel of 0.15 m is that of a three-quarter extension
+    slide for a drawer 0.18 m long, of which 35 mm stay in the carcass. The friction loss of 1.5 N is 0.5 kg x 9.81
+    m/s^2 x 0.3, as for waxed wood on wood or a light roller slide. A light touch does not move the drawer, and a pinch
+    of 35 N per finger pulls it. With a damping of 4 N s/m, a push decays in 0.5 kg / 4 N s/m = 0.13 s, so that a
+    released drawer stays where it is.
     """
     s = _Style.draw(rng, color)
     front, back, half_y = s.half_drawer, -s.half_drawer, s.inside_half_y + _WALL
@@ -287,7 +288,7 @@ def _handle(s: _Style, front: float, y: float) -> tuple[VisualPart, tuple[Collis
 
 
 def _panel_mapped(mesh: Mesh) -> Mesh:
-    """Return the panel with the texture on its front; its back and edges show the plain center of the board."""
+    """Return the panel with the texture on its front. Its back and edges show the plain center of the board."""
     uv = mapped(mesh, *FRONT).uv
     # A creased box has separate vertices for each face, so the normals identify the faces.
     normals = face_normals(mesh.vertices, mesh.faces)
@@ -299,7 +300,7 @@ def _panel_mapped(mesh: Mesh) -> Mesh:
 
 
 def _front(s: _Style, width: float, height: float) -> Canvas:
-    """Draw the front panel: its grain, its pattern, and a dark edge that separates it from its neighbor."""
+    """Draw the front panel, with its grain, its pattern, and a dark edge that separates it from its neighbor."""
     canvas = s.surface(width, height, (256, 88), s.fronts)
     x, y = canvas.x, canvas.y
     edge = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))

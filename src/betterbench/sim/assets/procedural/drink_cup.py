@@ -13,10 +13,10 @@ _STRAW_TOP, _GRIP = 0.1285, 0.0860
 
 @generator("drink_cup", colors=("blue", "red", "green", "yellow", "white", "orange"), keeps_upright=True)
 def drink_cup(rng: np.random.Generator, color: str) -> Draft:
-    """Make a lidded paper cup with a short bent straw that leans along +x; the color word describes the print.
+    """Make a lidded paper cup with a short bent straw that leans along +x. The color word describes the print.
 
     A small takeaway cup contains 0.25 l and weighs about 0.27 kg when full. Everything, including the straw, ends below
-    the underside of a Franka hand that holds the cup below the lid (45 mm above the tool center point); the straw has
+    the underside of a Franka hand that holds the cup below the lid (45 mm above the tool center point). The straw has
     no collision shape.
     """
     lid, narrower, wall = uniforms(rng, (0.0315, 0.0330), (0.0030, 0.0085), (0.0930, 0.1000))

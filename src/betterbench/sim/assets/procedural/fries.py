@@ -15,10 +15,10 @@ _OUTSIDE = 0.8
 
 @generator("fries_box", colors=("red", "yellow", "blue", "green"))
 def fries_box(rng: np.random.Generator, color: str) -> Draft:
-    """Make a striped carton of fries; its wide side faces +x, the gripper closes along x.
+    """Make a striped carton of fries. Its wide side faces +x, the gripper closes along x.
 
-    A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end
-    below the underside of a Franka hand, 45 mm above the tool center point.
+    A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close. The fries end below
+    the underside of a Franka hand, 45 mm above the tool center point.
     """
     thick, width, height = uniforms(rng, (0.0370, 0.0415), (0.0550, 0.0660), (0.0740, 0.0860))
     dip, half_x, half_y = rng.uniform(0.006, 0.022), thick / 2, width / 2
@@ -53,7 +53,7 @@ def fries_box(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
-    """Return the carton: narrower at the bottom, its front scooped, its back straight; filled up below the rim."""
+    """Return the carton, which is narrower at the bottom, with a scooped front, a straight back and a filled inside."""
     n = 9  # points along each wide face
     y = np.linspace(-1.0, 1.0, n)
     half_x, half_y = thick / 2, width / 2
@@ -105,7 +105,7 @@ def _print(rng: np.random.Generator, shade: Rgb, *, design: str) -> Canvas:
 
 
 def _sticks(rng: np.random.Generator, thick: float, width: float, height: float) -> tuple[Mesh, Mesh]:
-    """Return the fries in two shades: square sticks at random angles that end between 92 and 111 mm above the table."""
+    """Return the fries in two shades, as square sticks at random angles that end 92 to 111 mm above the table."""
     meshes: tuple[list[Mesh], list[Mesh]] = ([], [])
     columns = np.linspace(-0.40, 0.40, 7).tolist()
     for index, (row, column) in enumerate(itertools.product((-0.26, 0.0, 0.26), columns)):

@@ -1,4 +1,4 @@
-"""Fruit: apples, oranges, lemons and mangosteens, each with a small flat foot so that it does not roll."""
+"""Fruit (apples, oranges, lemons and mangosteens), each with a small flat foot so that it does not roll."""
 
 import math
 
@@ -41,7 +41,7 @@ def _leaf(rng: np.random.Generator, length: float, width: float, lift: float, z:
 def apple(rng: np.random.Generator, color: str) -> Draft:
     """Make an apple with shoulders, a stalk in its dimple and five faint lobes.
 
-    A small dessert apple is 65 to 70 mm wide and weighs 0.15 to 0.18 kg; the apples are small because the jaw opens to
+    A small dessert apple is 65 to 70 mm wide and weighs 0.15 to 0.18 kg. The apples are small because the jaw opens to
     80 mm.
     """
     size, height, waist = uniforms(rng, (0.930, 1.0), (0.0580, 0.0670), (0.82, 0.98))
@@ -84,7 +84,7 @@ def apple(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _apple_skin(rng: np.random.Generator, solid: Turned, skin: Rgb, *, color: str, blush: float) -> Canvas:
-    """Draw the skin from the calyx to the stalk: streaks, a sunny side, pale pores, russet around the stalk."""
+    """Draw the skin from the calyx to the stalk, with streaks, a sunny side, pale pores, and russet at the stalk."""
     canvas = solid.canvas(skin, width=math.pi * _APPLE_RADIUS)
     x, y, width, whole = canvas.x, canvas.y, canvas.width, canvas.height
     shoulder, cavity = solid.rows[8], solid.rows[9]
@@ -204,7 +204,7 @@ def lemon(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("mangosteen", colors=("purple",))
 def mangosteen(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a mangosteen: a dark purple rind under four thick green sepals and a short stalk.
+    """Make a mangosteen with a dark purple rind under four thick green sepals and a short stalk.
 
     The fruit is 4 to 7 cm wide and weighs 0.05 to 0.15 kg.
     """

@@ -26,10 +26,9 @@ _KEYS: dict[str, dict[str, Rgb]] = {
 
 @generator("keyboard", colors=("black", "white", "gray"))
 def keyboard(rng: np.random.Generator, color: str) -> Draft:
-    """Make a compact computer keyboard whose user sits at +x; it is a little higher at the far side.
+    """Make a compact computer keyboard whose user sits at +x. It is a little higher at the far side.
 
-    Compact keyboards with six rows are 260 to 300 x 100 to 125 mm and weigh 0.35 to 0.6 kg:
-    16 kg/m^2.
+    Compact keyboards with six rows are 260 to 300 x 100 to 125 mm and weigh 0.35 to 0.6 kg, or 16 kg/m^2.
     """
     width, depth, near, far = uniforms(rng, (0.262, 0.292), (0.102, 0.120), (0.0085, 0.0135), (0.0155, 0.0215))
     corner, key_height, bezel = uniforms(rng, (0.002, 0.016), (0.0026, 0.0042), (0.004, 0.010))
@@ -96,9 +95,9 @@ def draw_keys(
     accent: Rgb | None = None,
     edges: Rgb | None = None,
 ) -> None:
-    """Draw six rows of keys into a field of a texture, as the user sees them: the space bar in the lowest row.
+    """Draw six rows of keys into a field of a texture, as the user sees them, with the space bar in the lowest row.
 
-    The field has a lower left corner, a width and a depth [m]. The accent is the color of the escape and enter keys;
+    The field has a lower left corner, a width and a depth [m]. The accent is the color of the escape and enter keys.
     ``edges`` is the color of the wide keys at the edge and of the far row, if it differs.
     """
     pitch = size_m[1] / len(ROWS)

@@ -18,7 +18,7 @@ _BEHIND = 0.065  # between the back edge of the screen and the center of the zon
 
 @generator("laptop", colors=("silver", "black"))
 def laptop(rng: np.random.Generator, color: str) -> Draft:
-    """Make an open laptop that faces its user at +x; the screen leans back and shows a desktop with windows.
+    """Make an open laptop that faces its user at +x. The screen leans back and shows a desktop with windows.
 
     A 10- to 11-inch laptop is 0.24 to 0.29 m wide, 0.16 to 0.20 m deep and weighs 1.1 to 1.4 kg, most of it in the
     lower half. The zones "left", "right" and "behind" are from the view of the user, who looks toward -x, so right is
@@ -89,7 +89,7 @@ def _sheet(half_y: float, z: tuple[float, float], corner: float, x: tuple[float,
 
 
 def _deck(metal: Rgb, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas:
-    """Draw the upper side of the base as the user sees it: the keys, the trackpad in front of them."""
+    """Draw the upper side of the base as the user sees it, with the keys and the trackpad in front of them."""
     width, depth = size_m
     canvas = Canvas(width, depth, (256, 176), metal)
     keys = (0.10, 0.10, 0.11) if dark_keys else (0.86, 0.87, 0.88)
@@ -105,7 +105,7 @@ def _deck(metal: Rgb, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas
 
 
 def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper: str) -> Canvas:
-    """Draw the screen content: a wallpaper, two or three windows, a bar with icons."""
+    """Draw the screen content, with a wallpaper, two or three windows, and a bar with icons."""
     width, height = size_m
     canvas = Canvas(width, height, (256, 144), (0.30, 0.55, 0.85))
     x, y = canvas.x / width, canvas.y / height

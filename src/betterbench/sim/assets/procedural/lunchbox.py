@@ -15,11 +15,11 @@ _WALL, _FLOOR, _LIP = 0.005, 0.006, 0.003
 
 @generator("lunchbox", colors=("blue", "green", "red"))
 def lunchbox(rng: np.random.Generator, color: str) -> Draft:
-    """Make an open lunchbox; its latch faces +x and its lid leans back over the -x side.
+    """Make an open lunchbox. Its latch faces +x and its lid leans back over the -x side.
 
     The inside is about 0.20 m (x) by 0.25 m (y). The lid is opened by about 120 degrees, so that the space above the
-    opening is free for a gripper from straight above. A box of this size in 2.5 mm polypropylene weighs 0.35 kg; 0.5
-    kg, most of it in the floor, represents a box with a cooling element.
+    opening is free for a gripper from straight above. A box of this size in 2.5 mm polypropylene weighs 0.35 kg. The
+    mass of 0.5 kg, most of it in the floor, represents a box with a cooling element.
     """
     dx, dy, dz, corner = uniforms(rng, (-0.002, 0.002), (-0.002, 0.002), (-0.002, 0.002), (0.012, 0.038))
     half_x, half_y, height = 0.100 + dx, 0.125 + dy, 0.065 + dz
@@ -102,7 +102,7 @@ def _lid(length: float, half_y: float, depth: float, *, corner: float) -> Mesh:
 
 
 def _lining(rng: np.random.Generator, shade: Rgb, lining: Rgb, trim: Rgb, *, motif: str) -> Canvas:
-    """Draw the inner side of the lid: a border, a molded panel and a printed motif."""
+    """Draw the inner side of the lid, with a border, a molded panel and a printed motif."""
     width, height = 0.266, 0.213
     canvas = Canvas(width, height, (192, 160), shade)
     x, y = canvas.x - 0.5 * width, canvas.y - 0.5 * height

@@ -13,9 +13,9 @@ _WALL, _FLOOR, _TOP = 0.0035, 0.006, 0.0745  # thickness of wall and floor, heig
 
 @generator("mug", colors=("red", "blue", "white", "green", "yellow", "black", "gray"), family="mugs")
 def mug(rng: np.random.Generator, color: str) -> Draft:
-    """Make a ceramic mug with a filled collision shape; its handle points along +x.
+    """Make a ceramic mug with a filled collision shape. Its handle points along +x.
 
-    A 0.3 l stoneware mug is 70 to 75 mm wide, 80 to 90 mm high and weighs 0.25 to 0.35 kg; a light mug tilts less when
+    A 0.3 l stoneware mug is 70 to 75 mm wide, 80 to 90 mm high and weighs 0.25 to 0.35 kg. A light mug tilts less when
     held by its handle. The flat handle has room for a finger of 20 mm, and a hand 45 mm above it clears the rim.
     """
     radius, height, bar = uniforms(rng, (0.0338, 0.0372), (0.080, 0.090), (0.0540, 0.0575))  # bar: its x from the axis

@@ -13,9 +13,9 @@ _SIDE = _RADIUS + 0.045  # distance from the center of the plate to the zones ne
 
 @generator("place_plate", colors=("white", "blue", "cream"), family="place plate")
 def place_plate(rng: np.random.Generator, color: str) -> Draft:
-    """Make a breakfast plate with a decorated rim; the diner sits at +x.
+    """Make a breakfast plate with a decorated rim. The diner sits at +x.
 
-    A stoneware plate with a diameter of 18 to 19 cm weighs 0.4 to 0.6 kg; the upper value is used, so that it stays in
+    A stoneware plate with a diameter of 18 to 19 cm weighs 0.4 to 0.6 kg. The upper value is used, so that it stays in
     place while objects are placed around it. Its regions are named as seen by the eater: right is +y, upper is -x.
     """
     stand = rng.uniform(0.046, 0.058)
@@ -58,7 +58,7 @@ def place_plate(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _glaze(rng: np.random.Generator, glaze: Rgb, ink: Rgb, *, decoration: str, well: float) -> Canvas:
-    """Draw the plate from above: a print on the rim, a faint shadow where the well begins."""
+    """Draw the plate from above, with a print on the rim and a faint shadow where the well begins."""
     canvas = Canvas(2.0, 2.0, (256, 256), glaze)
     r = canvas.radius
     middle = 0.5 * (well + 0.97)

@@ -12,7 +12,8 @@ from betterbench.sim.assets.authoring.mesh import Mesh
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 FLOOR_M = 0.0105
-"""Height of a plate's floor, on which the next plate rests [m]; the same for all, so that stacks are equally high.
+"""Height of a plate's floor, on which the next plate rests [m]. It is the same for all plates, so that stacks are
+equally high.
 
 It is also the height at which the rim begins. In a stack, each plate's rim therefore begins above the rim of the plate
 below, and plates with any two radii stack with room to the sides.
@@ -33,19 +34,19 @@ def dinner_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a flat plate on a foot, 152 to 164 mm across, whose edge is turned up for a jaw to pinch.
 
     Side plates are 150 to 180 mm across and 20 to 30 mm high. A melamine plate (1.5 g/cm^3, 2.5 to 3 mm thick) weighs
-    0.10 to 0.15 kg, as does a plate of 0.6 mm enameled steel sheet. Held at its rim a plate tilts; at 0.25 kg, as of
-    stoneware, by more than 20 degrees, so that no plate is heavier than 0.13 kg.
+    0.10 to 0.15 kg, as does a plate of 0.6 mm enameled steel sheet. A plate tilts when it is held at its rim. A
+    stoneware plate of 0.25 kg would tilt by more than 20 degrees, so no plate is heavier than 0.13 kg.
     """
     return _plate(rng, color, radii=(0.0760, 0.0820), density=1500.0, solid=0.70, name="dinner plate")
 
 
 @generator("serving_plate", colors=_COLORS, family="plates")
 def serving_plate(rng: np.random.Generator, color: str) -> Draft:
-    """Make a plate like a dinner plate, 190 to 202 mm across: under a dinner plate it shows a rim of 13 to 25 mm.
+    """Make a plate like a dinner plate, 190 to 202 mm across, which shows a rim of 13 to 25 mm under a dinner plate.
 
     Service plates under other plates are 25 to 35 % wider than these. Foot, floor and rim are the same as for a dinner
     plate, so that stacks have equal heights. A polypropylene plate (0.9 g/cm^3, 2.5 to 3 mm thick) weighs 0.09 to 0.12
-    kg; held at its rim, it tilts no more than a melamine dinner plate.
+    kg. Held at its rim, it tilts no more than a melamine dinner plate.
     """
     return _plate(rng, color, radii=(0.0950, 0.1010), density=905.0, solid=0.95, name="serving plate")
 
@@ -53,10 +54,10 @@ def serving_plate(rng: np.random.Generator, color: str) -> Draft:
 def _plate(
     rng: np.random.Generator, color: str, *, radii: tuple[float, float], density: float, solid: float, name: str
 ) -> Draft:
-    """Make a flat plate with an upright rim and a radius in a range [m]; the density is in kg/m^3.
+    """Make a flat plate with an upright rim and a radius in a range [m]. The density is in kg/m^3.
 
     The floor's collision shape is ``solid`` over this fraction of the radius. The rest, up to the rim, is free for the
-    fingers that pinch it; it must be narrower than the edge of any object that may be put down there upside down.
+    fingers that pinch it. It must be narrower than the edge of any object that may be put down there upside down.
     """
     radius, foot_share, well = uniforms(rng, radii, (0.46, 0.56), (0.60, 0.76))
     raised, flare = float(rng.choice([0.0, 0.0010, 0.0016])), rng.uniform(0.0006, 0.0020)
@@ -102,7 +103,7 @@ def _scalloped(mesh: Mesh, radius: float, count: int, depth: float) -> Mesh:
 
 @generator("shallow_bowl", colors=("red", "white", "blue"), keeps_upright=True)
 def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
-    """Make a soup bowl about as wide as a dinner plate: round, on a narrow foot, and more than twice as high.
+    """Make a round soup bowl on a narrow foot, about as wide as a dinner plate and more than twice as high.
 
     A melamine bowl of 140 to 150 mm is 55 to 65 mm high and weighs 0.12 to 0.2 kg. The collision shape is the upright
     upper wall, two discs under the hollow and the foot, so that a plate wrongly put into the bowl rests in it.
@@ -135,7 +136,7 @@ def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _lip(radius: float, low: float, high: float) -> list[CollisionPart]:
-    """Return eight upright boxes tangential to the rim, where the grasps are; they protrude by 1.5 mm at most."""
+    """Return eight upright boxes tangential to the rim, where the grasps are. They protrude by 1.5 mm at most."""
     return round_wall(radius, _LIP, low, high, half_length=math.sqrt((radius + 0.0015) ** 2 - radius**2))
 
 
@@ -155,7 +156,7 @@ class _Glaze:
     """Color and decoration of a piece of tableware."""
 
     def __init__(self, rng: np.random.Generator, color: str, *, edge: bool) -> None:
-        """Draw a design; with an ``edge`` the rim has a dark or a pale line around it, as enameled ware has."""
+        """Draw a design. With an ``edge``, the rim has a dark or a pale line around it, as enameled ware has."""
         self.color: Rgb = jittered(PALETTE[color], rng, amount=0.10)
         self.design = str(rng.choice(_DESIGNS))
         self._edge, self._rng = edge, rng
@@ -166,7 +167,7 @@ class _Glaze:
         self._ink = chosen if color == "white" else mixed(self.color, (0.97, 0.96, 0.93), 0.80)
 
     def from_above(self, reach: float, well: float, lip: float) -> Canvas:
-        """Draw a plate as seen from above; ``reach`` is the radius at the edge of the texture [m]."""
+        """Draw a plate as seen from above. ``reach`` is the radius at the edge of the texture [m]."""
         canvas = Canvas(2.0, 2.0, (160, 160), self.color)
         r = canvas.radius
         inner, edge, ink = well / reach, lip / reach, self._ink
@@ -197,7 +198,7 @@ class _Glaze:
         return canvas
 
     def inside_out(self, piece: Turned, *, rim: int, floor: int) -> Canvas:
-        """Draw a bowl from the foot over the rim to the floor; the inside is dark toward its floor.
+        """Draw a bowl from the foot over the rim to the floor. The inside is dark toward its floor.
 
         ``rim`` and ``floor`` are the profile points at which the rim and the floor begin.
         """

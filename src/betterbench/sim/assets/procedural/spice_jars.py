@@ -13,7 +13,7 @@ from betterbench.sim.assets.authoring.mesh import Mesh, creased, loft
 from betterbench.sim.assets.authoring.paint import PALETTE, STEEL, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 JAR_RADIUS_M = 0.0215
-"""Mean radius of the jars [m]: a 100 ml spice jar has a diameter of 42 to 44 mm. The rack's holes are made for it; a
+"""Mean radius of the jars [m]: a 100 ml spice jar has a diameter of 42 to 44 mm. The rack's holes are made for it. A
 jar's own radius differs by 0.3 mm at most."""
 
 JAR_HEIGHT_M = 0.085
@@ -34,7 +34,7 @@ _TRAITS = ("glass", "medicine", "pharmacy", "plain", "steel")
 
 @generator("spice_jar", colors=("white", "black", "red"), family="spice jar")
 def spice_jar(rng: np.random.Generator, color: str) -> Draft:
-    """Make a glass spice jar filled to its shoulder: white salt with an S, black pepper with a P, red paprika.
+    """Make a glass spice jar filled to its shoulder with white salt (S), black pepper (P) or red paprika.
 
     The whole jar has the color of the spice. The cap has the same color or is made of steel, so that no cap has the
     color word of another jar. The glass is painted instead of transparent, because one transparent part doubles the
@@ -59,7 +59,7 @@ def spice_jar(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _plain_jar(rng: np.random.Generator, name: str) -> Draft:
-    """Make a steel spice jar with a pale label: body, cap and label colors are the same for every spice."""
+    """Make a steel spice jar with a pale label. Body, cap and label colors are the same for every spice."""
     shape, steel = _Shape(rng), shaded((0.44, 0.45, 0.47), rng.uniform(0.86, 1.06))
     canvas = shape.wrap(steel)
     canvas.shade(1.0 + 0.10 * np.cos(4.0 * math.pi * canvas.x / canvas.width + rng.uniform(0.0, 6.0)))
@@ -96,7 +96,7 @@ def plain_paprika_jar(rng: np.random.Generator, _color: str) -> Draft:
 def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
     """Make a pharmacy bottle with a big cross and a tall ribbed child-proof cap, as large as a spice jar.
 
-    Vials with 8 to 13 drams have diameters of 38 to 44 mm; filled, they weigh 60 to 120 g. The upper value is used, so
+    Vials with 8 to 13 drams have diameters of 38 to 44 mm. Filled, they weigh 60 to 120 g. The upper value is used, so
     that its weight is similar to a jar's weight.
     """
     shape = _Shape(rng)
@@ -137,13 +137,13 @@ class _Wrap(Canvas):
     """
 
     def __init__(self, radii: Sequence[float], heights: Sequence[float], color: Rgb, *, sides: int = _SIDES) -> None:
-        """Create the texture of a body turned from a profile [m]; with few ``sides`` it has flat faces."""
+        """Create the texture of a body turned from a profile [m]. With few ``sides``, it has flat faces."""
         self.solid, self._sides = Turned(radii, heights), sides
         super().__init__(math.pi * max(radii), self.solid.rows[-1], (160, 192), color)
         self.height_on_wall = np.interp(self.y, self.solid.rows, heights)
 
     def mesh(self) -> Mesh:
-        """Return the creased mesh; each half begins with a seam, the first at -y: +x is in the middle of one."""
+        """Return the creased mesh. Each half begins with a seam, the first at -y, so +x is in the middle of a half."""
         half = self._sides // 2
         turn = np.concatenate([np.arange(half + 1), half + np.arange(half + 1)]) * (math.pi / half) - 0.5 * math.pi
         c, s, n = np.cos(turn), np.sin(turn), len(turn)
@@ -153,7 +153,7 @@ class _Wrap(Canvas):
 
 
 class _Shape:
-    """The outline of a look: the base is the same for all, to fit its hole; above the hole the shapes differ."""
+    """The outline of a look. The base is the same for all, to fit its hole. Above the hole, the shapes differ."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         r, self.height, cap, waist = uniforms(rng, (0.0212, 0.0218), (0.081, 0.089), (0.0165, 0.0245), (0.86, 0.97))
@@ -186,7 +186,7 @@ class _Shape:
 
 
 def _jar(shape: _Shape, canvas: _Wrap, cap: Rgb, description: str, tags: tuple[str, ...], *, specular: float) -> Draft:
-    """Put a jar together; the edge of its cap is knurled."""
+    """Put a jar together. The edge of its cap is knurled."""
     r, start = shape.cap_radius, shape.cap_radius - 0.0160
     knurled = shape.cap.canvas(cap, (128, 128))
     skirt = knurled.between(start + 0.002, start + shape.cap_height - 0.003)
@@ -206,9 +206,9 @@ def _bottle(
     *visual: VisualPart,
     **parameters: float | str,
 ) -> Draft:
-    """Return a jar or the pill bottle: its visual parts with their common properties.
+    """Return a jar or the pill bottle, with its visual parts and their common properties.
 
-    The mean size has 70 g of glass and cap and 50 g of content; other sizes are in proportion. The collision shape is a
+    The mean size has 70 g of glass and cap and 50 g of content. Other sizes are in proportion. The collision shape is a
     cylinder on a square foot. The pads reach 12 mm below the grasp and thus stay above a hole 35 mm deep.
     """
     r, height, touched = shape.radius, shape.height, shape.touched
@@ -231,7 +231,7 @@ def _bottle(
 
 @dataclass(frozen=True, slots=True)
 class _Print:
-    """Label colors: letters and lines, and the drawing of a pepper pod."""
+    """Colors of a label, for letters, lines and the drawing of a pepper pod."""
 
     ink: Rgb
     pod: Rgb
@@ -271,7 +271,7 @@ def _chili(canvas: _Wrap, center: tuple[float, float], colors: _Print) -> None:
 
 
 def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Rgb, height: float) -> None:
-    """Glue on a pharmacy label: a big cross, a colored edge, and below it a two-color capsule."""
+    """Glue on a pharmacy label with a big cross, a colored edge, and a two-color capsule below it."""
     up, left = canvas.height_on_wall, canvas.x - 0.5 * canvas.width
     wide, reach, low, high = 0.47 * canvas.width, np.abs(left), 0.0060, height - 0.0070
     canvas.paint((reach < wide) & (up > low) & (up < high), (0.98, 0.98, 0.97))

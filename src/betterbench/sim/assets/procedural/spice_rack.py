@@ -24,7 +24,7 @@ from betterbench.sim.assets.authoring.paint import Canvas, Rgb, jittered, mixed,
 from betterbench.sim.assets.procedural.spice_jars import JAR_RADIUS_M
 
 CLEARANCE_M = 0.0027
-"""Clearance between a mean jar and its hole on each side [m]; the task requires 3 mm per side or less, and the jars in
+"""Clearance between a mean jar and its hole on each side [m]. The task requires 3 mm per side or less, and the jars in
 all looks have 2.4 to 3.0 mm.
 """
 
@@ -41,11 +41,11 @@ _WOOD: dict[str, Rgb] = {"brown": (0.60, 0.38, 0.19), "gray": (0.52, 0.51, 0.49)
 
 @generator("spice_rack", colors=("brown", "gray"))
 def spice_rack(rng: np.random.Generator, color: str) -> Draft:
-    """Make a solid wooden rack with octagonal holes 1, 2 and 3 along y; hole 1 is at -y.
+    """Make a solid wooden rack with octagonal holes 1, 2 and 3 along y. Hole 1 is at -y.
 
-    0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) minus three holes weigh 0.38 kg; it is meant to be fixed. All
-    looks have the same holes, because they are the task's tolerance. They differ in width, length and edges, in
-    wood, grain, finish and marks.
+    0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) minus three holes weigh 0.38 kg. It is meant to be fixed. All looks
+    have the same holes, because they are the task's tolerance. They differ in width, length and edges, in wood, grain,
+    finish and marks.
     """
     half_x, half_y = uniforms(rng, (0.0345, 0.0400), (0.1290, 0.1370))
     edge = rng.uniform(0.0012, 0.0045)  # chamfer of the outer edges, visual only
@@ -98,7 +98,7 @@ def _corner(center: float, angle: float) -> CollisionPart:
 
 
 def _outside(plan: tuple[float, float, float]) -> Mesh:
-    """Return the sides and the bottom of the block up to its chamfer; each long side shows the complete texture."""
+    """Return the sides and the bottom of the block up to its chamfer. Each long side shows the complete texture."""
     half_x, half_y, edge = plan
     insets = ((0.0, 0.0), (0.0, _HEIGHT - edge), (edge, _HEIGHT))
     rings = [rectangle(half_x - e, half_y - e, z) for e, z in insets]
@@ -171,7 +171,7 @@ def _grain(rng: np.random.Generator, wood: Rgb, length: float, *, stripe: bool) 
 
 
 def _top(rng: np.random.Generator, wood: Rgb, plan: tuple[float, float, float]) -> Canvas:
-    """Draw the top face; the holes are in their own shadow."""
+    """Draw the top face. The holes are in their own shadow."""
     lit = shaded(wood, 1.10)
     width, depth = 2.0 * (plan[1] - plan[2]), 2.0 * (plan[0] - plan[2])
     canvas = Canvas(width, depth, (256, 80), lit)

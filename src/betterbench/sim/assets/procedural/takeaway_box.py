@@ -17,7 +17,7 @@ def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
     """Make a low, wide, open kraft box with a printed sign on its long side, which faces +x.
 
     The inside is about 0.20 m (x) by 0.27 m (y). The box weighs 0.45 kg, mostly in the floor, like a box with a stiff
-    insert and some content; an empty 40 g box would slide at a touch.
+    insert and some content. An empty 40 g box would slide at a touch.
     """
     half_x, half_y = 0.100 + rng.uniform(-0.002, 0.002), 0.135 + rng.uniform(-0.002, 0.002)
     height, tooth = rng.uniform(0.100, 0.108), rng.uniform(0.0032, 0.0045)
@@ -132,7 +132,7 @@ def _print(
 
 
 def _sign(canvas: Canvas, sign: str, center: tuple[float, float], ink: Rgb, kraft: Rgb) -> None:
-    """Draw the printed sign, seven tenths of the board high: a burger, a sun, or a leaf."""
+    """Draw the printed sign (a burger, a sun or a leaf), which is seven tenths of the board high."""
     dx, dy = (canvas.x - center[0]) / 1.15, (canvas.y - center[1]) / 1.15
     if sign == "burger":
         canvas.paint(((dx / 0.034) ** 2 + ((dy - 0.003) / 0.027) ** 2 < 1.0) & (dy > 0.006), ink)

@@ -21,7 +21,7 @@ _FINISHES = ("mesh", "plain", "slots", "ribs", "plain")
 def waste_bin(rng: np.random.Generator, color: str) -> Draft:
     """Make an open waste bin that widens toward its rim, round or square, of wire mesh or of plastic.
 
-    Most have a bag folded over the rim; plastic bins have the three recycling arrows on their front. Table and desk
+    Most have a bag folded over the rim. Plastic bins have the three recycling arrows on their front. Table and desk
     bins of 3 to 5 l are 18 to 22 cm wide and 12 to 25 cm high and weigh 0.3 to 0.7 kg. This one is low, so that an
     object released above its rim falls 10 cm. Most of the 0.55 to 0.65 kg is in the floor, as in stable bins.
     """

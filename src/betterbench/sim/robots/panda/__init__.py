@@ -12,7 +12,7 @@ Reflected rotor inertias: 0.6057 (joints 1-2), 0.4625 (3-4) and 0.2055 kg m2 (5-
 FR3 and published in Drake's ``franka_description`` README. Joint friction is omitted, because the Panda's joint torque
 controllers compensate it, as they compensate gravity (``gravcomp``).
 
-Collision shapes are capsules, cylinders and boxes fitted to the visual meshes; ``tests/sim/robots`` measures their
+Collision shapes are capsules, cylinders and boxes fitted to the visual meshes. ``tests/sim/robots`` measures their
 deviation.
 """
 
@@ -51,7 +51,7 @@ from betterbench.sim.robots.spec import (
 )
 
 FACE_BUDGET = 7600
-"""Triangles of arm and hand together, with two fingers counted once; the complete robot's budget is 8,000 (design,
+"""Triangles of arm and hand together, with two fingers counted once. The complete robot's budget is 8,000 (design,
 section 3).
 """
 
@@ -345,9 +345,9 @@ def _paint(link: str, rank: int) -> str:
 
 
 def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a new MuJoCo description of the Panda, optionally without visual meshes; the physics is the same.
+    """Return a new MuJoCo description of the Panda, optionally without visual meshes. The physics is the same.
 
-    The base is at the origin, with the mounting flange at ``z = 0``; group 2 geoms are visual, group 3 geoms collide.
+    The base is at the origin, with the mounting flange at ``z = 0``. Group 2 geoms are visual, group 3 geoms collide.
 
     Raises:
         MissingDependencyError: If the package with the meshes is not installed.

@@ -1,16 +1,16 @@
-"""The SO-101 of TheRobotStudio: a printed arm with five joints and one moving jaw, driven by six STS3215 servos.
+"""The SO-101 of TheRobotStudio, a printed arm with five joints and one moving jaw, driven by six STS3215 servos.
 
 Kinematics, joint ranges, masses, inertias and meshes: TheRobotStudio's ``SO-ARM100``, ``Simulation/SO101`` with the new
 calibration, in the form of MuJoCo Menagerie's ``robotstudio_so101`` (commit 4c358ef9d9d7f32ca58b40b490884a0c1726a440),
-both Apache-2.0. The file ``meshes.npz`` contains the decimated visual meshes; ``tools/so101_meshes.py`` generates the
+both Apache-2.0. The file ``meshes.npz`` contains the decimated visual meshes. ``tools/so101_meshes.py`` generates the
 file and documents the changes. ``LICENSE`` is the license of the original meshes.
 
 **Zero angles.** The new calibration puts the zero of each joint in the middle of its range. TheRobotStudio's old
-calibration has its zero at the fully extended arm; it is not used here.
+calibration has its zero at the fully extended arm. It is not used here.
 
 **Servos.** ``kp`` 998.22 N m/rad and ``kv`` 2.731 N m s/rad are derived from a model of the DC motor (SO-ARM100, pull
 request 141). Damping, friction loss and armature of the STS3215 are those of Open Duck Mini, a robot with the same
-servo; nobody has measured them on this arm. LeRobot limits the gripper's servo to half of its torque.
+servo. Nobody has measured them on this arm. LeRobot limits the gripper's servo to half of its torque.
 
 **Collision shapes** are boxes fitted to the meshes. Each jaw has a flat pad along its inner face, so that a held object
 touches two planes instead of printed ridges.
@@ -89,7 +89,7 @@ _BASE_Z = 0.0024
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One mesh of a link: the stem of its file, its pose in the link and its paint."""
+    """One mesh of a link, with the stem of its file, its pose in the link and its paint."""
 
     link: str
     mesh: str
@@ -343,7 +343,7 @@ _PAINTS = {"print": (0.93, 0.92, 0.89, 1.0), "jaw": (0.95, 0.42, 0.08, 1.0), "da
 
 
 def build_so101(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a new MuJoCo description of the SO-101, optionally without visual meshes; the physics is the same."""
+    """Return a new MuJoCo description of the SO-101, optionally without visual meshes. The physics is the same."""
     del progress  # the packaged meshes are already decimated
     spec = mujoco.MjSpec()
     spec.modelname = SO101.name
@@ -386,7 +386,7 @@ def _add_hinge(body: mujoco.MjsBody, name: str, limits: tuple[float, float], tor
 
 
 def _add_jaws(gripper: mujoco.MjsBody) -> mujoco.MjsBody:
-    """Add the tool center point, the fixed and the moving jaw, each with its pad; return the moving jaw."""
+    """Add the tool center point, the fixed and the moving jaw, each with its pad, and return the moving jaw."""
     half = math.sqrt(0.5)
     gripper.add_site(
         name=SO101.tcp_site, pos=(_TOOL_X, 0.0, _TOOL_Z), quat=(0.0, half, half, 0.0), size=(0.004,) * 3, group=4

@@ -1,4 +1,4 @@
-"""Our own scenes as a world: better60's tasks and user tasks, in MuJoCo."""
+"""Our own scenes as a world, with better60's tasks and user tasks, in MuJoCo."""
 
 from betterbench.sim.worlds.betterbench.world import OWN_WORLD, OwnWorld
 from betterbench.sim.worlds.registry import register_world

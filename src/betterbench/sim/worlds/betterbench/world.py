@@ -1,4 +1,4 @@
-"""World of our own scenes: its plans, and the execution order of its trials.
+"""World of our own scenes, with its plans and the execution order of its trials.
 
 MuJoCo, which ``sim.robots`` and ``sim.scenes`` import, is imported at first use: a list of suites needs no simulator.
 """
@@ -36,7 +36,7 @@ class OwnOptions:
     """Run options in our own scenes.
 
     Attributes:
-        variations: Variations to run, as "L1" or "fast_food/T1"; default: all.
+        variations: Variations to run, as "L1" or "fast_food/T1". By default, all.
         until_decided: Whether to run only the variations and their twins, each as often as the verdict requires.
     """
 
@@ -55,7 +55,7 @@ class OwnWorld(World):
     options: ClassVar[type | None] = OwnOptions
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], OwnWorld]:
-        """Return the trials of tasks: every variation, and the training conditions.
+        """Return the trials of tasks, with every variation and the training conditions.
 
         Every variation has the seeds ``seed … seed + trials - 1``, and the training conditions of each task as many
         trials in total as the variations, evenly distributed. They include the twins of the variations.
@@ -94,7 +94,7 @@ class OwnWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> Scene:
-        """Return a trial's scene; images are rendered by the worker."""
+        """Return a trial's scene. Images are rendered by the worker."""
         from betterbench.sim.scenes import Scene, quality_preset  # noqa: PLC0415 - see above
 
         del processes, images, depth
@@ -146,7 +146,7 @@ class OwnWorld(World):
         }
 
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:
-        """Decimate a robot's meshes into the cache; later runs find them there and report nothing."""
+        """Decimate a robot's meshes into the cache. Later runs find them there and report nothing."""
         from betterbench.sim.robots import build_robot_spec  # noqa: PLC0415 - see above
 
         build_robot_spec(robot, progress=on_progress)

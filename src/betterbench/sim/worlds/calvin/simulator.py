@@ -1,7 +1,7 @@
 """CALVIN's simulator behind a socket, run with the Python of CALVIN's environment, from the user's checkout.
 
 This module imports only the standard library and NumPy and, on request, packages from CALVIN's environment and the
-``calvin_env`` checkout. The process does not judge success: it sends the result of ``get_info``, and the run applies
+``calvin_env`` checkout. The process does not judge success. It sends the result of ``get_info``, and the run applies
 the rules.
 
 Sources: calvin_env@797142c ``envs/play_table_env.py`` (``get_env``, ``step``, ``reset``) and
@@ -54,7 +54,7 @@ class CalvinSimulator:
     """One environment of CALVIN, for one chain.
 
     After a chain, PyBullet keeps some state that neither ``restoreState`` nor calvin_env's ``reset`` and ``load``
-    clear: in the same process, the next chain would differ by up to 0.5 rad.
+    clear. In the same process, the next chain would therefore differ by up to 0.5 rad.
     """
 
     def __init__(self, checkout: Path, config: Path | None, *, egl: bool) -> None:
@@ -165,7 +165,7 @@ class CalvinSimulator:
         return hydra.utils.instantiate(config.env, show_gui=False, use_vr=False, use_scene_info=True, use_egl=self._egl)
 
     def prepare(self) -> None:
-        """Create the environment on the first call; after a failure, later calls raise the same error."""
+        """Create the environment on the first call. After a failure, later calls raise the same error."""
         if self._problem is not None:
             raise self._problem
         if self._env is not None:
@@ -192,7 +192,7 @@ class CalvinSimulator:
         self._env = env
 
     def _require_images(self) -> None:
-        """Render once; raise ValueError if an image has only one color, as when EGL starts but does not render."""
+        """Render once. Raises ValueError if an image has only one color, as when EGL starts but does not render."""
         for name, image in self._env.get_obs()["rgb_obs"].items():
             if np.ptp(image) == 0:
                 raise ValueError(f"EGL starts, but its image {name} has only one color")
@@ -219,7 +219,7 @@ class CalvinSimulator:
         return [{"name": name, "fixed": name not in BLOCKS, **found[name]} for name in names]
 
     def _row(self, seen: Mapping[str, Any], info: Mapping[str, Any]) -> FrameContent:
-        """Return the current state: ``get_info`` as JSON; robot state, scene state and images as arrays."""
+        """Return the current state, with ``get_info`` as JSON, and robot state, scene state and images as arrays."""
         names = self._block_names()
         scene = np.array(seen["scene_obs"], float)
         blocks = dict(zip(names, np.split(scene[_SCENE_HEAD:], len(names)), strict=True))
@@ -238,7 +238,7 @@ class CalvinSimulator:
         return {"info": _plain_info(info)}, arrays
 
     def _commit(self) -> str:
-        """Return the commit of the checkout; calvin_env itself refuses to run outside a git repository."""
+        """Return the commit of the checkout, because calvin_env itself refuses to run outside a git repository."""
         git = importlib.import_module("git")
         return str(git.Repo(self._checkout, search_parent_directories=True).head.object.hexsha)
 

@@ -1,8 +1,8 @@
-"""CALVIN ABC→D as a world: chains of five instructions in the user's checkout of ``calvin_env``.
+"""CALVIN ABC→D as a world, with chains of five instructions in the user's checkout of ``calvin_env``.
 
-A trial is a chain, and its seed is the chain index. It succeeds when all five subtasks are done; the record
-contains the number done in a row. ``calvin`` starts chains like CALVIN, ``calvin_resampled`` with the blocks anywhere
-in the range of the training data.
+A trial is a chain, and its seed is the chain index. It succeeds when all five subtasks are done. The record contains
+the number done in a row. ``calvin`` starts chains like CALVIN, ``calvin_resampled`` with the blocks anywhere in the
+range of the training data.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ _CHAIN_START = TypeAdapter(_ChainStart)
 
 @dataclass(frozen=True, slots=True)
 class ChainTask(WorldTask):
-    """The chains in a CALVIN suite; ``bddl_sha256`` is the digest of the checkout's code."""
+    """The chains in a CALVIN suite. ``bddl_sha256`` is the digest of the checkout's code."""
 
     @property
     def id(self) -> str:
@@ -135,7 +135,7 @@ class ChainTask(WorldTask):
 
     @property
     def condition(self) -> str:
-        """Condition name: "base" for CALVIN's own starts, else "resampled"."""
+        """Condition name, which is "base" for CALVIN's own starts and "resampled" otherwise."""
         return CHAIN_SUITES[self.suite].change or "base"
 
 
@@ -144,11 +144,11 @@ class ChainOptions:
     """Run options in CALVIN.
 
     Attributes:
-        broken_premises: "refuse" to stop the run at a scene that contradicts the start of its chain, else "run".
+        broken_premises: "refuse" to stop the run at a scene that contradicts the start of its chain, or "run".
         calvin_env: A checkout of calvin_env, or of mees/calvin, which contains calvin_env.
         calvin_config: A data set's ``merged_config.yaml``, or None for the checkout's configuration.
         calvin_renderer: "egl", "tiny", or "auto" for EGL if it works.
-        command: Command of the world's process; empty to derive it from the other options.
+        command: Command of the world's process, or empty to derive it from the other options.
     """
 
     broken_premises: Literal["refuse", "run"] = "refuse"
@@ -257,7 +257,7 @@ class CalvinWorld(ProcessWorld):
 
 
 class ChainScene(ProcessScene):
-    """Scene of one CALVIN chain, whose instruction changes when a subtask is done."""
+    """Scene of one CALVIN chain. Its instruction changes when a subtask is done."""
 
     settings: CalvinWorld
 
@@ -272,7 +272,7 @@ class ChainScene(ProcessScene):
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare the scene; nothing is simulated before :meth:`reset`. ``seed`` is the chain index."""
+        """Prepare the scene. Nothing is simulated before :meth:`reset`. ``seed`` is the chain index."""
         super().__init__(
             settings, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
         )
@@ -292,7 +292,7 @@ class ChainScene(ProcessScene):
 
     @property
     def _process_key(self) -> object:
-        """None: PyBullet keeps some state from a chain that neither restoreState nor a reset clears."""
+        """None, because PyBullet keeps some state from a chain that neither restoreState nor a reset clears."""
         return None
 
     @property
@@ -316,7 +316,7 @@ class ChainScene(ProcessScene):
         return self._steps_of_subtask >= STEPS_PER_SUBTASK
 
     def files(self) -> dict[str, bytes]:
-        """Return a scene's stored files: the chain, and the simulator's description of its objects."""
+        """Return a scene's stored files, which are the chain and the simulator's description of its objects."""
         objects = [
             {"name": o.name, "size": o.size_m, "mass": o.mass_kg, "fixed": o.fixed} for o in self.settings.objects
         ]
@@ -363,7 +363,7 @@ class ChainScene(ProcessScene):
         return self.state()
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Apply an action for one control step, and return the applied action: unchanged, since CALVIN does not clip.
+        """Apply an action for one control step, and return it unchanged, because CALVIN does not clip actions.
 
         If it completes a subtask, the next one begins, and ``instructed_anew`` is set.
         """
@@ -389,7 +389,7 @@ class ChainScene(ProcessScene):
         return applied
 
     def state(self) -> WorldState:
-        """Return the privileged state; raise WorldError if the simulator sent impossible values."""
+        """Return the privileged state. Raises WorldError if the simulator sent impossible values."""
         with as_agreed("sent a state"):
             return self._state()
 
@@ -422,7 +422,7 @@ class ChainScene(ProcessScene):
         )
 
     def simulator_state(self) -> dict[str, np.ndarray]:
-        """Return ``qpos``, the arguments of ``env.reset``: robot (15), then scene (24); and ``ctrl``, the target."""
+        """Return ``qpos``, the arguments of ``env.reset`` (robot (15), then scene (24)), and ``ctrl``, the target."""
         none = np.zeros(0)
         both = np.concatenate([self._arrays["robot"], self._arrays["scene"]])
         return {"qpos": both, "qvel": none, "act": none, "ctrl": self._arrays["target"]}
@@ -465,7 +465,7 @@ class ChainScene(ProcessScene):
 
     @property
     def _shown(self) -> dict[str, Any]:
-        """Settings sent to the simulator with each instruction: images to draw, and the split of actions into parts."""
+        """Settings sent to the simulator with each instruction, which are images to draw and the split of actions."""
         return {
             "images": self._images,
             "depth": self.draws_depth,
@@ -493,7 +493,7 @@ class ChainScene(ProcessScene):
         self.condition = Instructed.of(self._name, self.task.condition, sentence)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Store an answer; raise WorldError if an array is missing, of another shape, or has a non-finite number."""
+        """Store an answer. Raises WorldError if an array is missing, of another shape, or has a non-finite number."""
         document, arrays = answer
         for name, shape in _ROW.items():
             found = arrays.get(name)
@@ -527,7 +527,7 @@ class ChainScene(ProcessScene):
         return tuple(thing.name for thing in self._info.objects if not thing.fixed)
 
     def _bottom(self, name: str, center: Vector) -> Vector:
-        """Return the center of a block's bottom in the world frame [m]; its body's origin is its center."""
+        """Return the center of a block's bottom in the world frame [m]. Its body's origin is its center."""
         down = (0.0, 0.0, -0.5 * self._info.object(name).size_m[2])
         turned = rotate(self._now.blocks[name].rotation, down) if self._now is not None else down
         return (center[0] + turned[0], center[1] + turned[1], center[2] + turned[2])
@@ -580,7 +580,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
     Args:
         checkout: A checkout of calvin_env, or of mees/calvin, which contains calvin_env.
         config: A data set's ``merged_config.yaml``, or None for the checkout's configuration.
-        egl: Whether EGL or PyBullet's TinyRenderer renders the images; None for EGL if it works
+        egl: Whether EGL or PyBullet's TinyRenderer renders the images, or None for EGL if it works
             (:func:`describe_chains` decides).
 
     Raises:
@@ -590,7 +590,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
     if checkout is None:
         raise InvalidInputError(
             "--calvin-env",
-            "the path of your checkout of calvin_env is not given; no package index has it",
+            "the path of your calvin_env checkout is not given, and no package index has calvin_env",
             "Clone https://github.com/mees/calvin_env and give --calvin-env PATH",
         )
     root = checkout_root(checkout)
@@ -603,7 +603,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
 
 
 def checkout_root(named: Path) -> Path:
-    """Return the root of the calvin_env checkout at a path: the path itself, or part of mees/calvin.
+    """Return the root of the calvin_env checkout at a path, which is the path itself or part of mees/calvin.
 
     Raises:
         InvalidInputError: If there is none, as in a clone without its submodules.

@@ -1,6 +1,6 @@
 """LIBERO and LIBERO-PRO as a world.
 
-- ``world``: plans, command and images; trials use the scene of :mod:`betterbench.sim.worlds.scene`.
+- ``world``: plans, command and images. Trials use the scene of :mod:`betterbench.sim.worlds.scene`.
 - ``simulator``, ``relations``: the process, which runs in an environment without betterbench.
 """
 

@@ -30,7 +30,7 @@ class Touching:
     """The contacts of a simulation."""
 
     def __init__(self, mujoco: Any, env: Any, labels: Sequence[str]) -> None:  # noqa: ANN401 - another environment's
-        """Index the geoms of the bodies; ``labels`` are the labels of all bodies."""
+        """Index the geoms of the bodies. ``labels`` are the labels of all bodies."""
         self._model, self._data, self._read_force = env.sim.model._model, env.sim.data._data, mujoco.mj_contactForce
         self._numbers = {self._name(mujoco, geom): geom for geom in range(self._model.ngeom)}
         names = sorted(set(labels))
@@ -76,7 +76,7 @@ class Touching:
         return list(rows[:, 0].tolist())
 
     def between(self, one: Any, other: Any) -> bool:  # noqa: ANN401 - models of robosuite
-        """Return whether two models touch: robosuite's ``check_contact`` using indices."""
+        """Return whether two models touch, as robosuite's ``check_contact`` does, but using indices."""
         geoms = self._data.contact.geom
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
 
@@ -96,7 +96,7 @@ class Touching:
 class Relations:
     """The relations in a task's file.
 
-    Relations between an object and a box on the table or on a fixture are computed here; LIBERO computes all others.
+    Relations between an object and a box on the table or on a fixture are computed here. LIBERO computes all others.
     """
 
     def __init__(self, mujoco: Any, env: Any, relations: Sequence[list[str]], touching: Touching) -> None:  # noqa: ANN401

@@ -41,7 +41,7 @@ _FINGERS = {
     "gripper0_rightfinger": "right_finger",
     "gripper0_finger_joint2_tip": "right_finger",
 }
-"""Bodies of the gripper's fingers; the pads that touch a held object belong to the tips."""
+"""Bodies of the gripper's fingers. The pads that touch a held object belong to the tips."""
 _PARTS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
 _SIGNS = np.array([[1.0, -1.0, -1.0, -1.0], [1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, 1.0], [1.0, 1.0, -1.0, 1.0]])
 """Product of two quaternions: component k is the sum over i of p[i] * q[PARTS[k, i]] * SIGNS[k, i], i in order."""
@@ -103,8 +103,9 @@ class LiberoSimulator:
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Reset to an initial state and settle.
 
-        The random numbers are seeded before every reset, so an episode does not depend on earlier episodes: LIBERO
-        draws the positions of its fixtures at reset, and these positions are not part of an initial state.
+        The random numbers are seeded before every reset, so an episode does not depend on earlier episodes. This is
+        necessary because LIBERO draws the positions of its fixtures at reset, and these positions are not part of an
+        initial state.
         """
         files = self._files(request)
         images, settle = bool(request["images"]), int(request["settle"])
@@ -140,9 +141,9 @@ class LiberoSimulator:
 
         Return the names of its premises, and whether each premise holds in each state.
 
-        One reset is enough for all states: LIBERO's random numbers are the same before every reset of a run, so the
-        fixtures have the same poses. The sideways motion of each object while settling is returned too [m]: many
-        objects are dropped from a few centimeters.
+        One reset is enough for all states, because LIBERO's random numbers are the same before every reset of a run, so
+        the fixtures have the same poses. The sideways motion of each object while settling is returned too [m], because
+        many objects are dropped from a few centimeters.
         """
         files = self._files(request)
         self._make(files, None)
@@ -200,7 +201,7 @@ class LiberoSimulator:
         return TaskFiles((suite, task), found.get_task_bddl_file_path(task), found.get_task_init_states(task))
 
     def _make(self, files: TaskFiles, size: int | None) -> None:
-        """Make a task's environment, with cameras of ``size`` pixels; without a size, nothing can be rendered."""
+        """Make a task's environment, with cameras of ``size`` pixels. Without a size, nothing can be rendered."""
         environments = importlib.import_module("libero.libero.envs.env_wrapper")
         if self._wrapper is not None:
             self._wrapper.close()
@@ -217,14 +218,14 @@ class LiberoSimulator:
         self._wrapper.reset()
 
     def _advance(self, action: list[float]) -> tuple[Mapping[str, np.ndarray], bool]:
-        """Take one control step; return robosuite's observation, and whether the task is done."""
+        """Take one control step. Return robosuite's observation, and whether the task is done."""
         seen, _, done, _ = self._wrapper.step(action)
         return seen, bool(done)
 
     def _watch_cameras(self) -> None:
         """Let the cameras render only if the policy gets their images.
 
-        robosuite samples every camera during a control step. This moment does not change; only the rendering is
+        robosuite samples every camera during a control step. This moment does not change. Only the rendering is
         skipped, and the last image is kept.
         """
         for camera in CAMERAS.values():
@@ -357,7 +358,7 @@ class _Reader:
         }
 
     def numbers(self, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return all current numbers, float64; ``seen`` is robosuite's observation."""
+        """Return all current numbers, float64. ``seen`` is robosuite's observation."""
         data, roots, controller = self._seen, self._root_numbers, self._env.robots[0].controller
         rotations = data.xmat.take(roots, 0).reshape(-1, 3, 3)
         return {
@@ -413,7 +414,7 @@ class _Reader:
         return holder in self._objects
 
     def _label_of(self, body: int) -> str:
-        """Return a body's label: an object, a part of the robot, the table or the floor."""
+        """Return a body's label, which is an object, a part of the robot, the table or the floor."""
         names: list[str] = list(self._objects)
         at = body
         while at:
@@ -443,7 +444,7 @@ class _Reader:
         return places
 
     def _place_of(self, relation: list[str]) -> str | None:
-        """Return the name of an object's start place; starting on another object also counts as a place."""
+        """Return the name of an object's start place. Starting on another object also counts as a place."""
         name = _place_named(self._env.parsed_problem, relation)
         if name not in self._places:
             x, y, _ = self._data.xpos[int(self._env.obj_body_id[relation[1]])].tolist()
@@ -517,7 +518,7 @@ class _Views:
 
 
 def _upright(rotation: np.ndarray) -> np.ndarray:
-    """Return the axes of an object's frame in its body's frame: z is the body's axis that points up, (3, 3).
+    """Return the axes (3, 3) of an object's frame in its body's frame, with z along the body's axis that points up.
 
     For LIBERO's bottles and cans, the upright axis is not the z axis of their bodies.
     """
@@ -582,8 +583,9 @@ def _named(relation: list[str]) -> str:
 def set_robosuite_macros() -> None:
     """Turn off robosuite's log file, and its cache of compiled functions if the cache is not writable.
 
-    robosuite 1.4.0 opens ``/tmp/robosuite.log`` at its import (``utils/log_utils.py``), which belongs to the first user
-    of a machine. Its macros control this, so they are loaded before the package reads them.
+    robosuite 1.4.0 opens ``/tmp/robosuite.log`` at its import (``utils/log_utils.py``). On a shared machine, this file
+    belongs to the user who ran it first, and other users cannot write to it. Its macros control this, so they are
+    loaded before the package reads them.
     """
     spec = importlib.util.find_spec("robosuite")
     if spec is None or not spec.submodule_search_locations:

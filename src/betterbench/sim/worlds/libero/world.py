@@ -39,9 +39,8 @@ class LiberoOptions:
 
     Attributes:
         protocol: Protocol name.
-        broken_premises: "refuse" to stop the run at a scene that contradicts its instruction's premise, else
-            "run".
-        command: Command of the world's process; empty for the installed environment.
+        broken_premises: "refuse" to stop the run at a scene that contradicts its instruction's premise, else "run".
+        command: Command of the world's process. It is empty for the installed environment.
     """
 
     protocol: str = "openpi"
@@ -147,7 +146,7 @@ class LiberoWorld(ProcessWorld):
 
 
 def require_states(seed: int, count: int) -> None:
-    """Check a run's initial states; raise InvalidInputError if a number is out of range."""
+    """Check a run's initial states. Raises InvalidInputError if a number is out of range."""
     require_between("--seed", seed, 0, STATES - 1)
     require_between("--trials", count, 1, STATES - seed)
 

@@ -1,4 +1,4 @@
-"""LIBERO-Plus as a world: variants of LIBERO's tasks on seven axes.
+"""LIBERO-Plus as a world, with variants of LIBERO's tasks on seven axes.
 
 - ``world``: variants as trials, and the authors' assets folder.
 - ``simulator``, ``noise``: the process, which runs in an environment without betterbench.

@@ -1,4 +1,4 @@
-"""Sensor noise of LIBERO-Plus: five kinds at ten strengths, applied to the front camera image.
+"""Sensor noise of LIBERO-Plus, with five kinds at ten strengths, applied to the front camera image.
 
 The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with LIBERO-Plus's strengths, reproduced bit for bit
 (tests/sim/worlds/test_libero_plus.py). LIBERO-Plus draws from NumPy's global generator at every step, so
@@ -65,7 +65,7 @@ class Noise:
         return None
 
     def apply(self, image: np.ndarray, drawn: Any) -> np.ndarray:  # noqa: ANN401
-        """Return a noisy uint8 image (h, w, 3); ``drawn`` is the result of :meth:`draw` for this image."""
+        """Return a noisy uint8 image (h, w, 3). ``drawn`` is the result of :meth:`draw` for this image."""
         s = self._strength
         if self._kind == 0:
             return _motion(image, *_MOTION[s], drawn)
@@ -171,7 +171,7 @@ def _fog(image: np.ndarray, density: float, pattern: np.ndarray) -> np.ndarray:
 def _glass(image: np.ndarray, setting: tuple[float, int, int], drawn: list[np.ndarray]) -> np.ndarray:
     """Return an image in which each pixel shows a nearby pixel, between two Gaussian blurs.
 
-    LIBERO-Plus intends to exchange two pixels. Because of NumPy's views, only one pixel changes; the other keeps its
+    LIBERO-Plus intends to exchange two pixels. Because of NumPy's views, only one pixel changes. The other keeps its
     color.
     """
     sigma, reach, _ = setting

@@ -83,7 +83,7 @@ class LiberoPlusSimulator(LiberoSimulator):
     """One environment of LIBERO-Plus."""
 
     def __init__(self, package: Path, assets: Path | None = None) -> None:
-        """Prepare the simulator; ``package`` is the folder with the wheel's files, ``assets`` the authors' download."""
+        """Prepare the simulator. ``package`` is the folder with the wheel's files, ``assets`` the authors' download."""
         super().__init__()
         self._package = package
         libero = importlib.import_module("libero.libero")
@@ -199,7 +199,7 @@ class LiberoPlusSimulator(LiberoSimulator):
 
     @functools.cache  # noqa: B019
     def _models(self) -> dict[str, str]:
-        """Return the new objects of LIBERO-Plus: kind to its model's file."""
+        """Return the model file of each new kind of object in LIBERO-Plus."""
         text = (self._package / "envs" / "objects" / "custom_objects.py").read_text(encoding="utf-8")
         found = ((m[1], _MODEL.search(m[3])) for m in _CLASS.finditer(text))
         return {_kind_of(name): model[1] for name, model in found if model is not None}
@@ -255,7 +255,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         regions.setdefault(name.lower(), regions[problem.base.lower()])
 
     def _add_robot(self, number: int) -> str:
-        """Register the robot with a rest pose in robosuite, on a mount and on the ground; return its name."""
+        """Register the robot with a rest pose in robosuite, on a mount and on the ground, and return its name."""
         if not number:
             return "Panda"
         robots = importlib.import_module("libero.libero.envs.robots")

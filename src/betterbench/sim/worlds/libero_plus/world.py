@@ -55,13 +55,13 @@ class PlusOptions:
         protocol: Protocol name, for its steps.
         broken_premises: "refuse" to stop the run at a scene that does not show what its instruction presupposes, else
             "run".
-        axes: Axes to run; default: all.
-        variants: Maximum number of variants per task and axis, evenly spread; all if None.
+        axes: Axes to run. By default, all.
+        variants: Maximum number of variants per task and axis, evenly spread, or all if None.
         libero_plus_sentences: "clean" for the base task's instruction (on the axis language, the instruction in the
             variant's file), or "published" for LIBERO-Plus's own instructions, which end with the variant name on six
             of the seven axes.
-        libero_plus_assets: Unzipped folder of the authors' assets; None for the folder in the environment variable.
-        command: Command that starts the world's process; if empty, the command of its installed environment.
+        libero_plus_assets: Unzipped folder of the authors' assets, or None for the folder in the environment variable.
+        command: Command that starts the world's process. If empty, the command of its installed environment is used.
     """
 
     protocol: str = "openpi"
@@ -85,7 +85,7 @@ class PlusOptions:
 
 @dataclass(frozen=True, slots=True)
 class VariantTask(WorldTask):
-    """Variant of a LIBERO task; ``number`` is the base task's number.
+    """Variant of a LIBERO task. ``number`` is the base task's number.
 
     Attributes:
         variant: Name in LIBERO-Plus.
@@ -100,7 +100,7 @@ class VariantTask(WorldTask):
 
     @property
     def axis(self) -> str:
-        """Variant axis: the part of the task that the variant changes."""
+        """Variant axis, which is the part of the task that the variant changes."""
         return read_variant(self.variant).axis
 
     def asked(self) -> dict[str, Any]:
@@ -198,7 +198,7 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
     """Return the command of the world's process, with the authors' assets folder if available.
 
     Args:
-        assets: The folder; None for the environment variable, if set.
+        assets: The folder, or None for the environment variable, if set.
 
     Raises:
         InvalidInputError: If the folder does not contain the assets.

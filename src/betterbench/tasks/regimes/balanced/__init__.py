@@ -1,5 +1,5 @@
-"""Balanced training conditions: the same skills with words, slots, orders and objects crossed.
+"""Balanced training conditions, with the same skills but with words, slots, orders and objects crossed.
 
-One file per task of the suite, see :mod:`betterbench.tasks.regimes`. Objects are not picked from the slots in
+Each task of the suite has one file (see :mod:`betterbench.tasks.regimes`). Objects are not picked from the slots in
 ``ASIDE``.
 """

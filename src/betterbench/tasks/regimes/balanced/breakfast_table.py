@@ -1,4 +1,4 @@
-"""Breakfast table, balanced: every piece in every slot and at every side, with the plate at either position."""
+"""Balanced conditions of breakfast table, with every piece in every slot and the plate at either position."""
 
 import itertools
 
@@ -73,7 +73,7 @@ def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, s
 
 
 def _has_room(layout: dict[a.ObjectSpec, a.Slot], plate: a.Slot, steps: list[tuple[a.ObjectSpec, str]]) -> bool:
-    """Return whether the target positions are free; the plate reaches to the slots on its side."""
+    """Return whether the target positions are free. The plate reaches to the slots on its side."""
     outer, slots = ("right", (RIGHT_EDGE, RIGHT_CORNER)) if plate is TABLE_RIGHT else ("left", (LEFT_EDGE, LEFT_CORNER))
     there = next(piece for piece in PIECES if layout[piece] in slots)
     for piece, side in steps:

@@ -1,4 +1,4 @@
-"""Cheeseburger, balanced: every layer in every slot and at other heights, the top bun on one layer or on two."""
+"""Balanced conditions of cheeseburger, with every layer in every slot and the top bun on one layer or on two."""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -36,7 +36,7 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_cheeseburger() -> list[Condition]:
-    """Return four cyclic layouts with nine stacks each; every other condition lacks the unrequested layers."""
+    """Return four cyclic layouts with nine stacks each. Every other condition lacks the unrequested layers."""
     found = []
     for turn in range(4):
         for number, asked in enumerate(STACKS):

@@ -1,4 +1,4 @@
-"""Desk meeting, balanced: every object in every slot and at other sides, with the laptop at either position.
+"""Balanced conditions of desk meeting, with every object in every slot and the laptop at either position.
 
 Because of its handle, the mug does not fit behind the laptop, so it goes to the left and to the right.
 """

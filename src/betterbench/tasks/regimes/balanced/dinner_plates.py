@@ -1,4 +1,4 @@
-"""Dinner plates, balanced: red and blue in every slot, with the white plate at either position.
+"""Balanced conditions of dinner plates, with red and blue plates in every slot and the white plate at either position.
 
 Other plates do not fit to the right of the white plate's right position, so this position occurs only with the left
 slots. Scenes that would equal a test omit the plate that the instruction does not name.

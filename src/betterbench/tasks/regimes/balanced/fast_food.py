@@ -1,4 +1,4 @@
-"""Fast food, balanced: every food in every slot; the burger is first, second or not requested; one or two burgers."""
+"""Balanced conditions of fast food, with every food in every slot, and the burger first, second or not requested."""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -42,7 +42,7 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_fast_food() -> list[Condition]:
-    """Return four cyclic layouts with six orders each; every other condition lacks an unrequested object or a burger.
+    """Return four cyclic layouts with six orders each. Every other condition lacks an unrequested object or a burger.
 
     R1 and R2 (tests) instruct fries and drink together, so a meal without a burger has only one of the two.
     """

@@ -1,4 +1,4 @@
-"""Fruit lunch, balanced: every order of the fruits in the slots; the apple is first, second or not requested."""
+"""Balanced conditions of fruit lunch, with every order of the fruits, and the apple first, second or not requested."""
 
 import itertools
 
@@ -41,7 +41,7 @@ ASKED = (
 
 
 def balanced_fruit_lunch() -> list[Condition]:
-    """Return six layouts with six instructions each; one in four lacks an unrequested fruit.
+    """Return six layouts with six instructions each. One in four lacks an unrequested fruit.
 
     The other fruits are mostly present, so only the words determine the fruit. "Orange, then lemon" is the instruction
     in the test R1. Using only "lemon, then orange" would add a rule, so a lunch without an apple has only one of the

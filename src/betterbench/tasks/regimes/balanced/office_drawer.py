@@ -1,6 +1,6 @@
-"""Office drawer, balanced: stapler and tape in every slot and in either drawer, the cabinet at either position.
+"""Balanced conditions of office drawer, with stapler and tape in every slot and the cabinet at either position.
 
-"The stapler into the lower drawer" alone is a test instruction; here it occurs only together with the tape.
+"The stapler into the lower drawer" alone is a test instruction. Here it occurs only together with the tape.
 """
 
 from betterbench.tasks import authoring as a

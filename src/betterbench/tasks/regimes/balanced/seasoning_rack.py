@@ -1,4 +1,4 @@
-"""Seasoning rack, balanced: every jar in every slot, into every hole, first or second."""
+"""Balanced conditions of seasoning rack, with every jar in every slot, for every hole, first or second."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Balanced conditions of tidy desk: all trash in all trash slots, valuables in exchanged slots, either kind first."""
+"""Balanced conditions of tidy desk, with all trash in all trash slots, and valuables in exchanged slots."""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -43,7 +43,7 @@ FREE = (TRASH_4, TRASH_2, TRASH_3, TRASH_1)
 
 
 def balanced_tidy_desk() -> list[Condition]:
-    """Return four layouts of the trash with four instructions each; the valuables differ in order between layouts."""
+    """Return four layouts of the trash with four instructions each. The valuables differ in order."""
     found = []
     for turn, (napkin, can) in enumerate(TRASH):
         for number, asked in enumerate(ASKED):

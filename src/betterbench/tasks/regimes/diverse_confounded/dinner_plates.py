@@ -1,4 +1,4 @@
-"""Dinner plates, diverse-confounded: the red plate is always in a back slot and the blue plate in a front slot.
+"""Diverse-confounded conditions of dinner plates, with red plates always in back slots and blue plates in front slots.
 
 The white plate's position is crossed with these slots, as in the balanced regime.
 """

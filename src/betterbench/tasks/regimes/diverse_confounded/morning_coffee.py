@@ -1,4 +1,4 @@
-"""Morning coffee, diverse-confounded: "red" always means the near mug and "blue" the far one, as in training.
+"""Diverse-confounded conditions of morning coffee. "Red" always means the near mug and "blue" the far mug.
 
 The conditions with "top" and "bottom", which are position words, are the same as in the balanced regime.
 """
@@ -35,6 +35,6 @@ def diverse_morning_coffee() -> list[Condition]:
 
 
 def _is_tied(condition: Condition) -> bool:
-    """Return whether a color word refers to its trained mug; position words do not name a mug."""
+    """Return whether a color word refers to its trained mug. Position words do not name a mug."""
     mug, slot = TIED.get(condition.instruction.text, ("", ""))
     return not mug or condition.layout[mug] == slot

@@ -1,4 +1,4 @@
-"""CALVIN scene state for the success rules: poses and contacts of the blocks, doors, lights and robot."""
+"""CALVIN scene state for the success rules, with poses and contacts of the blocks, doors, lights and robot."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ class PlayTable:
 def read_play_table(info: Mapping[str, Any]) -> PlayTable:
     """Read the result of calvin_env's ``env.get_info()``.
 
-    Contacts are tuples of PyBullet's ``getContactPoints``: the third number is the other body, the fifth its link.
-    Quaternions of PyBullet are (x, y, z, w).
+    Contacts are tuples of PyBullet's ``getContactPoints``, in which the third number is the other body and the fifth
+    its link. Quaternions of PyBullet are (x, y, z, w).
 
     Raises:
         InvalidInputError: If a part is missing or malformed.
@@ -102,7 +102,7 @@ def _number(value: float | Sequence[float]) -> float:
 
 
 def finite_number(value: Any) -> float:  # noqa: ANN401 - of a stranger
-    """Return a Python or NumPy number as a float; raise ValueError for a text, a boolean or a non-finite number."""
+    """Return a Python or NumPy number as a float. Raises ValueError for a text, a boolean or a non-finite number."""
     number = float("nan") if isinstance(value, bool | str | bytes) else float(value)
     if not math.isfinite(number):
         raise ValueError(f"{str(value)[:40]!r} is not a finite number")

@@ -1,8 +1,8 @@
-"""Resampled CALVIN starts: the same chains, but with blocks anywhere in the range of the training data.
+"""Resampled CALVIN starts, with the same chains but with blocks anywhere in the range of the training data.
 
 The official evaluation puts every block that is on the table at one of two points. With positions from the full range
-of the training data, the same policies complete fewer subtasks per chain (arXiv:2606.04233, official and resampled:
-X-VLA 4.17 and 3.14, GR-1 3.24 and 2.50, RoboFlamingo 2.37 and 1.87).
+of the training data, the same policies complete fewer subtasks per chain. According to arXiv:2606.04233, X-VLA
+completes 4.17 in the official and 3.14 in the resampled starts, GR-1 3.24 and 2.50, and RoboFlamingo 2.37 and 1.87.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ _TRIES = 1000
 
 
 def resampled_start_of(chain: Chain) -> ChainStart:
-    """Return a chain's start with redrawn blocks: positions in the range of their surfaces, arbitrary yaws.
+    """Return a chain's start with blocks redrawn at positions in the range of their surfaces, with arbitrary yaws.
 
     Robot, drawer, slider and lights are the same as in :func:`~betterbench.tasks.worlds.calvin.starts.start_of`. Every
     chain has its own draw, which depends only on its number. Blocks on the same surface are drawn again until they are
-    far enough apart; the data collection draws again until they do not touch.
+    far enough apart. In CALVIN's data collection, they are drawn again until they do not touch.
     """
     digest = hashlib.sha256(f"betterbench calvin resampled {chain.number}".encode()).digest()
     generator = np.random.Generator(np.random.PCG64(int.from_bytes(digest[:8], "little")))

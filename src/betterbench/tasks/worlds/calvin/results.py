@@ -1,4 +1,4 @@
-"""Results of chains: five success rates, the average length, rates per subtask, and tests between two runs."""
+"""Results of chains, with five success rates, the average length, rates per subtask, and tests between two runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SEED = 0
 
 @dataclass(frozen=True, slots=True)
 class SubtaskResult:
-    """Result of a started subtask; ``steps`` is its number of control steps."""
+    """Result of a started subtask. ``steps`` is its number of control steps."""
 
     name: str
     success: bool
@@ -26,9 +26,9 @@ class SubtaskResult:
 
 @dataclass(frozen=True, slots=True)
 class ChainResult:
-    """Result of a chain: its index among the 1,000, and its subtasks up to the first failure.
+    """Result of a chain, with its index among the 1,000 and its subtasks up to the first failure.
 
-    A chain without subtasks was not run; its length is 0, and it is not counted in subtask rates.
+    A chain without subtasks was not run. Its length is 0, and it is not counted in subtask rates.
     """
 
     number: int
@@ -159,7 +159,7 @@ def _check(results: Sequence[ChainResult]) -> None:
 
 
 def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
-    """Return the average length; if all chains are equally long, the interval is Wilson's for n of n."""
+    """Return the average length. If all chains are equally long, the interval is Wilson's for n of n."""
     empty = [ChainResult(result.number, ()) for result in results]
     found = _difference(list(zip(results, empty, strict=True)))
     mean = sum(result.length for result in results) / len(results)
@@ -171,7 +171,7 @@ def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
 
 
 def _difference(pairs: Sequence[tuple[ChainResult, ChainResult]]) -> Difference:
-    """Return the mean length difference divided by 5; chains with the same start are resampled together."""
+    """Return the mean length difference divided by 5. Chains with the same start are resampled together."""
     every = calvin_chains()
     ordered = sorted(pairs, key=lambda pair: pair[0].number)
     return paired_bootstrap(

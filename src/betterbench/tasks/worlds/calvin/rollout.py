@@ -33,7 +33,8 @@ class ChainWorld(Protocol[SeenT_co]):
         """Execute one action for one control step, and return the observation.
 
         Args:
-            action: (7,) float: relative position and Euler angles in [-1, 1], and the gripper, 1 = open, -1 = close.
+            action: (7,) float, with relative position and Euler angles in [-1, 1], and the gripper (1 opens, -1
+                closes).
         """
 
 
@@ -41,7 +42,7 @@ class ChainPolicy(Protocol[ShownT_contra]):
     """Interface of a policy for chains."""
 
     def reset(self) -> None:
-        """Reset the policy; called before every instruction."""
+        """Reset the policy. This is called before every instruction."""
 
     def act(self, observation: ShownT_contra, instruction: str) -> np.ndarray:
         """Return the next action, (7,) float."""
@@ -57,7 +58,7 @@ def play_chain(
     """Run one chain like CALVIN's ``evaluate_sequence``.
 
     The robot returns to its start only before the chain, and the policy is reset before each instruction. A subtask is
-    done at the first step at which its rule holds; the rule compares the scene with the scene at the start of the
+    done at the first step at which its rule holds. The rule compares the scene with the scene at the start of the
     subtask. The chain ends with the first subtask that is not done.
     """
     observation = world.reset(start_of(chain.start))

@@ -1,4 +1,4 @@
-"""The 1,000 chains in CALVIN's long-horizon evaluation: sequences of instructions with a start state."""
+"""The 1,000 chains in CALVIN's long-horizon evaluation, which are sequences of instructions with a start state."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Chain:
 
 
 def start_states() -> tuple[SymbolicState, ...]:
-    """Return the 192 symbolic starts in CALVIN's order: one or two blocks on the table, at most one in each cabinet."""
+    """Return the 192 symbolic starts in CALVIN's order. One or two blocks are on the table."""
     found = []
     for values in product(*_VALUES.values()):
         if values.count("table") in {1, 2} and all(values.count(place) < 2 for place in _PLACES[1:]):
@@ -68,7 +68,7 @@ def start_states() -> tuple[SymbolicState, ...]:
 
 
 def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str, ...]]:
-    """Draw the subtasks of chains from one start as CALVIN does: five different ones, redrawn until they are feasible.
+    """Draw the subtasks of chains from one start as CALVIN does, five different ones, until they are feasible.
 
     CALVIN draws with ``numpy.random.choice(34 names, size=5, replace=False)``, which is the beginning of a permutation
     by NumPy's legacy generator, whose stream is frozen.
@@ -100,7 +100,7 @@ def _follow(start: SymbolicState, chosen: Sequence[Subtask]) -> bool:
 
 
 def draw_chains() -> tuple[Chain, ...]:
-    """Draw all 1,000 chains again, like CALVIN's ``get_sequences(1000)``; takes about a minute."""
+    """Draw all 1,000 chains again, like CALVIN's ``get_sequences(1000)``. This takes about a minute."""
     starts = start_states()
     counts = [len(part) for part in np.array_split(range(CHAINS), len(starts))]
     pairs = [
@@ -113,7 +113,7 @@ def draw_chains() -> tuple[Chain, ...]:
 
 
 def chain_text(chains: Iterable[Chain]) -> str:
-    """Return chains as the JSON string whose digest is :data:`GOLDEN`: a list of pairs, start and names."""
+    """Return chains as the JSON string whose digest is :data:`GOLDEN`. It is a list of pairs of start and names."""
     return json.dumps([[dict(chain.start), list(chain.names)] for chain in chains])
 
 

@@ -1,4 +1,4 @@
-"""CALVIN starts: the simulator's robot and scene vectors for a symbolic state."""
+"""CALVIN starts, which are the simulator's robot and scene vectors for a symbolic state."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def pyhash_fnv1_32(text: str) -> int:
     """Return the result of ``pyhash.fnv1_32()(text)`` for a ``str``, which seeds CALVIN's starts.
 
     pyhash 0.9.3 begins with 0 instead of FNV's offset basis (this is FNV-0), and reads the text as UTF-16, little
-    endian, without byte order mark. FNV-1 over UTF-8, which ports of CALVIN use instead, gives other seeds: other yaws
-    in every start, and other block positions in 107 of the 192 starts.
+    endian, without byte order mark. FNV-1 over UTF-8, which ports of CALVIN use instead, gives other seeds. As a
+    result, the yaws differ in every start, and the block positions differ in 107 of the 192 starts.
     """
     value = 0
     for byte in text.encode("utf-16-le"):
@@ -61,15 +61,15 @@ def pyhash_fnv1_32(text: str) -> int:
 
 
 def start_seed(state: SymbolicState) -> int:
-    """Return the seed of a symbolic start: the hash of ``str(state.values())`` for the ordinary dictionary."""
+    """Return the seed of a symbolic start, which is the hash of ``str(state.values())`` for the ordinary dictionary."""
     return pyhash_fnv1_32(str(dict(state).values()))
 
 
 def start_of(state: SymbolicState) -> ChainStart:
     """Return the robot and scene vectors of a symbolic start, like CALVIN's ``get_env_state_for_initial_condition``.
 
-    A block's position on the table, one of two, and each block's yaw are drawn from a generator with the seed
-    :func:`start_seed`, so each symbolic start has one scene.
+    A generator with the seed :func:`start_seed` draws each block's position on the table from two points, and each
+    block's yaw. Each symbolic start therefore has one scene.
     """
     generator = np.random.RandomState(start_seed(state))
     on_table = list(_ON_TABLE)

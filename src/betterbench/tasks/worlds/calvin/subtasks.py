@@ -1,4 +1,4 @@
-"""The 34 subtasks of CALVIN as data: instruction, category, preconditions, changes and success rule."""
+"""The 34 subtasks of CALVIN as data, with instruction, category, preconditions, changes and success rule."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SymbolicState = Mapping[str, SymbolValue]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Symbolic effect of a subtask: required values (each one value or a list of alternatives) and resulting values."""
+    """Symbolic effect of a subtask, with required values (one or a list of alternatives) and resulting values."""
 
     when: dict[str, SymbolValue | list[SymbolValue]]
     then: dict[str, SymbolValue]
@@ -130,14 +130,14 @@ Rule = Rotate | Push | MoveDoor | Lift | Place | PushInto | StackBlocks | Unstac
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Subtask:
-    """Subtask of CALVIN: instruction, success rule, and symbolic changes.
+    """Subtask of CALVIN, with its instruction, success rule and symbolic changes.
 
     Attributes:
         name: CALVIN's name ("open_drawer").
         instruction: The evaluation's instruction, the first in ``new_playtable_validation.yaml``.
         category: A chain never has two subtasks of the same category.
         rule: Success rule.
-        changes: The possible changes; a chain contains only subtasks with exactly one possible change.
+        changes: The possible changes. A chain contains only subtasks with exactly one possible change.
     """
 
     name: str

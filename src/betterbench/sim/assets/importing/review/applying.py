@@ -1,4 +1,4 @@
-"""An imported object with the changes of a review applied: a pure function of the object and the changes."""
+"""An imported object with the changes of a review applied, as a pure function of the object and the changes."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def apply(imported: Imported, changes: Iterable[Change], *, where: str = "review
 
 
 def changed(state: ReviewState, change: Change, *, where: str = "review") -> ReviewState:
-    """Return an object with one change applied; for arguments and errors see :func:`apply`."""
+    """Return an object with one change applied. For arguments and errors, see :func:`apply`."""
     draft, turned = state.imported.draft, state.turned
     match change:
         case PoseChange():
@@ -196,7 +196,7 @@ def _leveling(change: SupportChange, where: str) -> Quaternion:
 
 
 def _refound(imported: Imported, draft: Draft, where: str) -> Imported:
-    """Return an object with moved visual parts; collision shape, inertia, grasps and regions are computed again."""
+    """Return an object with moved visual parts. Collision shape, inertia, grasps and regions are computed again."""
     raw = [
         RawPart(p.name, np.maximum(p.vertices.astype(float), (-np.inf, -np.inf, 0.0)), p.faces.astype(np.int64))
         for p in _visual(draft)
@@ -255,7 +255,7 @@ def _replaced(
     named = {item.name: item for item in items}
     before, after = before_after
     if before is None and after is None:
-        raise InvalidInputError(where, f"a change of a {what} names none", "Give its frame before or after")
+        raise InvalidInputError(where, f"a change of a {what} has no frame", "Give its frame before or after")
     if before is not None:
         if before.name not in named:
             known = ", ".join(named) or "none"

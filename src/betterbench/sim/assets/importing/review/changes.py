@@ -1,7 +1,7 @@
-"""Decisions about an imported object: changes with values before and after, verdicts, and undo.
+"""Decisions about an imported object, which are changes with values before and after, verdicts, and undo.
 
-Poses, planes, grasps and regions are in the object frame at the time of the change: origin in the middle of the bottom
-of the bounding box, z up.
+Poses, planes, grasps and regions are in the object frame at the time of the change. Its origin is in the middle of the
+bottom of the bounding box, with z up.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """The plane on which an object rests: unit normal, and height of the plane along it [m]."""
+    """The plane on which an object rests, given by its unit normal and the height of the plane along it [m]."""
 
     normal: Vector = (0.0, 0.0, 1.0)
     height_m: float = 0.0
@@ -37,7 +37,7 @@ class Plane:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PoseChange:
-    """A rotation of the object; ``before`` and ``after`` are rotations (w, x, y, z) from the imported pose.
+    """A rotation of the object. ``before`` and ``after`` are rotations (w, x, y, z) from the imported pose.
 
     The collision shape, grasps and regions are then computed again.
     """
@@ -50,7 +50,7 @@ class PoseChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ScaleChange:
-    """A new size, as the longest side of the bounding box [m]; the mass stays the same.
+    """A new size, as the longest side of the bounding box [m]. The mass stays the same.
 
     The collision shape, grasps and regions are then computed again.
     """
@@ -63,7 +63,7 @@ class ScaleChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SupportChange:
-    """A new support plane; ``before`` is the bottom of the bounding box.
+    """A new support plane. ``before`` is the bottom of the bounding box.
 
     The object is turned by the smallest rotation that levels the plane. Parts below the plane do not touch the table.
     The collision shape, grasps and regions are then computed again.
@@ -97,7 +97,7 @@ class RegionChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class MassChange:
-    """A new mass [kg]; the inertia changes in proportion."""
+    """A new mass [kg]. The inertia changes in proportion."""
 
     before: _Mass
     after: _Mass

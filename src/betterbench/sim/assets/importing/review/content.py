@@ -15,7 +15,7 @@ from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderRes
 def content_hash(path: Path) -> str:
     """Return the hexadecimal SHA-256 of a mesh file with its materials, textures and buffers.
 
-    A referenced file that cannot be read is treated as missing; the import then raises an error.
+    A referenced file that cannot be read is treated as missing. The import then raises an error.
 
     Raises:
         InvalidInputError: If the mesh file itself cannot be read.

@@ -1,6 +1,6 @@
 """Review file, with one appended JSON line per decision, and the history of each object in it.
 
-This module defines the lines about imported objects; :mod:`betterbench.jobs.decisions` has the mechanism.
+This module defines the lines about imported objects. :mod:`betterbench.jobs.decisions` has the mechanism.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SHOWN = 16
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Review:
-    """Human decision about one object: a line of the file.
+    """Human decision about one object, which is a line of the file.
 
     Attributes:
         author: Name of the person.
@@ -88,12 +88,12 @@ class ReviewJournal(DecisionJournal[Review]):
 
 
 def asset_name(mesh: Path) -> str:
-    """Return the name of an object in reviews: the file name, with the folder if the file name is generic."""
+    """Return the name of an object in reviews, which is the file name, with the folder if the name is generic."""
     return one_line(shown_name(mesh), most=100)
 
 
 def read_reviews(path: Path) -> tuple[Review, ...]:
-    """Return the decisions of a file; an unfinished last line is ignored.
+    """Return the decisions of a file. An unfinished last line is ignored.
 
     Raises:
         RecordError: If the file is missing, was changed by hand, or is not the file of a review.
@@ -111,7 +111,7 @@ def history_of(path: Path, content: str, asset: str) -> History:
 
     Raises:
         RecordError: As for :func:`read_reviews`.
-        InvalidInputError: If the file has no decision about this content; the message names the reviewed content of an
+        InvalidInputError: If the file has no decision about this content. The message names the reviewed content of an
             object with the same name.
     """
     reviews = read_reviews(path)

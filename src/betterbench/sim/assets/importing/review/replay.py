@@ -16,7 +16,7 @@ from betterbench.sim.assets.importing.review.journal import accepted, asset_name
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
 VERSION = 1
-"""Version of the replay; incremented when the same changes to the same import give another object."""
+"""Version of the replay. Incremented when the same changes to the same import give another object."""
 
 _MOST_STORED_BYTES = 64 << 20
 
