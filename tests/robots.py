@@ -10,8 +10,8 @@ from betterbench.tasks import all_tasks, get_task
 
 ROBOTS = robot_names()
 
-QUICK = ("morning_coffee",)
-"""Tasks with few objects, preferred for their robot."""
+QUICK = ("morning_coffee", "fruit_basket")
+"""Tasks with few objects and steps, preferred for their robot."""
 
 
 def task_of(name: str) -> str:

@@ -165,7 +165,7 @@ class Broken:
 
 
 def test_a_run_of_which_every_trial_broke_is_an_error(tmp_path):
-    with pytest.raises(PolicyError, match=r"all 2 trials broke.*out of ideas at step 0"):
+    with pytest.raises(PolicyError, match=r"all 2 trials failed with an error.*out of ideas at step 0"):
         betterbench.evaluate(Broken(), **PLAN, out=tmp_path / "run")
 
 

@@ -79,7 +79,7 @@ def test_a_module_beside_the_caller_is_found(plugin, monkeypatch):
     [
         ("Absent", "has no 'Absent'"),
         ("Mute", "Mute has no 'act'"),
-        ("Nameless", "info of Nameless is a NoneType"),
+        ("Nameless", "info of Nameless is of type NoneType"),
         ("Needy", "cannot be called without arguments"),
         ("NUMBER", "cannot be called without arguments"),
     ],

@@ -145,7 +145,7 @@ VERBS: dict[str, Verb] = {
     "amplify": Verb("amplify:amplify_command", "Generate demonstrations for new initial states.", takes_suite=True),
     "dataset": Verb("dataset:dataset_command", "Make a training set with its dataset card and audit."),
     "train": Verb("train:train_command", "Train a small policy on demonstrations.", takes_suite=True),
-    "study": Verb("study:study_command", "Train learners on several data distributions and compare them."),
+    "study": Verb("study:study_command", "Train learners on several data sets, and compare them."),
     "shortcuts": Verb(
         "shortcuts:shortcuts_command", "Find shortcuts that a learner could exploit in a dataset.", takes_suite=True
     ),

@@ -464,8 +464,9 @@ def test_a_look_alike_has_the_size_of_what_it_resembles(fake, real):
             assert one[i] == pytest.approx(other[i], rel=0.15), f"{axis} at look {look}"
 
 
-def test_drinks_and_nothing_else_of_the_library_keep_upright():
-    assert [name for name in categories() if build_unpainted(name).keeps_upright] == ["drink_cup"]
+def test_drinks_and_bowls_and_nothing_else_of_the_library_keep_upright():
+    kept = [name for name in categories() if build_unpainted(name).keeps_upright]
+    assert kept == ["cereal_bowl", "drink_cup", "shallow_bowl"]
 
 
 def shade(asset):
