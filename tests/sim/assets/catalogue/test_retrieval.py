@@ -28,6 +28,8 @@ FOURTH = json.loads((DATA / "fourth_queries.json").read_text(encoding="utf-8"))
 """Queries written before any search was run on them; their errors then showed the need for varieties and uses."""
 FIFTH = json.loads((DATA / "fifth_queries.json").read_text(encoding="utf-8"))
 """Queries frozen before any search was run on them, measured once; nothing may be tuned on them."""
+BROADER = json.loads((DATA / "broader_queries.json").read_text(encoding="utf-8"))
+"""Queries with broader words and containers, written before any search was run on them; a hash determines the half."""
 QUERIES = json.loads((DATA / "queries.json").read_text(encoding="utf-8"))
 MESHES = json.loads((DATA / "meshes.json").read_text(encoding="utf-8"))
 GENERATED = {row["category"]: row["categories"] for row in json.loads((DATA / "generated.json").read_text())}
@@ -44,13 +46,13 @@ def test_the_labels_are_enough_and_split(queries):
 
 
 def test_the_sets_share_no_query():
-    every = [row["query"].lower() for row in (*QUERIES, *NEW_QUERIES, *HELD_OUT, *FOURTH, *FIFTH)]
+    every = [row["query"].lower() for row in (*QUERIES, *NEW_QUERIES, *HELD_OUT, *FOURTH, *FIFTH, *BROADER)]
     assert len(HELD_OUT) == 120
     assert len(FOURTH) == 154
     assert len(FIFTH) == 150
     assert len(set(every)) == len(every)
     labels = {name for row in MESHES for name in row["categories"]} | {n for names in GENERATED.values() for n in names}
-    assert {name for row in (*HELD_OUT, *FOURTH, *FIFTH) for name in row["categories"]} <= labels
+    assert {name for row in (*HELD_OUT, *FOURTH, *FIFTH, *BROADER) for name in row["categories"]} <= labels
 
 
 @pytest.fixture(scope="module", params=["words", "meaning"])
@@ -117,6 +119,16 @@ def test_queries_of_the_fourth_set_are_answered(catalogue):
         pytest.skip("the set was measured by words and meaning only")
     first, fifth = shares(catalogue, FOURTH)
     assert first >= 0.97
+    assert fifth >= 0.98
+
+
+@pytest.mark.parametrize(("half", "least"), [("tune", 0.95), ("test", 0.89)])
+def test_broader_words_are_answered(catalogue, half, least):
+    """Precision@1 was 52 of 68 and 47 of 58 before broader words were listed."""
+    if not catalogue.has_vectors:
+        pytest.skip("the set was measured by words and meaning only")
+    first, fifth = shares(catalogue, [row for row in BROADER if row["half"] == half])
+    assert first >= least
     assert fifth >= 0.98
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -128,8 +129,22 @@ def variety_list() -> dict[tuple[str, ...], tuple[str, ...]]:
     return {variety: tuple(kinds) for variety, kinds in found.items()}
 
 
+_NEGATED = re.compile(
+    r"\b(?:without|with no|having no|that has no|no)\s+(?:(?:any|a|an|the|its)\s+)?[\w'-]+"
+    r"(?:\s+(?!(?:and|but|by|for|from|in|of|on|or|that|to|used|which|with)\b)[\w'-]+)?",
+    re.IGNORECASE,
+)
+
+
+def _affirmed(text: str) -> str:
+    """Return a description without what the object does not have: "a jar" for "a jar without a label"."""
+    kept = " ".join(_NEGATED.sub(" ", text).split())
+    return kept if any(word not in SAYS_LITTLE for word in terms(kept)) else text
+
+
 def understood(text: str, *, expander: Expander | None = None) -> Query:
     """Parse a query into concepts; an expander may add alternative readings."""
+    text = _affirmed(text)
     words = _without_verb(terms(text))
     known = word_list()
     head = _head(words)

@@ -14,6 +14,7 @@ import numpy as np
 from betterbench.errors import RecordError
 from betterbench.jobs.durable import DurableFile
 from betterbench.sim.assets.catalogue.expansion import SAYS_LITTLE, Query
+from betterbench.sim.assets.catalogue.hypernyms import members_named
 from betterbench.sim.assets.catalogue.kinds import kinds_named, listed_kinds, number_of
 from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.sim.assets.catalogue.vectors import text_digest
@@ -25,6 +26,8 @@ WORDS_SHARE = 0.2
 VARIETY_SHARE = 0.6
 """Increase in similarity of a kind whose variety or brand is in the query, as a fraction of the distance to the
 maximum."""
+HYPERNYM_LOSS = 0.25
+"""Penalty for everything that is not a member of the broader word that names the object ("cutlery")."""
 BESIDE_LOSS = 0.05
 """Penalty for a kind that the query mentions only as used with the object: steak in "you serve a steak on it"."""
 _COUNTED = 2
@@ -107,10 +110,17 @@ class KindIndex:
             found[self._kinds] += WORDS_SHARE * self._shared(query.words)
             for kind in self._held(kinds_named(query.beside)):
                 found[kind] -= BESIDE_LOSS
+            members = self.members(query)
+            if members:
+                found[self._kinds] -= np.where(np.isin(self._kinds, members), 0.0, HYPERNYM_LOSS)
             for name, weight in query.kinds.items():
                 for kind in self._held({number_of(name)}):
                     found[kind] += VARIETY_SHARE * weight * (1.0 + WORDS_SHARE - found[kind])
         return found
+
+    def members(self, query: Query) -> list[int]:
+        """Return the kinds with rows that a query includes by a broader word for the object."""
+        return self._held(members_named(query.text))
 
     def _held(self, kinds: Iterable[int]) -> list[int]:
         """Return the kinds that have rows."""

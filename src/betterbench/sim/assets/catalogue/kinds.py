@@ -93,6 +93,13 @@ def kinds_named(words: Sequence[str]) -> frozenset[int]:
     )
 
 
+def named_last(words: Sequence[str], *, longer_than: int = 0) -> frozenset[int]:
+    """Return the number of the kind with the longest name at the end of words, or none."""
+    known = _numbers()
+    spans = (tuple(words[start:]) for start in range(max(0, len(words) - _longest()), len(words) - longer_than))
+    return frozenset([next((known[span] for span in spans if span in known), -1)]) - {-1}
+
+
 def _named(words: Sequence[str]) -> Iterator[tuple[bool, bool, int, int, int]]:
     """Yield, for each name of a kind, a sort key (in the head, not only a color, length, end) and the kind's number."""
     head = next((at for at, word in enumerate(words) if at and word in AFTER_THE_HEAD), len(words))

@@ -17,7 +17,7 @@ from betterbench.sim.assets.catalogue.encoders.encoder import TextEncoder
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import Concept, Expander, Query, understood
 from betterbench.sim.assets.catalogue.indexing import LICENSE_KINDS
-from betterbench.sim.assets.catalogue.kind_vectors import WORDS_SHARE, KindIndex
+from betterbench.sim.assets.catalogue.kind_vectors import HYPERNYM_LOSS, WORDS_SHARE, KindIndex
 from betterbench.sim.assets.catalogue.store import Store, WordMatch
 from betterbench.sim.assets.catalogue.vectors import VectorIndex
 from betterbench.sim.assets.licenses import LicenseFilter, license_kind
@@ -293,7 +293,7 @@ class Catalogue:
         own = kinds.rows[places]
         # a name is similar to a short description, so compare a row without a kind by its own text
         shares = np.array([also.get(row, 0.0) for row in index.columns.rows[places].tolist()])
-        near = cosines + WORDS_SHARE * shares
+        near = cosines + WORDS_SHARE * shares - (HYPERNYM_LOSS if kinds.members(query) else 0.0)
         if len(likeness):
             near = np.where(own >= 0, likeness[own], near)
         order = np.lexsort((places, -(_KIND_SHARE * near + _OWN_SHARE * cosines)))

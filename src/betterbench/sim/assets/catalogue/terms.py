@@ -23,6 +23,7 @@ _IRREGULAR = {
     "potatoes": "potato",
     "tomatoes": "tomato",
     "fries": "fries",
+    "greens": "greens",
     "headphones": "headphone",
     "colour": "color",
     "coloured": "colored",
