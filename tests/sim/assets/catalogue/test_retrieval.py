@@ -30,6 +30,11 @@ FIFTH = json.loads((DATA / "fifth_queries.json").read_text(encoding="utf-8"))
 """Queries frozen before any search was run on them, measured once; nothing may be tuned on them."""
 BROADER = json.loads((DATA / "broader_queries.json").read_text(encoding="utf-8"))
 """Queries with broader words and containers, written before any search was run on them; a hash determines the half."""
+SIXTH = json.loads((DATA / "sixth_queries.json").read_text(encoding="utf-8"))
+"""Paraphrases, attributes and categories by an author who had seen no list and no set; measured once before the broader
+words were added."""
+SEVENTH = json.loads((DATA / "seventh_queries.json").read_text(encoding="utf-8"))
+"""The same by another author, measured once after the broader words; nothing may be tuned on them."""
 QUERIES = json.loads((DATA / "queries.json").read_text(encoding="utf-8"))
 MESHES = json.loads((DATA / "meshes.json").read_text(encoding="utf-8"))
 GENERATED = {row["category"]: row["categories"] for row in json.loads((DATA / "generated.json").read_text())}
@@ -46,13 +51,17 @@ def test_the_labels_are_enough_and_split(queries):
 
 
 def test_the_sets_share_no_query():
-    every = [row["query"].lower() for row in (*QUERIES, *NEW_QUERIES, *HELD_OUT, *FOURTH, *FIFTH, *BROADER)]
+    every = [
+        row["query"].lower() for row in (*QUERIES, *NEW_QUERIES, *HELD_OUT, *FOURTH, *FIFTH, *BROADER, *SIXTH, *SEVENTH)
+    ]
     assert len(HELD_OUT) == 120
     assert len(FOURTH) == 154
     assert len(FIFTH) == 150
     assert len(set(every)) == len(every)
     labels = {name for row in MESHES for name in row["categories"]} | {n for names in GENERATED.values() for n in names}
-    assert {name for row in (*HELD_OUT, *FOURTH, *FIFTH, *BROADER) for name in row["categories"]} <= labels
+    assert {
+        name for row in (*HELD_OUT, *FOURTH, *FIFTH, *BROADER, *SIXTH, *SEVENTH) for name in row["categories"]
+    } <= labels
 
 
 @pytest.fixture(scope="module", params=["words", "meaning"])
@@ -159,3 +168,16 @@ def test_a_description_of_the_paper_gives_different_assets(catalogue, descriptio
         assert {one.hit.entry.color for one in chosen} == {color}
     else:
         assert len({one.hit.entry.color for one in chosen}) == 3
+
+
+@pytest.mark.parametrize(
+    ("queries", "least"), [(SIXTH, (0.97, 0.99)), (SEVENTH, (0.90, 0.96))], ids=["sixth", "seventh"]
+)
+def test_paraphrases_attributes_and_categories_by_new_authors_are_answered(catalogue, queries, least):
+    """The first hits of the seventh set miss the goal of 0.95; docs/asset-catalogue.md has the numbers."""
+    if not catalogue.has_vectors:
+        pytest.skip("the sets were measured by words and meaning only")
+    assert len(queries) >= 175
+    first, fifth = shares(catalogue, queries)
+    assert first >= least[0]
+    assert fifth >= least[1]
