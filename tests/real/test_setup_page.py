@@ -31,11 +31,11 @@ def test_numbers_in_the_text_are_those_of_the_twin():
     x, y, z = (round(1000 * v) for v in tcp_at_home())
     assert f"The tool is then {z} mm above the table, {x} mm ahead of the origin" in words
     assert y == 0
-    assert f"jaws' opening of {1000 * SO101.gripper_opening_m:.0f} mm" in words
+    assert f"The jaws open by {1000 * SO101.gripper_opening_m:.0f} mm" in words
     across = layout.MARKERS_MM[2][1] - layout.MARKERS_MM[6][1]
     assert f"Markers 2 and 6 are then {across:.0f} mm apart" in words
     assert f"within {100 * camera_pose.NEAR_M:.0f} cm and {camera_pose.NEAR_DEG:.0f}°" in words
-    assert f"differs by more than {camera_pose.NEAR_FOV_DEG}° is reported" in words
+    assert f"differs from the twin's by more than {camera_pose.NEAR_FOV_DEG}°" in words
     assert camera_pose.LEAST_MARKERS == 5
     assert "at least five must be visible" in words
     assert f"off by more than {100 * camera_pose.MOST_RULER:.0f} %" in words
