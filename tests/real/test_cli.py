@@ -109,7 +109,7 @@ def test_a_run_by_lines_of_the_terminal(tmp_path):
             process.stdin.flush()
 
         type_lines("a", "s")
-        until("is over. Enter what happened")
+        until("has ended. Enter the outcome")
         type_lines("9 it waved")
         until("every trial is done")
     assert process.returncode == 0

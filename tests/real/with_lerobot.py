@@ -433,7 +433,7 @@ def test_a_whole_trial_of_better_real_run(tmp_path, home, unit):
             run.until("set up the scene")
             assert [servo.goals for servo in chain.servos] == [[]] * 6
             run.type("a", "f")
-            run.until("is over. Enter what happened")
+            run.until("has ended. Enter the outcome")
             run.type("9 it waved")
             run.until("every trial is done")
             assert run.end() == 0
