@@ -15,7 +15,8 @@ from betterbench.errors import InvalidInputError, RecordError
 from betterbench.geometry import Pose, from_axis_angle
 from betterbench.review.agreement import agreement
 from betterbench.review.desk import ReviewDesk
-from betterbench.review.drawing import box_edges, foot, head, queue_list, ruler, turned_about_middle
+from betterbench.review.drawing import box_edges, foot, head, ruler, turned_about_middle
+from betterbench.review.panel import queue_list
 from betterbench.review.queue import QueuedObject, folder_queue, queue_of
 from betterbench.sim.assets.authoring.registry import asset_of, unregister
 from betterbench.sim.assets.folders.manifest import FolderAsset, manifest_bytes, manifest_of
@@ -158,7 +159,7 @@ def test_what_is_drawn(desk, block):
     lowest = min(turned.apply(v)[2] for part in asset.visual for v in part.vertices.tolist())
     assert lowest == pytest.approx(0.0, abs=1e-9)
     desk.call("<script>x</script>")
-    assert "<script>" not in head(desk) + foot(desk) + queue_list(desk.queue, ["", ""], 0)
+    assert "<script>" not in head(desk) + foot(desk) + queue_list([q.name for q in desk.queue], desk.verdicts(), 0)
 
 
 # ------------------------------------------------------------------------------------------------------ the command

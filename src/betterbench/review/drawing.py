@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from betterbench.geometry import Pose, Vector
 from betterbench.quoting import markup_text
 from betterbench.review.desk import ReviewDesk
-from betterbench.review.queue import QueuedObject
+from betterbench.review.panel import decision_sign, panel_foot, panel_head
 from betterbench.sim.asset_checks.opening import gripper_opening_m, needed_opening_m
 from betterbench.sim.assets import Asset, Grasp
 from betterbench.sim.assets.importing.review import Verdict
 from betterbench.sim.assets.importing.review.changes import said
 
 TICK_M, LONG_TICK_M = 0.004, 0.008
-COLORS = {"accept": "#20bf6b", "fix": "#2e86de", "reject": "#eb3b5a", "": "#8395a7"}
-SIGNS = {"accept": "✔", "fix": "✎", "reject": "✘", "": "○"}
 HULL_COLORS = (
     (31, 119, 180), (255, 127, 14), (44, 160, 44), (214, 39, 40), (148, 103, 189),
     (140, 86, 75), (227, 119, 194), (188, 189, 34), (23, 190, 207),
@@ -79,28 +75,14 @@ def turned_about_middle(asset: Asset, pose: Pose) -> Pose:
 
 def head(desk: ReviewDesk) -> str:
     """Return the upper part of the panel as HTML: progress, the object, and facts about it."""
-    item = desk.at_hand
-    verdict = desk.history.verdict
-    rows = "".join(
-        f'<tr><td style="opacity:.6;padding-right:10px;vertical-align:top">{markup_text(name)}</td>'
-        f"<td>{markup_text(value)}</td></tr>"
-        for name, value in _facts(desk)
-    )
-    badge = ""
-    if verdict is not None:
-        badge = (
-            f'<span style="float:right;color:{COLORS[verdict.verdict]};font-size:13px">'
-            f"{SIGNS[verdict.verdict]} {verdict.verdict}</span>"
-        )
-    share = 100.0 * desk.judged / len(desk.queue)
-    return (
-        f'<div style="padding:4px 10px;font-size:13px;line-height:1.45">'
-        f'<div style="opacity:.65;font-size:12px">{desk.index + 1} of {len(desk.queue)} · '
-        f"{desk.judged} judged · {markup_text(desk.author)}</div>"
-        f'<div style="height:4px;background:#8884;border-radius:2px;margin:4px 0 6px">'
-        f'<div style="height:4px;width:{share:.0f}%;background:#20bf6b;border-radius:2px"></div></div>'
-        f'<div style="font-size:16px;font-weight:600">{markup_text(item.name)}{badge}</div>'
-        f'<table style="font-size:12px;margin-top:4px">{rows}</table></div>'
+    return panel_head(
+        desk.at_hand.name,
+        desk.history.verdict,
+        _facts(desk),
+        author=desk.author,
+        index=desk.index,
+        judged=desk.judged,
+        total=len(desk.queue),
     )
 
 
@@ -131,42 +113,8 @@ def _facts(desk: ReviewDesk) -> list[tuple[str, str]]:
 def foot(desk: ReviewDesk) -> str:
     """Return the lower part of the panel as HTML: the edit in progress, the last message, and the active decisions."""
     edit = None if desk.edit is None else said(desk.edit)
-    decisions = [(_sign(r.decision), _said(r.decision), r.author) for _, r in desk.history.reviews[-6:]]
+    decisions = [(decision_sign(r.decision), _said(r.decision), r.author) for _, r in desk.history.reviews[-6:]]
     return panel_foot(_at_hand(desk), edit, desk.message, decisions, is_problem=desk.is_problem)
-
-
-def panel_foot(
-    target: str,
-    edit: str | None,
-    message: str,
-    decisions: Sequence[tuple[str, str, str]],
-    *,
-    is_problem: bool,
-    between: str = "",
-) -> str:
-    """Return the lower part of a review's panel as HTML.
-
-    Args:
-        target: Gizmo target, as HTML.
-        edit: The edit in progress, or None.
-        message: The last message.
-        decisions: Symbol, text and author of the last decisions.
-        is_problem: Whether the message reports a problem.
-        between: HTML to insert between the message and the decisions.
-    """
-    color = "#eb3b5a" if is_problem else "#20bf6b"
-    pending = "" if edit is None else f"{edit} — Enter keeps it, Escape drops it"
-    lines = "".join(
-        f'<div style="opacity:.75">{sign} {markup_text(text)} '
-        f'<span style="opacity:.6">· {markup_text(author)}</span></div>'
-        for sign, text, author in decisions
-    )
-    return (
-        f'<div style="padding:4px 10px;font-size:13px;line-height:1.45">'
-        f"<div><b>Gizmo: {target}</b></div>"
-        f'<div style="color:#f7b731;min-height:19px">{markup_text(pending)}</div>'
-        f'<div style="color:{color};min-height:19px">{markup_text(message)}</div>{between}{lines}</div>'
-    )
 
 
 def _at_hand(desk: ReviewDesk) -> str:
@@ -189,24 +137,7 @@ def _opening(desk: ReviewDesk, grasp: Grasp) -> str:
     return f"{stated}; needs an opening of {1000 * needed:.0f} of {1000 * jaw:.0f} mm{fits}"
 
 
-def _sign(decision: object) -> str:
-    return SIGNS[decision.verdict] if isinstance(decision, Verdict) else "·"
-
-
 def _said(decision: object) -> str:
     if isinstance(decision, Verdict):
         return f"{decision.verdict}{f': {decision.reason}' if decision.reason else ''}"
     return said(decision)  # type: ignore[arg-type]  # a history contains no undo
-
-
-def queue_list(queue: Sequence[QueuedObject], verdicts: Sequence[str], index: int) -> str:
-    """Return the part of the queue around the current object as an HTML list."""
-    first = max(0, min(index - 4, len(queue) - 9))
-    rows = "".join(
-        f'<div style="padding:1px 4px;border-radius:3px;'
-        f'{"background:#2e86de44;font-weight:600" if first + k == index else ""}">'
-        f'<span style="color:{COLORS[verdicts[first + k]]}">{SIGNS[verdicts[first + k]]}</span>&ensp;'
-        f"{markup_text(item.name)}</div>"
-        for k, item in enumerate(queue[first : first + 9])
-    )
-    return f'<div style="padding:2px 10px;font-size:12px;line-height:1.4">{rows}</div>'

@@ -18,11 +18,11 @@ from betterbench.review.drawing import (
     box_edges,
     foot,
     head,
-    queue_list,
     ruler,
     ruler_labels,
     turned_about_middle,
 )
+from betterbench.review.panel import queue_list
 from betterbench.sim.assets import Asset
 from betterbench.sim.assets.importing.review import ScaleChange
 from betterbench.sim.scenes.tryouts import (
@@ -180,7 +180,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
                 self._shown = key
             self._show_edit(is_dragging=is_dragging)
         self._head.content, self._status.content = head(desk), foot(desk)
-        self._list.content = queue_list(desk.queue, [v.verdict if v else "" for v in desk.verdicts()], desk.index)
+        self._list.content = queue_list([q.name for q in desk.queue], desk.verdicts(), desk.index)
 
     def _show_object(self) -> None:
         """Show the object's meshes with all saved changes, and its size and mass in the panel."""

@@ -13,8 +13,9 @@ from betterbench.geometry import Pose, from_yaw
 from betterbench.interface.observation import observation_spec
 from betterbench.review.command_page import WORKING, CommandPage
 from betterbench.review.drawing import HULL_COLORS, box_edges
+from betterbench.review.panel import queue_list
 from betterbench.review.scenes.desk import MODES, STEP_DEGREES, STEP_M, SceneDesk, bodies_of
-from betterbench.review.scenes.drawing import foot, head, queue_list
+from betterbench.review.scenes.drawing import foot, head
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.glb import body_files
 from betterbench.sim.scenes.rendering import Renderers
@@ -137,7 +138,7 @@ class ScenePage(CommandPage[SceneDesk]):
         verdicts = desk.verdicts()
         self._head.content = head(desk, sum(verdict is not None for verdict in verdicts))
         self._status.content = foot(desk)
-        self._list.content = queue_list(desk.queue, [v.verdict if v else "" for v in verdicts], desk.index)
+        self._list.content = queue_list([q.name for q in desk.queue], verdicts, desk.index)
 
     def _show_scene(self) -> None:
         """Show another scene: its bodies, the collision parts of its objects, and the policy's camera images."""
