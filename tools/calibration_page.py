@@ -222,6 +222,17 @@ better calibrate --power --tasks fruit_basket --out runs/power_real
 ```
 
 """
+SO101 = """
+## The power matrix of the cheeseburger on the SO-101
+
+The suite `so101` contains [`cheeseburger_so101`](so101.md#the-cheeseburger), the task `cheeseburger` at positions that
+the SO-101 reaches. Its six variations were measured with this arm.
+
+```sh
+better calibrate --power --tasks cheeseburger_so101 --out runs/power_so101
+```
+
+"""
 NOT_MEASURED = "Not measured yet for this version of the suite.\n"
 
 
@@ -236,6 +247,8 @@ def write(out: Path) -> None:
     parts.append(POWER + (NOT_MEASURED if power is None else power_markdown(power)))
     real = packaged_power_matrix("real_world")
     parts.append(REAL_WORLD + (NOT_MEASURED if real is None else power_markdown(real)))
+    burger = packaged_power_matrix("so101")
+    parts.append(SO101 + (NOT_MEASURED if burger is None else power_markdown(burger)))
     (out / "calibration.md").write_text("".join(parts), encoding="utf-8")
     (out / "mistakes.md").write_text("".join(mistakes).rstrip("\n") + "\n", encoding="utf-8")
 
