@@ -129,9 +129,10 @@ the same behavior mostly have the same result. If behaviors are treated as indep
 Two of its 54 behaviors account for 18 of the 22 mistakes, each in all of its 9 trials. `stabs-with-one-finger`
 repeatedly comes down on the correct object so that one finger of its open gripper presses on its top.
 `fails-at-the-second` does the same after a correct first step. Both fail in execution, but the diagnosis gives
-`timeout`. Neither label is a failure of reasoning, so the kind is correct. In the other four trials, the policy sweeps wrong objects aside with an open gripper. The diagnosis
-finds motion back and forth in two of them and an accidental displacement in the other two. In 9 of the 22 trials, the
-correct first object was grasped. In the other 13, the gripper does not grasp an object.
+`timeout`. Neither label is a failure of reasoning, so the kind is correct. In the other four trials, the policy sweeps
+wrong objects aside with an open gripper. The diagnosis finds motion back and forth in two of them and an accidental
+displacement in the other two. In 9 of the 22 trials, the correct first object was grasped. In the other 13, the gripper
+does not grasp an object.
 
 The diagnosis has been fixed since. If an open gripper runs into the correct object three times and rises each time,
 this is now a failure of execution. An object that an empty gripper approaches and moves three times now counts as its
