@@ -155,9 +155,9 @@ LEAST_REGION = threshold("least_region", 0.02, "m",
     "Larger: fewer small motions are back and forth; fewer phase_conflict, more timeout and early_halt.",
     listed=False)
 COMES_NEARER = threshold("comes_nearer", 0.15, "1",
-    "A path leads to the correct object if, from each quarter of the path to the next, its center comes nearer by at "
-    "least this share of the distance to the object. In undecided motion back and forth, the center does not come "
-    "nearer.",
+    "Minimum approach for a path that leads to the correct object. The path is divided into quarters. From each "
+    "quarter to the next, its center must come nearer to the object by at least this share of the distance. In "
+    "undecided motion back and forth, the center does not come nearer.",
     "Larger: fewer paths lead to a requested object; more phase_conflict, fewer timeout.")
 
 # Halts.
