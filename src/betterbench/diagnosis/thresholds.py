@@ -207,13 +207,13 @@ HIGHEST_STRENGTH = threshold("highest_strength", 0.99, "1",
     "visual_layout_bias, fewer wrong_object.",
     listed=False)
 LOWEST_ERROR_RATE = threshold("lowest_error_rate", 0.001, "1",
-    "Smallest error rate of confusion that is tried. It is above zero, so that a single error is not impossible.",
+    "Smallest error rate of confusion that is tried. It is above zero, so that a single error remains possible.",
     "Larger: confusion costs more for a policy that seldom errs; more lexical_kinematic_shortcut and "
     "visual_layout_bias, fewer wrong_object.",
     listed=False)
 HIGHEST_ERROR_RATE = threshold("highest_error_rate", 0.99, "1",
     "Largest error rate of confusion that is tried, even if guessing errs more often. It is below 1, so that a single "
-    "correct attempt is not impossible.",
+    "correct attempt remains possible.",
     "Larger: confusion costs less for a policy that nearly always errs; more wrong_object, fewer "
     "lexical_kinematic_shortcut and visual_layout_bias.",
     listed=False)
