@@ -30,22 +30,22 @@ reported separately.
   feints, pauses, retries, pushes, hovering, and misses in depth and yaw. The code fixes the true label of each trial
   before its first action.
 
-  The development part was used to develop the diagnosis. The table below shows the six held-out parts. Their authors
-  had not read the code of the diagnosis. Each part was written after the faults revealed by the earlier parts had been
-  fixed, and was **used once**. The numbers below come from that single use. The numbers of the last part, the sixth,
-  estimate the accuracy of the diagnosis on policies by other authors.
+  One part was used to develop the diagnosis. The table below shows the other six parts, which were held out. Their
+  authors had not read the code of the diagnosis. Each part was written after the faults revealed by the earlier parts
+  had been fixed, and was **used once**. The numbers of the last part, the sixth, estimate the accuracy of the diagnosis
+  on policies by other authors.
 
-  The table counts failed trials, except for the column about trials without a fault. The last column was measured with
-  the versions of November 28, 2026, with seeds from 0. With these versions, one of 1,622 trials without a fault is
-  labeled as a reasoning failure. For this column, the parts are no longer held out. The suite was changed after the
-  single uses. In four conditions, a faulty behavior of the fourth, fifth or sixth part no longer has an effect, so
-  these conditions no longer have a true label. The other columns still include them, with the task versions of that
-  time.
+  The table counts failed trials, except for the column about trials without a fault. All columns except the last one
+  come from the single use, with the task versions of that time. The last column was measured again with the versions of
+  November 28, 2026, with seeds from 0. Faults found by a part had been fixed by then, so the parts are no longer held
+  out in this column. With these versions, one of 1,622 trials without a fault is labeled as a reasoning failure. Four
+  conditions are missing in the last column: after a change of the suite, a faulty behavior of the fourth, fifth or
+  sixth part has no effect there.
 
 @USES@
 - The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and follow one wrong rule, at
-  several strengths and with action noise. They were written together with the diagnosis, whose authors therefore
-  expected their faults. Their numbers only show that the diagnosis follows the suite's rules.
+  several strengths and with action noise. They were written together with the diagnosis, so its authors knew their
+  faults. Their numbers only show that the diagnosis follows the suite's rules.
 
 ```sh
 better calibrate --family sixth --seed 70    # the last part, used once
@@ -56,16 +56,18 @@ better calibrate                             # the faulty policies
 ```
 
 These commands recompute the numbers and write a page that lists every wrong label with its evidence and a film strip.
-They can be interrupted and resumed. The sixth part was recorded from seed 70 on with the usual 4 trials of each policy,
-so `--seed 70` reproduces its numbers. The fourth part was recorded from seed 40 on and the fifth from seed 50 on, with
-a different number of trials for some policies. Apart from this, `--seed 40` and `--seed 50` reproduce their numbers.
-Another page shows [all wrong labels](mistakes.md) of the packaged calibrations, with film strips.
+They can be interrupted and resumed. `--seed 70` gives the trials from which the numbers of the sixth part were
+computed. The trials of the fourth part begin at seed 40 and those of the fifth at seed 50, but some policies had
+another number of trials. Another page shows [all wrong labels](mistakes.md) of the packaged calibrations, with film
+strips.
 
-A trial can fit two labels equally well. Its true label then depends on what its author intended. A policy that always
-goes for the top bun first may mistake the order, or it may prefer the slot of the top bun. The diagnosis then gives the
-label with the simplest evidence across all trials of the policy. A wrong order or a skipped step, which can be shown by
-a single trial, takes precedence over a preferred slot, for which several trials are needed. One rule that explains all
-tasks takes precedence over two rules. At least three trials must show such a rule.
+A trial can fit two labels equally well. For example, a policy that always goes for the top bun first may confuse the
+order, or it may prefer the slot of the top bun. The true label is the one that the author of the policy intended. The
+diagnosis gives the label with the simplest evidence across all trials of the policy:
+
+- A wrong order or a skipped step takes precedence over a preferred slot, because a single trial can show it. A
+  preferred slot needs several trials.
+- One rule that explains all tasks takes precedence over two rules. At least three trials must show such a rule.
 
 """
 
@@ -80,58 +82,67 @@ USES: dict[str, str] = {
 """The parts that were used once, with the share of failed trials that get their true label after later repairs."""
 
 REMARKS: dict[str, str] = {
-    "sixth": """**The sixth part meets all four bounds** that were set in advance. The accuracy
-had to be at least 95 % by label, 97 % by kind, and 90 % by label in trials without a grasp attempt. In addition, no
-trial without a fault was allowed to be labeled as a reasoning failure. By label, the accuracy is 97.5 % (509/522), with
-a 95 % interval of 95.8 to 98.5 % if trials are treated as independent. However, trials of the same behavior mostly have
-the same result. Over behaviors, the interval is 93 to 100 %. The 43 faulty behaviors are known from learned policies.
-Examples are lagging, averaging two objects, acting on old chunks, rapid opening and closing of the gripper, closing too
-late, slipping off an edge, turning away and freezing.
+    "sixth": """\
+**The sixth part meets all four bounds** that were set in advance: at least 95 % accuracy by label, 97 % by kind, 90 %
+by label in trials without a grasp attempt, and no trial without a fault that is labeled as a reasoning failure. By
+label, the accuracy is 97.5 % (509/522). If trials are treated as independent, its 95 % interval is 95.8 to 98.5 %.
+However, trials of the same behavior mostly have the same result. If behaviors are treated as independent instead, the
+interval is 93 to 100 %. The 43 faulty behaviors are known from learned policies. Examples are lagging, averaging two
+objects, acting on old chunks, rapid opening and closing of the gripper, closing too late, slipping off an edge, turning
+away and freezing.
 
 All 13 mistakes belong to two behaviors. `a-little-farther-each-time` moves toward the correct object, turns back and
 starts again, a little farther each time, until the step limit. Its true label is `timeout`, but the diagnosis gives
 `phase_conflict` (back and forth) in ten trials and `early_halt` in two. `farther-for-the-second` does the same after a
-correct first step. One of its twelve trials is labeled `phase_conflict`. The diagnosis has not been changed since.
+correct first step. One of its twelve trials is labeled `phase_conflict`. The diagnosis was not changed for these
+behaviors.
 
-There was an earlier sixth part by another author. It was judged once, and then lost before publication together with
-the computer on which it was stored. The accuracy was 95.5 % by label (421/441), 95.7 % by kind and 94.5 % without a
-grasp attempt. None of its 312 trials without a fault was labeled as a reasoning failure. Notes about its results
-remained. With these notes, the two faults of the diagnosis that caused most of the mistakes were fixed before the
-present sixth part was written.
+An earlier sixth part by another author is no longer available. It was judged once. The accuracy was 95.5 % by label
+(421/441), 95.7 % by kind and 94.5 % without a grasp attempt. None of its 312 trials without a fault was labeled as a
+reasoning failure. The two faults of the diagnosis that caused most of its mistakes were fixed before the present sixth
+part was written.
 
 Three more families were written by authors who had read only the documentation. Their true labels were fixed before the
-diagnosis was run. They were judged once and are not packaged. A false accusation is a trial of a policy without a fault
-that was labeled as a reasoning failure:
+diagnosis was run. They were judged once and are not packaged. In the table, a false accusation is a trial of a policy
+without a fault that was labeled as a reasoning failure:
 
-- 45 policies, 508 trials: 96.5 % correct by label (251/260) and 99.2 % by kind; 2 false accusations in 90 trials.
-- 34 policies, 419 trials: 98.5 % correct by label and 99.2 % by kind; 1 false accusation in 100 trials.
-- 66 policies, 1,189 trials in all ten tasks: 91.9 % correct by label (203/221) and all 221 failures correct by kind; 1
-  false accusation in 646 trials, and none in 320 trials in which a fault was not active. All 5 policies that do not use
-  the instruction were recognized, and 62 of 65 runs got the correct headline. Twelve of the 18 wrong labels belong to
-  one policy that grasps the placement target. In this case, the documented definition of `semantic_feature_collapse`
-  contradicted the suite, and was corrected. Four more wrong labels (a policy that follows the word for a finished step)
-  and the false accusation (a mug that jams on the open fingers) led to changes in the diagnosis. For the last two,
-  either label can be defended.
+| policies | trials | correct by label | correct by kind | false accusations |
+|---|---|---|---|---|
+| 45 | 508 | 96.5 % (251/260) | 99.2 % | 2 of 90 trials |
+| 34 | 419 | 98.5 % | 99.2 % | 1 of 100 trials |
+| 66, in all ten tasks | 1,189 | 91.9 % (203/221) | 100 % (221/221) | \
+1 of 646 trials, and none of 320 trials in which a fault was not active |
+
+In the last family, all 5 policies that do not use the instruction were recognized, and 62 of 65 runs got the correct
+headline. Twelve of the 18 wrong labels belong to one policy that grasps the placement target. For this policy, the
+documented definition of `semantic_feature_collapse` contradicted the suite, and the definition was corrected. Four more
+wrong labels (a policy that follows the word for a finished step) and the false accusation (a mug that jams on the open
+fingers) led to changes in the diagnosis. For the last two wrong labels, either label can be defended.
 
 """,
-    "fifth": """**The fifth part misses one of the four bounds** that were set in advance. The bound was 95 % by label,
-and the accuracy is 94.0 % (343/365), with a 95 % interval of 91.0 to 96.0 % if trials are treated as independent.
-However, trials of the same behavior mostly have the same result. Over behaviors, the interval is 86 to 100 %. The part
-meets the other bounds: 97 % by kind, 90 % without a grasp attempt, and no false accusation. Two of its 54 behaviors
-account for 18 of the 22 mistakes, each in all of its 9 trials. `stabs-with-one-finger` repeatedly comes down on the
-correct object so that one finger of its open gripper presses on its top, and `fails-at-the-second` does the same after
-a correct first step. Both fail in execution, but the diagnosis gives `timeout`. Neither is a failure of reasoning, so
-the kind is correct. In the other four trials, the policy sweeps wrong objects aside with an open gripper. The diagnosis
-finds motion back and forth in two of them and an accidental displacement in the other two. In 9 of the 22 trials, the
-correct first object was grasped. In the other 13, the gripper does not grasp an object.
+    "fifth": """\
+**The fifth part misses one of the four bounds** that were set in advance: the accuracy by label is 94.0 % (343/365),
+and the bound was 95 %. If trials are treated as independent, the 95 % interval is 91.0 to 96.0 %. However, trials of
+the same behavior mostly have the same result. If behaviors are treated as independent instead, the interval is 86 to
+100 %. The part meets the other bounds: 97 % by kind, 90 % without a grasp attempt, and no false accusation.
+
+Two of its 54 behaviors account for 18 of the 22 mistakes, each in all of its 9 trials. `stabs-with-one-finger`
+repeatedly comes down on the correct object so that one finger of its open gripper presses on its top.
+`fails-at-the-second` does the same after a correct first step. Both fail in execution, but the diagnosis gives
+`timeout`. Neither label is a failure of reasoning, so the kind is correct. In the other four trials, the policy sweeps
+wrong objects aside with an open gripper. The diagnosis finds motion back and forth in two of them and an accidental
+displacement in the other two. In 9 of the 22 trials, the correct first object was grasped. In the other 13, the gripper
+does not grasp an object.
 
 The diagnosis has been fixed since. If an open gripper runs into the correct object three times and rises each time,
 this is now a failure of execution. An object that an empty gripper approaches and moves three times now counts as its
-target. With these rules, 364 of the 365 failed trials get their label, but the rules were written for these trials. In
-the last trial, a look-alike is moved once and then missed. The numbers below estimate the accuracy on other policies.
+target. With these rules, 364 of the 365 failed trials get their label. In the last trial, a look-alike is moved once
+and then missed. Because the rules were written for these trials, only the numbers below estimate the accuracy on other
+policies.
 
 """,
-    "fourth": """**The fourth part misses three of the four bounds** that were set in advance: 95 % by label, 97 % by
+    "fourth": """\
+**The fourth part misses three of the four bounds** that were set in advance: 95 % by label, 97 % by
 kind and 90 % without a grasp attempt. It meets the fourth bound: no false accusation. Two of its 42 behaviors account
 for 24 of the 30 mistakes, each in all of its 12 trials. `zigzags-toward-it` approaches the correct object in wide
 zigzags until the step limit. It is only slow, but the diagnosis finds motion back and forth. `shuts-it-empty` closes
@@ -142,8 +153,8 @@ attempt, every label is correct.
 
 The diagnosis has been fixed since. Motion that comes closer to the requested object or pushes an object no longer
 counts as motion back and forth, and a drawer that is closed empty is a skipped step. With these rules, all 410 failed
-trials get their label, but the rules were written for these trials. The numbers below estimate the accuracy on other
-policies.
+trials get their label. Because the rules were written for these trials, only the numbers below estimate the accuracy on
+other policies.
 
 """,
 }
@@ -188,8 +199,8 @@ better calibrate --power --out runs/power
 ```
 
 This command measures the matrix again and writes a page. It can be interrupted and resumed. Replays use demonstrations,
-whose seeds begin at 1,000,000, and never the trial's own twin. A blind probe gets as many trials on a variation as are
-needed for a significant result if it solves all of them. After Holm's correction over all cells, this number is 7 if
+whose seeds begin at 1,000,000, and never the trial's own twin. The number of trials of a blind probe is the smallest
+number with which solving all trials would be significant. After Holm's correction over all cells, this number is 7 if
 chance is 25 %, and 14 if it is 50 %. The probe without language gets at least 14 trials, because with few trials its
 guesses are often correct by chance.
 
@@ -206,8 +217,9 @@ If only one instruction makes sense in a scene, a policy without the instruction
 margin and is evidence only about vision, not about language. If a rule passes with a needless step, the success rate
 does not show this, but the metric *success with a needless step* does.
 
-A pass does not prove an ability if a policy without this ability passes more than half of the trials, or more than a
-quarter if it moves without looking. Each variation's card names these abilities, and the last table lists them all.
+A pass does not prove an ability if a policy without this ability passes more than half of the trials (for a policy
+that moves without looking: more than a quarter). Each variation's card names the abilities that a pass does not prove,
+and the last table lists them all.
 
 """
 REAL_WORLD = """

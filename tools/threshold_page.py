@@ -39,7 +39,8 @@ def page() -> str:
             "except for those marked °. These were added to the table later. If they were listed, older stored "
             "diagnoses would seem to use other thresholds. The last column lists the labels that become more or "
             "less frequent with a larger value, if nothing else changes. It was derived from the code, not measured. "
-            '"Policies without a fault" are those of the [independent family](calibration.md).'
+            '"Policies without a fault" are those of the [independent family](calibration.md). "Judges" are language '
+            "models that judged images and instructions without seeing the program's verdicts ([how](sides.md))."
         ),
     ]
     for heading, name, place in _SECTIONS:

@@ -59,11 +59,11 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.BEHAVIORAL_INERTIA,
     short="inertia",
-    definition="The policy repeats a habit from training. It starts a frequent training step that is not instructed; "
-    "it executes the step that followed in training, although this step is not instructed or its slot is empty; or "
-    "it places the correct object where training placed objects of this kind, even if the target is no longer there. "
-    "If an object must not be touched, the label also covers an open gripper that stays over it, and a gripper that "
-    "closes while passing over it.",
+    definition="The policy repeats a habit from training. It may start with a frequent training step that is not "
+    "instructed. It may execute the step that came next in training, although this step is not instructed or its slot "
+    "is empty. Or it may place the correct object where training placed objects of this kind, even if the target is "
+    "no longer there. If an object must not be touched, an open gripper that stays over it and a gripper that closes "
+    "while passing over it also get this label.",
     conclusion="It repeats the habitual step of training, requested or not.",
     sharper=sharper_by_rule(
         {

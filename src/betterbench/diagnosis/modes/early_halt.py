@@ -35,8 +35,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 @FailureMode(
     Label.EARLY_HALT,
     short="halt",
-    definition="The arm does not move for at least the last 3 s, while steps are unfinished and no attempt is under "
-    "way.",
+    definition="The arm does not move for at least the last 3 s. Steps are unfinished, and no attempt is in progress.",
     conclusion="It stops before the task is done.",
     sharper=_sharper,
     finding="Stops for good with steps left to do",

@@ -105,8 +105,9 @@ def _about(trials: Sequence[TrialDiagnosis]) -> str:
 @FailureMode(
     Label.EXECUTION_FAILURE,
     short="execution",
-    definition="The policy attempts the correct target at the right time, but the object slips, is dropped, missed or "
-    "knocked away again, the arm collides, a drawer is left halfway, or an object that was not requested is harmed.",
+    definition="The policy attempts the correct target at the right time, but the manipulation fails. Examples: the "
+    "object is missed, slips, is dropped or is knocked away; the arm collides; a drawer is left halfway; another "
+    "object is harmed.",
     conclusion="It goes for the correct objects, but its manipulation fails.",
     sharper=_sharper,
     finding="Fails at the manipulation",

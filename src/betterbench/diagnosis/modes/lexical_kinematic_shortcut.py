@@ -23,8 +23,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.LEXICAL_KINEMATIC_SHORTCUT,
     short="lexical",
-    definition="A word of the instruction led to a slot in training, and the first attempt is at another object that "
-    "is now in this slot. Some other instruction of the task asks to move this object.",
+    definition="In training, a word of the instruction was paired with a slot. The first attempt is at another object "
+    "that is in this slot now. Another instruction of the task asks to move this object.",
     conclusion="It maps words to motions: it goes where a word led in training, not to what the word means.",
     finding="Goes where the word led in training, to another object",
     rule=WORD,

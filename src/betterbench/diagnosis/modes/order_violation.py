@@ -25,7 +25,7 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.ORDER_VIOLATION,
     short="order",
-    definition="The correct objects are handled in the wrong order where the order is part of the goal.",
+    definition="The policy handles the correct objects in the wrong order, and the order is part of the goal.",
     conclusion="It handles the correct objects in the wrong order.",
     sharper=sharper_by_rule(
         {

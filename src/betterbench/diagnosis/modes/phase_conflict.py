@@ -34,9 +34,9 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.PHASE_CONFLICT,
     short="phase",
-    definition="The initial state looks like the middle of a demonstration, and the arm freezes without an attempt; or "
-    "the empty gripper moves back and forth until the end, displaces no object, and does not approach an instructed "
-    "object.",
+    definition="The initial state looks like the middle of a demonstration, and the arm freezes without an attempt. "
+    "The label also applies if the empty gripper moves back and forth until the end, displaces no object and does not "
+    "approach an instructed object.",
     conclusion="It does not recognize the due step: it freezes in half-finished scenes, or moves back and forth.",
     sharper=sharper_by_rule(
         {

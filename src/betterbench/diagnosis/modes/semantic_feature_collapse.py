@@ -60,8 +60,9 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.SEMANTIC_FEATURE_COLLAPSE,
     short="look-alike",
-    definition="The attempt is at an object that no instruction of the task asks to move, even if a word of the "
-    "instruction led to its slot in training. Placement targets of this instruction are excluded.",
+    definition="The attempt is at an object that no instruction of the task asks to move. This label is also used if "
+    "a word of the instruction was paired with the object's slot in training. Attempts at placement targets of the "
+    "current instruction do not count.",
     conclusion="It takes look-alikes for the real thing.",
     sharper=_sharper,
     finding="Goes for an object that no instruction asks to move",

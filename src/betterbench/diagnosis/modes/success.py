@@ -21,7 +21,8 @@ def _find(trial: TrialView) -> Evidence | None:
 @FailureMode(
     Label.CORRECT_FREEZE,
     short="stayed still",
-    definition="No step was left, the arm came to rest, and no object was touched or approached.",
+    definition="All steps were already done, so the policy should not move. The arm came to rest, and no object was "
+    "touched or approached.",
 )
 def _find_freeze(trial: TrialView) -> Evidence | None:
     """Find evidence that the arm correctly stayed still."""

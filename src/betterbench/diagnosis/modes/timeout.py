@@ -33,7 +33,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 @FailureMode(
     Label.TIMEOUT,
     short="timeout",
-    definition="Every attempt was correct, or no other object was attempted, and the step limit was reached.",
+    definition="The step limit was reached, and the policy attempted no wrong object.",
     conclusion="It makes no mistake, but runs out of time.",
     sharper=_sharper,
     finding="Makes no wrong attempt, but reaches the step limit",

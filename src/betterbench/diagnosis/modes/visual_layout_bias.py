@@ -29,8 +29,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.VISUAL_LAYOUT_BIAS,
     short="layout bias",
-    definition="The first attempt does not depend on the instruction: it is at the same slot, or is determined by a "
-    "feature of the scene or of the arm's start pose. Decided over pairs of trials.",
+    definition="The first attempt does not depend on the instruction. It is always at the same slot, or depends only "
+    "on a feature of the scene or on the arm's start pose. This label needs evidence from pairs of trials.",
     conclusion="It goes to the same place regardless of the instruction.",
     sharper=sharper_by_rule(
         {

@@ -31,8 +31,8 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 @FailureMode(
     Label.WRONG_OBJECT,
     short="wrong object",
-    definition="The policy attempts an object or target of another instruction, and this run does not prove which "
-    "rule it follows.",
+    definition="The policy attempts an object or target of another instruction, but the run has too little evidence "
+    "to name the rule that it follows.",
     conclusion="It goes for the wrong object; this run does not show why.",
     sharper=_sharper,
     finding="Goes for a wrong object or target, by no proven rule",

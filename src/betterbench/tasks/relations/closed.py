@@ -13,7 +13,7 @@ GAP = threshold(
     "closed_gap",
     0.005,
     "m",
-    "Distance from its closed position up to which a drawer is closed.",
+    "A drawer is closed if it is at most this far from its closed position.",
     "Larger: drawers are closed earlier; more success, fewer execution_failure and timeout.",
 )
 
@@ -21,7 +21,7 @@ DRAWN_OUT = threshold(
     "drawn_out",
     0.12,
     "m",
-    "Minimum opening at which a drawer can be loaded; a gripper is 65 mm thick, a stapler 36 mm.",
+    "Smallest opening at which a drawer can be loaded. A gripper is 65 mm thick, and a stapler 36 mm.",
     "Larger: a drawer must be opened wider before it can be loaded; more execution_failure of a drawer left halfway, "
     "fewer wrong_object.",
 )
@@ -29,7 +29,7 @@ PUSHED_IN = threshold(
     "pushed_in",
     0.02,
     "m",
-    "Opening of a drawer above which it blocks the drawer below.",
+    "A drawer that is open by more than this blocks the drawer below.",
     "Larger: open drawers block others less often and need closing less often; more wrong_object.",
 )
 

@@ -14,14 +14,14 @@ DEPTH = threshold(
     "hole_depth",
     0.004,
     "m",
-    "Maximum height of an object's base above the floor of a hole for the object to stand on the floor.",
+    "An object stands on the floor of a hole if its base is at most this far above the floor.",
     "Larger: jars may stick higher in their holes; more success, fewer execution_failure and timeout.",
 )
 TILT = threshold(
     "hole_tilt",
     0.12,
     "rad",
-    "Maximum tilt at which an object in a hole is upright; the clearance allows 4°.",
+    "Largest tilt of an upright object in a hole. The clearance allows 4°.",
     "Larger: jars may lean in their holes; more success, fewer execution_failure and timeout.",
 )
 

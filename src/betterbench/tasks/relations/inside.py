@@ -15,7 +15,7 @@ MARGIN = threshold(
     "inside_margin",
     0.0,
     "m",
-    "Distance by which an object's center must be inside the opening of a container.",
+    "An object is inside a container if its center is at least this far inside the opening.",
     "Larger: objects must lie farther inside; less success, more execution_failure and timeout.",
 )
 

@@ -16,22 +16,22 @@ OFFSET = threshold(
     "layer_offset",
     0.024,
     "m",
-    "Maximum distance from the base's center for a layer to be centered; two thirds of the base's radius, within "
-    "which a layer cannot topple and people accept it as stacked (docs/sides.md).",
+    "A layer is centered if it is at most this far from the center of the base. Within this distance, two thirds of "
+    "the base's radius, a layer cannot topple, and judges accept it as stacked (docs/sides.md).",
     "Larger: layers may be off center; more success, fewer execution_failure and timeout.",
 )
 GAP = threshold(
     "layer_gap",
     0.006,
     "m",
-    "Maximum gap at which a layer rests on the layer below; leaves and buns are uneven.",
+    "A layer rests on the layer below if the gap is at most this large. Leaves and buns are uneven.",
     "Larger: layers may be uneven; more success, fewer execution_failure and timeout.",
 )
 TILT = threshold(
     "layer_tilt",
     0.175,
     "rad",
-    "Maximum tilt at which a layer lies flat; 10 degrees.",
+    "Largest tilt of a layer that lies flat (10 degrees).",
     "Larger: layers may be at an angle; more success, fewer execution_failure and timeout.",
 )
 EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})

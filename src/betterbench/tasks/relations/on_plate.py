@@ -11,15 +11,16 @@ OFFSET = threshold(
     "plate_offset",
     0.049,
     "m",
-    "Maximum distance from the plate's center at which an object flat on the plate's floor is on the plate. People "
-    "accepted all plates up to 4.7 cm and none from 5.1 cm on, where a plate rests on the rim (docs/sides.md).",
+    "An object that lies flat on a plate's floor is on the plate if it is at most this far from the plate's center. "
+    "Judges accepted all plates up to 4.7 cm. They accepted none from 5.1 cm on, where a plate rests on the rim "
+    "(docs/sides.md).",
     "Larger: plates may be off center; more success, fewer execution_failure and timeout.",
 )
 GAP = threshold(
     "plate_gap",
     0.004,
     "m",
-    "Maximum height of an object's base above the plate's floor for the object to stand on the plate.",
+    "An object stands on a plate if its base is at most this far above the plate's floor.",
     "Larger: plates may rest higher, on a rim; more success, fewer execution_failure and timeout.",
 )
 RIM_RELEASE_M = 0.03

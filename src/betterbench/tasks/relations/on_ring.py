@@ -14,15 +14,15 @@ RADIUS = threshold(
     "ring_radius",
     0.015,
     "m",
-    "Maximum distance at which a mug is centered in its ring; people accept 11 mm, and are unsure up to 16 "
-    "(docs/sides.md).",
+    "A mug is centered in its ring if it is at most this far from the center. Judges accept 11 mm, and are unsure up "
+    "to 16 mm (docs/sides.md).",
     "Larger: mugs may be off center; more success, fewer execution_failure and timeout.",
 )
 HEIGHT = threshold(
     "ring_height",
     0.006,
     "m",
-    "Maximum height above the ring's plane for a mug to stand on the ring.",
+    "A mug stands on the ring if it is at most this far above the ring's plane.",
     "Larger: mugs may be higher, for example on an edge; more success, fewer execution_failure and timeout.",
 )
 SPOUT = threshold(
