@@ -68,7 +68,7 @@ def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
 
 
 def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, float]:
-    """Return prior costs that assign ambiguous attempts to the rule of the policy."""
+    """Return prior costs by which ambiguous attempts are assigned to the rule of the policy."""
     others = {name: max(cost, ONE_ATTEMPT) for name, cost in prior_costs.items() if name != CONFUSION}
     return {**prior_costs, **others, usual: 0.0}
 
@@ -78,8 +78,7 @@ def _proven_elsewhere(
 ) -> list[str]:
     """Return the kinds of rule that the other tasks prove for the policy.
 
-    Favorite places and wrong orders must be proven in enough other tasks. "word" must be the rule of all other tasks
-    together.
+    Favorite places and wrong orders must be proven in enough other tasks. "word" must explain all other tasks together.
     """
     others = [found for name, found in alone.items() if name != task]
     here = {name: mine for name, mine in choices.items() if name != task}

@@ -259,7 +259,7 @@ def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | Non
 
 
 def _never_moved(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label of an arm that never moved, which the joint states show without a judge."""
+    """Return the label of an arm that never moved. The joint states show this without a judge."""
     basis: Basis = "joints" if judged.outcome is None else "joints and judges"
     still = f"The arm never moved in {signals.duration_s:.0f} s"
     if setting.expected is Expected.STAY_STILL:
@@ -422,7 +422,7 @@ def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
 
 
 def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label if a wrong object was taken, whose kind follows from the position at which the jaw closed."""
+    """Return the label if a wrong object was taken. Its kind follows from the position at which the jaw closed."""
     del judged
     others = []
     for closing in signals.grasps or signals.attempts:

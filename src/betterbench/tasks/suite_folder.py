@@ -1,4 +1,4 @@
-"""Suite folders, which contain tasks as JSON, listed with digests in ``suite.json``.
+"""Suite folders: tasks as JSON, listed with digests in ``suite.json``.
 
 The folder name ends with the first digits of a digest over all tasks, so that equal names mean the same benchmark.
 """
@@ -56,7 +56,7 @@ def suite_schema() -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class SuiteFolder:
-    """Suite in a folder, whose files match the listed digests.
+    """Suite in a folder. Its files match the listed digests.
 
     Attributes:
         name: Name with the digits of the digest ("kitchen-3f2a91c0d4e5").

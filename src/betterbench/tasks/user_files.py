@@ -1,4 +1,4 @@
-"""User files and plugins, which register tasks, assets and other items.
+"""User files and plugins that register tasks, assets and other items.
 
 Files are named by ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker processes
 inherit. A folder of imported assets (``--asset-dir``) is also treated as a user file. Its manifest is read, and nothing
@@ -54,7 +54,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TaskFile:
-    """A loaded user file, which is a Python file or the manifest of an asset folder.
+    """A loaded user file: a Python file, or the manifest of an asset folder.
 
     Workers get the same text even if the file changes meanwhile.
 
@@ -139,7 +139,7 @@ class Companion:
 
 @dataclass(frozen=True, slots=True)
 class _Origin:
-    """Origin of a registered name, which is a task file or the package (name, version) of a plugin."""
+    """Origin of a registered name: a task file, or the package (name, version) of a plugin."""
 
     text: str
     path: str
@@ -312,7 +312,7 @@ def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str,
 
 
 def code_of(kind: str, name: str) -> str | None:
-    """Return the origin of a registered name, which is "sha256 ..." of a user's file, or package and version.
+    """Return the origin of a registered name: "sha256 ..." of a user's file, or package and version.
 
     Returns None if the name is built in.
 
@@ -359,7 +359,7 @@ def suite_file(tasks: Iterable[str], name: str) -> Path | None:
 
 
 def companion_of(task: str) -> Companion | None:
-    """Return a task file's companion, which contains its demonstration measurements.
+    """Return a task file's companion: the file with its demonstration measurements.
 
     Returns:
         Its path and text, or None for a built-in task. On a machine that received only the task file, the text is the

@@ -1,4 +1,4 @@
-"""Static twins, which pair each question about a variation with a question of the same kind about its training scene.
+"""Static twins: pairs of a question about a variation and a question of the same kind about its training scene.
 
 The twin is about the variation's training condition with the same seed, and about the objects in that scene. It has the
 same type, form and family and, in a set about decisive moments, the same role.

@@ -131,7 +131,7 @@ def _asset_folders(*, required: bool = True) -> list[Path]:
 
     folders = [Path(file.path).parent for file in loaded_files() if file.is_asset_folder]
     if required and not folders:
-        raise InvalidInputError("review assets", "no asset folder is given", "Give it with --asset-dir")
+        raise InvalidInputError("review assets", "no asset folder was given", "Give it with --asset-dir")
     return folders
 
 
@@ -152,7 +152,7 @@ def _serve(page: CommandPage[Any], host: str) -> None:
 
 
 def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> None:
-    """Write reviewed tasks and assets as new files."""
+    """Write reviewed tasks and assets to new files."""
     from betterbench.jobs.outputs import OutputFolder
     from betterbench.review.agreement import is_scene_review
     from betterbench.review.queue import apply_to_folder

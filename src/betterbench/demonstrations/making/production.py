@@ -423,7 +423,7 @@ def _produce(
 
 
 def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
-    """Warn about initial states that are in only one of the two journals. They are repeated."""
+    """Warn about initial states that are in only one of the two journals. They are attempted again."""
     lost = [entry.key for entry in journal.entries if entry.key not in attempts.found]
     lost += [key for key, outcome in attempts.found.items() if outcome.accepted and not journal.is_done(key)]
     if lost:

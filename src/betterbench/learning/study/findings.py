@@ -181,7 +181,7 @@ class StudyFindings:
 def findings_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
 ) -> StudyFindings:
-    """Return the findings of a study, which depend only on the arguments.
+    """Return the findings of a study. They depend only on the arguments.
 
     Args:
         plan: The plan.

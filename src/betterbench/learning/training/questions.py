@@ -1,4 +1,4 @@
-"""Questions about the frames of demonstrations, which a learner answers in addition to acting (co-training).
+"""Questions about the frames of demonstrations. A learner answers them in addition to acting (co-training).
 
 A learner chooses among all answers that occur in its training questions. For a box, a point or an option that is a box,
 the answer is the cell that contains its center in an 8 x 8 grid over the image, as in the question sets' baselines. The

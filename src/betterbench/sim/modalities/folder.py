@@ -40,7 +40,7 @@ _MAX_BYTES = 1 << 20
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Settings of a modality folder (views, modalities and renderer), which are the same for all its trials.
+    """Settings of a modality folder (views, modalities and renderer). They are the same for all its trials.
 
     Attributes:
         quality: Render preset for the colors, or None for the preset of each record's policy.
@@ -87,7 +87,7 @@ class ModalityFolder:
         else:
             require_free_place(self.path)
             write_durably(settings, _text(wanted))
-        ids = {"about": "Semantic id by category; 0 is nothing (the sky).", "ids": semantic_ids(categories())}
+        ids = {"about": "Semantic id by category; 0 is the sky.", "ids": semantic_ids(categories())}
         text = json.dumps(ids, indent=1).encode() + b"\n"
         if not (self.path / SEMANTICS_FILE).exists() or read_ordinary(self.path / SEMANTICS_FILE) != text:
             write_durably(self.path / SEMANTICS_FILE, text)
@@ -108,9 +108,8 @@ class ModalityFolder:
         if difference is not None:
             where, there, here = difference
             raise RunConflictError(
-                f"{self.path}: was rendered with another OpenGL: {where} is {there} there and {here} here, so pixels "
-                "may "
-                "differ. Continue on the same kind of machine, or choose another --out."
+                f"{self.path}: was rendered with another OpenGL. Its {where} is {there} there and {here} here, so "
+                "pixels may differ. Continue on the same kind of machine, or choose another --out."
             )
 
 

@@ -303,7 +303,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
 
 
 class _Names:
-    """Reader of a task's JSON, with objects and slots by name, whose errors name the path of the field."""
+    """Reader of a task's JSON, with objects and slots by name. Its errors name the path of the field."""
 
     def __init__(self, where: str, form: _Form) -> None:
         self.where, self.task = where, form.id
@@ -421,7 +421,7 @@ def _regimes(form: Mapping[str, _Regime], names: _Names) -> dict[str, ListedRegi
 
 
 def _matrices(form: _Form, names: _Names) -> tuple[ConditionMatrix, ...]:
-    """Return the diagnostic matrices, whose conditions must exist."""
+    """Return the diagnostic matrices. Their conditions must exist."""
     known = {f"train{i + 1}": None for i in range(len(form.training))} | {v.name: None for v in form.variations}
     found = []
     for i, matrix in enumerate(form.matrices):

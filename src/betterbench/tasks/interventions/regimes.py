@@ -1,4 +1,4 @@
-"""Regimes, which are sets of conditions for demonstrations in training and in control experiments."""
+"""Regimes: sets of conditions for demonstrations in training and in control experiments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grasp attempts, in which the gripper closes within reach of an object or an empty slot."""
+"""Grasp attempts: the gripper closes within reach of an object or an empty slot."""
 
 from __future__ import annotations
 

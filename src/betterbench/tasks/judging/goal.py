@@ -121,7 +121,7 @@ class GoalTracker:
         return there
 
     def _what_is_done(self, state: WorldState, at: Places) -> tuple[bool, ...]:
-        """Return a mask of the completed subgoals, whose objects are all at the target, at rest and released."""
+        """Return a mask of the completed subgoals. All their objects are at the target, at rest and released."""
         settled: dict[str, bool] = {}
         self._settling = False
         done: list[bool] = []

@@ -56,7 +56,7 @@ class Motion:
 
     @property
     def items(self) -> tuple[int, ...]:
-        """Indices of graspable objects, which are items, distractors and drawers."""
+        """Indices of graspable objects: items, distractors and drawers."""
         return graspable(self.info)
 
     @property
@@ -113,7 +113,7 @@ class Motion:
         return self.slot_near(self.positions[row, i], reach)
 
     def place_of(self, slot: str) -> str:
-        """Return the representative of a slot, which is the first slot that the same motion would reach."""
+        """Return the representative of a slot: the first slot that the same motion would reach."""
         at = {s.name: s.position[:2] for s in self.info.slots}
         return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)
 
@@ -157,7 +157,7 @@ class Motion:
 
 
 def graspable(info: SceneInfo) -> tuple[int, ...]:
-    """Return the indices of graspable objects, which are items, distractors and drawers that are not fixed."""
+    """Return the indices of graspable objects: items, distractors and drawers that are not fixed."""
     roles = ("item", "distractor", "drawer")
     return tuple(i for i, o in enumerate(info.objects) if o.role in roles and not o.fixed)
 

@@ -86,7 +86,7 @@ OURS = WorldFacts(
     reading="conditions",
     measured=True,
 )
-"""Facts about our own scenes, whose tasks are in :mod:`betterbench.tasks.suite` or defined by users."""
+"""Facts about betterbench's own scenes. Their tasks are in :mod:`betterbench.tasks.suite` or defined by users."""
 
 _FACTS: dict[str, WorldFacts] = {OURS.name: OURS}
 _STORED = TypeAdapter(WorldFacts)

@@ -1,4 +1,4 @@
-"""Physical properties stated in a URDF or MJCF file, which are used if they fit the visual shape."""
+"""Physical properties stated in a URDF or MJCF file. They are used if they fit the visual shape."""
 
 from __future__ import annotations
 

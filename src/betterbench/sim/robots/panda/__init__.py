@@ -418,7 +418,7 @@ def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
 
 
 def _add_servos(spec: mujoco.MjSpec) -> None:
-    """Add the joint servos and the gripper's, which takes the opening width [m] and acts on both fingers equally."""
+    """Add the joint servos, and the gripper servo that takes the opening width [m] and acts on both fingers equally."""
     add_joint_servos(
         spec,
         (PANDA.arm_joints, PANDA.position_actuators, PANDA.velocity_actuators),
