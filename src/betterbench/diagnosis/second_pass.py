@@ -15,7 +15,8 @@ Evidence is pooled over a policy's tasks, so findings in one task have some weig
 kind of rule depends on the fraction of tasks with wrong attempts that it explains (:func:`pooled_prior_costs`). A kind
 that explains all these tasks clearly better than any other kind is the policy's rule (:func:`rule_of_all_tasks`). If
 two rules both predict a wrong attempt, the other tasks decide between them. The prior costs are at most 3.0 nats over
-ten tasks, the weight of one attempt that only one of two rules predicts, so the attempts in a task can outweigh them.
+ten tasks. An attempt that only one of two rules predicts has the same weight, so the attempts in a task can outweigh
+the prior costs.
 """
 
 from __future__ import annotations

@@ -13,37 +13,37 @@ from betterbench.tasks.thresholds import THRESHOLDS, threshold
 # fmt: off
 # Between a grasp and its target.
 DOUBT = threshold("doubt", 0.03, "m",
-    "If a gripper closes without an object, the instructed object is the missed object if it is at most this much "
-    "farther away than another object: poor aim does not prove a wrong choice.",
+    "Maximum distance by which the instructed object may be farther away than another object to count as the missed "
+    "object of an empty grasp. Poor aim does not prove a wrong choice.",
     "Larger: more misses are attributed to the requested object; more execution_failure, fewer wrong_object and "
     "behavioral_inertia.")
 BETWEEN = threshold("between", 0.02, "m",
-    "If a gripper closes without an object, the target is ambiguous if another object is at most this much farther "
-    "away than the requested object; about the position noise of a closing gripper.",
+    "Maximum distance by which another object may be farther away than the requested object for the target of an "
+    "empty grasp to be ambiguous. It is about the position noise of a closing gripper.",
     "Larger: more misses are ambiguous; more execution_failure without a first attempt that counts, fewer "
     "wrong_object.")
 UNDONE_WITHIN = threshold("undone_within", 3.0, "s",
-    "Time before an attempt within which a finished step that comes undone does not change the choice of the target: "
-    "the gripper is already on its way, and often knocked the object away itself.",
+    "Time before an attempt within which an undone step is ignored. The target was chosen before, and the "
+    "approaching gripper often knocked the object away itself.",
     "Larger: more attempts at a later step are right; fewer order_violation and causal_confusion, more "
     "execution_failure.")
 SQUEEZES = threshold("squeezes", 3, "1",
     "Number of times that the fingers must partly close around an instructed object and open again to count as an "
-    "attempt; once or twice may be command noise.",
+    "attempt. Once or twice may be command noise.",
     "Larger: fewer partial grasps are attempts; fewer execution_failure with a weak grip, more timeout.")
 TRIES_IN_VAIN = threshold("tries_in_vain", 3, "1",
     "Number of failed or prematurely released grasps of the correct object that make the trial an execution failure, "
-    "even if the gripper holds the object at the step limit; policies without a fault had at most two.",
+    "even if the gripper holds the object at the step limit. Policies without a fault had at most two.",
     "Larger: more failed grasps are tolerated if the last one holds the object; fewer execution_failure, more "
     "timeout.")
 MEMORIZED_SPOT = threshold("memorized_spot", 0.04, "m",
     "Maximum distance from an object to the position that would be correct if the target were still in its training "
-    "slot; slots vary by 15 mm to each side, and placements by the same amount.",
+    "slot. Slots and placements each vary by 15 mm to each side.",
     "Larger: more placements count as memorized; more behavioral_inertia, fewer execution_failure.")
 
 # Stays: an empty gripper over an object.
 OVER_HEIGHT = threshold("over_height", 0.12, "m",
-    "Maximum height above the top of an object at which an open gripper is over the object; grasps from above begin "
+    "Maximum height above the top of an object at which an open gripper is over the object. Grasps from above begin "
     "at this height.",
     "Larger: the gripper is over objects from higher up; more wrong_object and semantic_feature_collapse by a stay, "
     "fewer phase_conflict and timeout.")
@@ -56,8 +56,8 @@ STAY_TIME = threshold("stay_time", 2.0, "s",
     "stay over another object for up to 4 s before they grasp, and the grasp then decides.",
     "Larger: fewer stays choose an object; fewer wrong_object and semantic_feature_collapse, more timeout.")
 STAY_SHARE = threshold("stay_share", 0.7, "1",
-    "Minimum share of the time over any object that is spent over the chosen object; a smaller share is motion "
-    "back and forth.",
+    "Minimum share of the time over any object that is spent over the chosen object. With a smaller share, the "
+    "gripper moves back and forth.",
     "Larger: a stay chooses an object only if the gripper is over it nearly all the time; fewer wrong_object, more "
     "phase_conflict and timeout.")
 PASSING = threshold("passing", 0.08, "m",
@@ -97,17 +97,17 @@ FLICKER_TIME = threshold("flicker_time", 0.25, "s",
 
 # Pushes, and failed grasps of the correct object.
 PUSH_TRAVEL = threshold("push_travel", 0.08, "m",
-    "Minimum distance over which an empty gripper must move an object for a push; policies without a fault "
-    "moved no object by more than 1 cm without grasping it, in 297 trials.",
+    "Minimum distance over which an empty gripper must move an object for a push. In 297 trials, policies without a "
+    "fault moved an ungrasped object by at most 1 cm.",
     "Larger: fewer touches are pushes; fewer wrong_object and execution_failure by a push, more timeout.")
 PUSH_SHARE = threshold("push_share", 0.5, "1",
     "Minimum share of push_travel that the gripper itself must move for a push, and that an object must move to be "
-    "shoved aside; an object that rolls off moves farther than the gripper.",
+    "shoved aside. An object that rolls off moves farther than the gripper.",
     "Larger: fewer touches are pushes or shoves; fewer wrong_object and execution_failure by a push, more "
     "phase_conflict and timeout.",
     listed=False)
 PUSH_GAP = threshold("push_gap", 1.0, "s",
-    "Maximum time between two touches of the same push: an object that slides ahead of a gripper is touched "
+    "Maximum time between two touches of the same push. An object that slides ahead of a gripper is touched "
     "intermittently and keeps sliding for a moment.",
     "Larger: more touches belong to one push; fewer objects are moved several times, so fewer wrong_object and "
     "execution_failure by a push.")
@@ -115,8 +115,8 @@ PUSH_ALONG = threshold("push_along", 0.8, "1",
     "Minimum cosine of the angle between the displacements of gripper and object for a push.",
     "Larger: the displacements must be more nearly parallel; fewer wrong_object and execution_failure by a push.")
 PUSH_AGAIN = threshold("push_again", 3, "1",
-    "Number of times that an empty gripper must come to an object and move it for the object to count as attempted, "
-    "even if the object rolls off or falls over and moves in another direction than the gripper.",
+    "Number of times that an empty gripper must come to an object and move it for the object to count as attempted. "
+    "The object may also roll off, fall over, or move in another direction than the gripper.",
     "Larger: fewer objects count as pushed by repeated contact; fewer wrong_object and execution_failure, more "
     "timeout.")
 SHOVED_AGAIN = threshold("shoved_again", 2, "1",
@@ -129,7 +129,7 @@ BEGINS_TO_MOVE = threshold("begins_to_move", 0.002, "m",
     "Larger: pushes begin later, so that other evidence more often comes first; fewer wrong_object by a push.",
     listed=False)
 CLOSED_IN_PART = threshold("closed_in_part", THRESHOLDS.finger_travel, "m",
-    "Minimum finger travel for an intended grasp if the fingers close around an object without contact; fingers are "
+    "Minimum finger travel for an intended grasp if the fingers close around an object without contact. Fingers are "
     "preset to the object width before they descend.",
     "Larger: fewer partial grasps are intended; fewer execution_failure, more timeout.")
 RUNS_INTO = threshold("runs_into", 3, "1",
@@ -148,21 +148,21 @@ TO_AND_FRO = threshold("to_and_fro", 5.0, "1",
     "straight path has 1; 99 % of the paths of policies without a fault between two grasps have less than 4.4.",
     "Larger: fewer paths are back and forth; fewer phase_conflict, more timeout.")
 TO_AND_FRO_TRAVEL = threshold("to_and_fro_travel", 0.4, "m",
-    "Minimum path length of motion back and forth; servo jitter adds up to less in a minute.",
+    "Minimum path length of motion back and forth. Servo jitter adds up to less in a minute.",
     "Larger: fewer paths are back and forth; fewer phase_conflict, more timeout.")
 LEAST_REGION = threshold("least_region", 0.02, "m",
     "Minimum diameter of the region of motion back and forth, so that an arm trembling in place is excluded.",
     "Larger: fewer small motions are back and forth; fewer phase_conflict, more timeout and early_halt.",
     listed=False)
 COMES_NEARER = threshold("comes_nearer", 0.15, "1",
-    "Minimum fraction of its distance to the correct object by which a path's center must come nearer from each "
-    "quarter to the next for the path to lead to the object. With undecided motion back and forth, the center does "
-    "not come nearer.",
+    "Minimum approach of a path to the correct object from each quarter of the path to the next, as a fraction of "
+    "the distance of the path's center. A path that approaches less does not lead to the object but moves back and "
+    "forth.",
     "Larger: fewer paths lead to a requested object; more phase_conflict, fewer timeout.")
 
 # Halts.
 HALT_RADIUS = threshold("halt_radius", 0.03, "m",
-    "Maximum distance from its stopping point that a halted arm may reach until the end; action noise moves it by "
+    "Maximum distance from its stopping point that a halted arm may reach until the end. Action noise moves it by "
     "less than 1 cm.",
     "Larger: more arms stay in place to the end; more early_halt and phase_conflict, fewer timeout.")
 DRIFT = threshold("drift", 0.002, "m/s",
@@ -177,17 +177,17 @@ PAUSES_VARY = threshold("pauses_vary", 1.5, "1",
     "For a policy with long pauses: multiple of its longest earlier pause above which a stop is a halt.",
     "Larger: more stops at the end are pauses; fewer early_halt, more timeout.")
 TREMBLE_TIME = threshold("tremble_time", 8.0, "s",
-    "Time within halt_radius until the end after which an arm that is never completely still has halted; "
-    "policies without a fault move on after at most 6.5 s.",
+    "Time within halt_radius until the end after which an arm that is never completely still has halted. Policies "
+    "without a fault move on after at most 6.5 s.",
     "Larger: an arm must tremble in place for longer; fewer early_halt and phase_conflict, more timeout.")
 OVER_GOAL = threshold("over_goal", 0.06, "m",
-    "Maximum horizontal distance between a held object and the center of its target region for the object to have "
-    "been brought there; wider regions count up to their edge.",
+    "Maximum horizontal distance between a held object and the center of its target region for the object to count "
+    "as brought there. Wider regions count up to their edge.",
     "Larger: more objects are held at their target region; more timeout for grippers that never open, fewer "
     "early_halt.")
 SEARCH_STEP = threshold("search_step", 0.5, "s",
-    "Interval at which starts of a halt, or of motion back and forth, are searched; a shorter interval finds the same "
-    "starts slightly earlier.",
+    "Interval at which starts of a halt, or of motion back and forth, are searched. A shorter interval finds the "
+    "same starts slightly earlier.",
     "Larger: halts and motion back and forth begin later or are missed; fewer early_halt and phase_conflict, more "
     "timeout.",
     listed=False)
@@ -206,13 +206,13 @@ HIGHEST_STRENGTH = threshold("highest_strength", 0.99, "1",
     "visual_layout_bias, fewer wrong_object.",
     listed=False)
 LOWEST_ERROR_RATE = threshold("lowest_error_rate", 0.001, "1",
-    "Smallest tried error rate of confusion; above zero, so that a single error is not impossible.",
+    "Smallest tried error rate of confusion. It is above zero, so that a single error is not impossible.",
     "Larger: confusion costs more for a policy that seldom errs; more lexical_kinematic_shortcut and "
     "visual_layout_bias, fewer wrong_object.",
     listed=False)
 HIGHEST_ERROR_RATE = threshold("highest_error_rate", 0.99, "1",
-    "Largest tried error rate of confusion, even if guessing errs more often; below 1, so that a single correct "
-    "attempt is not impossible.",
+    "Largest tried error rate of confusion, even if guessing errs more often. It is below 1, so that a single "
+    "correct attempt is not impossible.",
     "Larger: confusion costs less for a policy that nearly always errs; more wrong_object, fewer "
     "lexical_kinematic_shortcut and visual_layout_bias.",
     listed=False)
@@ -223,32 +223,33 @@ ORDER_TRIALS = threshold("order_trials", 3, "1",
     "and lexical_kinematic_shortcut.",
     listed=False)
 OTHER_TASKS = threshold("other_tasks", 2, "1",
-    "Number of other tasks in which a rule must be proven to count in a task whose own trials cannot prove it; a proof "
-    "in one task may be chance.",
+    "Number of other tasks that must prove a rule before it counts in a task whose own trials cannot prove it. A "
+    "proof in a single task may be chance.",
     "Larger: fewer rules carry over from other tasks; fewer visual_layout_bias and order_violation, more "
     "wrong_object.",
     listed=False)
 ONE_ATTEMPT = threshold("one_attempt", 3.0, "1",
-    "Weight of one first attempt that only one of two rules predicts [nats]: its probability is nearly 1 under that "
+    "Weight of one first attempt that only one of two rules predicts [nats]. Its probability is nearly 1 under that "
     "rule and slip under the other, and -log(slip) is 3.0.",
     "Larger: the rule over all tasks decides more attempts that fit several rules; more of that rule's label, fewer "
     "wrong_object.",
     listed=False)
 CLEARLY = threshold("clearly_better", 2.0, "1",
     "Margin in nats by which one kind of rule must explain all tasks better than any other kind to be the policy's "
-    "rule, and confusion must explain a task better than a habit to reject it: odds of 7.",
+    "rule. By the same margin, confusion must explain a task better than a habit to reject the habit. It corresponds "
+    "to odds of 7.",
     "Larger: fewer policies have one rule in all tasks; more wrong_object, fewer lexical_kinematic_shortcut and "
     "visual_layout_bias.",
     listed=False)
 
 # The instruction effect, and the cues that determine the attempts instead of the instruction.
 LEAST_PAIRS = threshold("instruction_pairs", 10, "1",
-    "Minimum number of pairs for the conclusion that a policy does not use the instruction; with fewer, chance cannot "
-    "be excluded.",
+    "Minimum number of pairs for the conclusion that a policy does not use the instruction. With fewer, chance "
+    "cannot be excluded.",
     "Larger: fewer policies are found not to use the instruction; fewer visual_layout_bias, more wrong_object.",
     listed=False)
 USED = threshold("instruction_used", 0.5, "1",
-    "Instruction effect of a policy that picks one of two objects at random; this value must be excluded before "
+    "Instruction effect of a policy that picks one of two objects at random. This value must be excluded before "
     "concluding that a policy does not use the instruction.",
     "Larger: more policies are found not to use the instruction, and fewer to have a favorite kind of object; more "
     "visual_layout_bias in betterbench's own scenes, fewer in other worlds.",
@@ -258,13 +259,13 @@ LEVEL = threshold("instruction_level", 0.025, "1",
     "Larger: more policies are found not to use the instruction; more visual_layout_bias, fewer wrong_object.",
     listed=False)
 LEAST_ASKED = threshold("favorite_asked", 3, "1",
-    "Minimum number of other kinds that were requested without success; with this many, confused words no longer "
+    "Minimum number of other kinds that were requested without success. With this many, confused words no longer "
     "explain the favorite kind.",
     "Larger: fewer policies have a favorite kind of object; fewer visual_layout_bias, more wrong_object.",
     listed=False)
 NEARLY_ALL = threshold("nearly_all", 0.9, "1",
     "Minimum share of the first attempts that a slot, kind, color or distance must explain to be named as the "
-    "deciding cue, and that a confused word must explain; a tenth may be slips.",
+    "deciding cue. The same share applies to a confused word. A tenth of the attempts may be slips.",
     "Larger: fewer cues and confused words are named; a visual_layout_bias keeps its label, and its evidence names a "
     "place less often.",
     listed=False)
@@ -276,7 +277,7 @@ SHARE_OF_ALL = threshold("share_of_all", 0.8, "1",
     "Larger: no label changes; conclusions are less specific.",
     listed=False)
 REPLAY_LIMIT = threshold("replay_limit", 0.25, "1",
-    "Maximum success rate of replayed motion on a variation that such motion does not solve; with the jitter of the "
+    "Maximum success rate of replayed motion on a variation that such motion does not solve. With the jitter of the "
     "slots, replays still succeed this often by chance.",
     "Larger: no label changes; more variations count as evidence of an ability.")
 FAILS_AT = threshold("fails_at", 0.5, "1",
@@ -292,8 +293,7 @@ JAW_MOVES = threshold("jaw_moves", 5.0, "%",
     "more early_halt.",
     listed=False)
 JAW_RESTS = threshold("jaw_rests", 1.5, "%",
-    "Largest change of the opening within stop_time of a jaw that has stopped; the backlash and the flicker of an "
-    "encoder are smaller.",
+    "Largest change of the opening within stop_time of a jaw that has stopped. Backlash and encoder noise are smaller.",
     "Larger: a slowly closing jaw counts as stopped; fewer behavioral_inertia of a real arm, more execution_failure.",
     listed=False)
 JAW_GAP = threshold("jaw_gap", 4.0, "%",
@@ -309,13 +309,13 @@ JAW_LOAD = threshold("jaw_load", 0.1, "1",
     "Larger: fewer grasps have an object if the load is known; more behavioral_inertia of a real arm.",
     listed=False)
 JAW_SHUT = threshold("jaw_shut", 15.0, "%",
-    "Opening up to which no object of the fruit basket fits between the jaws: 26 mm, and the narrowest object is 35 mm "
-    "wide, which is 22 %.",
+    "Opening up to which no object of the fruit basket fits between the jaws. It corresponds to 26 mm; the narrowest "
+    "object is 35 mm wide, which is 22 %.",
     "Larger: more grasps are empty; more behavioral_inertia and phase_conflict of a real arm.",
     listed=False)
 JAW_FULLY_SHUT = threshold("jaw_fully_shut", 4.0, "%",
-    "Opening up to which the jaws touch each other, so that a load is not evidence of an object; the calibration of "
-    "the closed jaw differs by up to 2 % from one time to the next.",
+    "Opening up to which the jaws touch each other. A load is then not evidence of an object. The calibration of the "
+    "closed jaw varies by up to 2 %.",
     "Larger: more grasps with a load are empty; more behavioral_inertia of a real arm.",
     listed=False)
 HELD_SHARE = threshold("held_share", 0.5, "1",

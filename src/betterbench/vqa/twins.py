@@ -35,10 +35,10 @@ def scene_twin(trial: TrialId) -> TrialId | None:
 def static_twins(questions: Sequence[Question]) -> dict[str, str]:
     """Return the identifiers of the twins, by the identifiers of the questions about variations.
 
-    Among the questions of the same kind about the training scene, the twin is the one that has the fewest twins so far,
-    then the same camera, the same number of wording, and the smallest distance in time. A question about a training
-    scene may be the twin of several questions, as a training trial may be the twin of several variations. A question
-    without a question of its kind about the training scene has no twin and is left out.
+    The twin is chosen among the questions of the same kind about the training scene. The question with the fewest twins
+    so far is preferred, then the same camera, the same number of wording, and the smallest distance in time. A question
+    about a training scene may be the twin of several questions, as a training trial may be the twin of several
+    variations. A question without a question of its kind about the training scene has no twin and is left out.
     """
     scenes: dict[tuple[object, ...], list[Question]] = {}
     for question in questions:

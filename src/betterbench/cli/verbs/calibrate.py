@@ -61,8 +61,8 @@ def calibrate_command(
             independent family, default 4.
         seed: First seed.
         workers: Number of worker processes; default: one per CPU core.
-        family: Set of policies: the faulty policies, or a part of the independent family: development (used to develop
-            the diagnosis), or held_out, second and so on (each used only once).
+        family: Set of policies: the faulty policies, or a part of the independent family. The part development was used
+            to develop the diagnosis. The other parts (held_out, second and so on) were each used only once.
         films: Maximum number of film strips of incorrect labels on the page; 0 renders none.
         power: Measure the power matrix instead. Its trials are fixed; only tasks, out and workers can be given.
         write_package: Also write the file that is shipped with the package; for maintainers. With --power and --tasks,

@@ -33,11 +33,11 @@ def compare_command(
 ) -> None:
     """Compare policies pairwise, on the trials that their runs share.
 
-    Runs of several suites or of CALVIN are shown in one table instead: success in LIBERO's four suites and CALVIN's
-    chains, comparisons on the same initial states, and each policy's drop in success when the scene changes. Runs with
-    the same name count as one policy. Runs of better vlm are compared in order, each with the previous one. Given a run
-    of better vlm and a run of better eval for each policy, with the same names or in the same order, the command tests
-    whether a better static score predicts a smaller illusion gap.
+    Runs of several suites or of CALVIN are shown in one table instead. It contains success in LIBERO's four suites and
+    CALVIN's chains, comparisons on the same initial states, and each policy's drop in success when the scene changes.
+    Runs with the same name count as one policy. Runs of better vlm are compared in order, each with the previous one. A
+    run of better vlm and a run of better eval can also be given for each policy, with the same names or in the same
+    order. The command then tests whether a better static score predicts a smaller illusion gap.
 
     Example: better compare runs/pi05 runs/gr00t
 

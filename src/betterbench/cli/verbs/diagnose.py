@@ -34,7 +34,7 @@ def diagnose_command(
     The result is stored as RUN/diagnosis.json. If the run contains an earlier diagnosis, the differences are printed.
     An unfinished run can be diagnosed too: missing trials are not counted, and nothing is stored.
 
-    With --answers, a model's answers about the decisive moments are compared with the policy's behavior: for each
+    With --answers, a model's answers about the decisive moments are compared with the policy's behavior. For each
     trial, the result states whether the model answered correctly, and whether the policy acted accordingly. better
     report shows the comparison too.
 

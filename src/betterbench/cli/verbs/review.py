@@ -38,7 +38,7 @@ def review_command(
     (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains a token that every request needs.
 
     "better review assets --asset-dir DIR" reviews the assets of a folder. "better review scenes" shows the scenes of
-    --tasks, --suite or --task-file one condition at a time: slots and placement frames can be moved, and a key
+    --tasks, --suite or --task-file, one condition at a time. Slots and placement frames can be moved, and a key
     certifies the scene. "better review apply FILE --out DIR" writes the reviewed tasks and assets to new files; the
     reviewed files are not changed. "better review agree A.jsonl B.jsonl" prints the agreement of two reviews, with
     Cohen's kappa.

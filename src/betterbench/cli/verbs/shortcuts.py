@@ -42,7 +42,7 @@ def shortcuts_command(
     prints the columns that it uses. If it cannot infer them from their names, give --instruction, --gripper, --place
     and --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for the whole column).
 
-    For runs, each rule is compared with the variations: a variation that breaks a rule distinguishes a policy that
+    For runs, each rule is compared with the variations. A variation that breaks a rule distinguishes a policy that
     follows the instruction from a policy that follows the rule. The result is a prediction: the variations ranked by
     how likely a learner trained on this dataset fails them, with the expected label.
 

@@ -1,9 +1,9 @@
 """Variety of demonstrations: differences between corresponding motions.
 
 Motions with the same condition, subgoal and skill are compared between pairs of demonstrations. Slot jitter is removed
-first, so that copies of one path from different initial states have no variety: paths are compared by their offset from
-the straight line between their end points, grasps and approaches in the frame of the object. Every value is a mean over
-pairs and therefore does not depend on the number of demonstrations.
+first, so that copies of one path from different initial states have no variety. Paths are compared by their offset from
+the straight line between their end points. Grasps and approaches are compared in the frame of the object. Every value
+is a mean over pairs and therefore does not depend on the number of demonstrations.
 """
 
 from __future__ import annotations

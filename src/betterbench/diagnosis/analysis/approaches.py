@@ -1,7 +1,7 @@
 """Targets of an episode without a grasp: the gripper stays over an object or pushes it.
 
 A grasp shows the target of a policy. After the last grasp, the target can only be inferred from the path of the empty
-gripper, which may stay over an object, return to it repeatedly, or move back and forth between several objects.
+gripper. The gripper may stay over an object, return to it repeatedly, or move back and forth between several objects.
 """
 
 from __future__ import annotations

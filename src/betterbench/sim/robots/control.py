@@ -66,8 +66,10 @@ POSE_STEP_RAD = 0.1
 """Largest rotation toward an absolute pose per step [rad]: 2 rad/s, below the velocity limit of every joint."""
 
 JOINT_LEAD_RAD = 0.3
-"""Largest distance between a joint reference and the measured angle [rad]: the largest joint motion for 5 cm and 0.5
-rad at the tool, so the bound is active only if the arm is blocked or far from its reference.
+"""Largest distance between a joint reference and the measured angle [rad].
+
+It is the largest joint motion for 5 cm and 0.5 rad at the tool. The bound is therefore active only if the arm is
+blocked or far from its reference.
 """
 
 

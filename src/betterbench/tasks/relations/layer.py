@@ -16,8 +16,8 @@ OFFSET = threshold(
     "layer_offset",
     0.024,
     "m",
-    "Maximum distance from the base's center for a layer to be centered; two thirds of the base's radius, within "
-    "which a layer cannot topple and people accept it as stacked (docs/sides.md).",
+    "Maximum distance from the base's center for a layer to be centered. It is two thirds of the base's radius. "
+    "Within it, a layer cannot topple, and people accept it as stacked (docs/sides.md).",
     "Larger: layers may be off center; more success, fewer execution_failure and timeout.",
 )
 GAP = threshold(

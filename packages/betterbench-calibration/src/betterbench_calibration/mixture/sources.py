@@ -139,8 +139,8 @@ def open_source(path: Path) -> ItemSource:
     """Return the source for a folder or file.
 
     Raises:
-        InvalidInputError: If the path is neither a LeRobot data set nor a question set or file, is damaged, or contains
-            questions about test trials, which must not be used for training.
+        InvalidInputError: If the path is not a LeRobot data set, a question set or a question file; if it is damaged;
+            or if it contains questions about test trials. Such questions must not be used for training.
     """
     if (path / "meta/info.json").is_file():
         return _lerobot(path)
