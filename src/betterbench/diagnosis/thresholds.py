@@ -23,8 +23,8 @@ BETWEEN = threshold("between", 0.02, "m",
     "Larger: more misses are ambiguous; more execution_failure without a first attempt that counts, fewer "
     "wrong_object.")
 UNDONE_WITHIN = threshold("undone_within", 3.0, "s",
-    "Time before an attempt within which an undone step is ignored. The target was chosen before, and the "
-    "approaching gripper often knocked the object away itself.",
+    "Time before an attempt within which it is ignored that a finished step is no longer done. The target was chosen "
+    "before, and the approaching gripper often knocked the object away itself.",
     "Larger: more attempts at a later step are right; fewer order_violation and causal_confusion, more "
     "execution_failure.")
 SQUEEZES = threshold("squeezes", 3, "1",

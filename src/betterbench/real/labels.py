@@ -407,9 +407,9 @@ def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
     span = signals.to_and_fro
     start = 0.0 if span is None else span.start_s
     seen = (
-        f"The empty gripper moves to and fro from {start:.1f} s until the end, {signals.path_m:.1f} m in all"
+        f"The empty gripper moves back and forth from {start:.1f} s until the end, {signals.path_m:.1f} m in total"
         if span is not None
-        else f"The judges saw the arm go to and fro; its tool moved {signals.path_m:.1f} m in all"
+        else f"The judges saw the arm move back and forth; its tool moved {signals.path_m:.1f} m in total"
     )
     basis: Basis = "joints and judges"
     if setting.due or setting.rest_absent:
@@ -522,7 +522,7 @@ def _summary(signals: JointSignals) -> str:
     if signals.freeze is not None:
         parts.append(f"rest from {signals.freeze.start_s:.1f} s to the end")
     if signals.to_and_fro is not None:
-        parts.append(f"motion to and fro from {signals.to_and_fro.start_s:.1f} s")
+        parts.append(f"motion back and forth from {signals.to_and_fro.start_s:.1f} s")
     if signals.repeated is not None:
         parts.append(f"{plural(signals.repeated.count, 'approach', 'approaches')} to one place without an object")
     return f"Joint states show {listed(parts)}."

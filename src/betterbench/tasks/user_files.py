@@ -90,7 +90,7 @@ class TaskFile:
         Raises:
             InvalidInputError: If the folder does not exist, or contains no imported assets.
         """
-        cure = "Name a folder that better assets import has written"
+        cure = "Give a folder written by better assets import"
         found = Path(os.path.realpath(folder))
         where = f"--asset-dir {folder}"
         if not found.is_dir():
@@ -195,7 +195,9 @@ def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]
     here, before = _loading[-1], _origins.get((kind, name))
     if name in known and (before is None or before.path != here.path):
         owner = "betterbench itself" if before is None else before.text
-        raise InvalidInputError(f"{kind} {name!r}", f"{here.text} and {owner} both define it", "Rename one of the two")
+        raise InvalidInputError(
+            f"{kind} {name!r}", f"it is defined in both {here.text} and {owner}", "Rename one of the two"
+        )
 
     @functools.wraps(make)
     def explained(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -432,8 +434,9 @@ def require_origins(plan: Mapping[str, Any], run: Path) -> None:
             where = f"a copy is {copy}: read it before you pass it" if copy.is_file() else "pass the file"
             raise RecordError(
                 f"{run}: tasks of this run are defined by {_safe(name)} (sha256 {_safe(sha256)[:12]}), which is not "
-                "loaded, or only with another text: then give a new --out. A file in the folder of a run is not "
-                f"executed automatically; {where} with --task-file, or the folder of its suite with --suite."
+                "loaded, or is loaded with another text. If its text has changed, give a new --out. A file in the "
+                f"folder of a run is not executed automatically: {where} with --task-file, or the folder of its "
+                "suite with --suite."
             )
     packages = {origin.package[0] for origin in _origins.values() if origin.package}
     for name, version in _pairs(plan, "plugins", "version"):

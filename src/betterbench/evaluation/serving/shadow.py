@@ -2,8 +2,8 @@
 
 A trial is a pure function of its id: on the same machine, the same task, condition, seed and actions give bit-identical
 states. A shadow simulation therefore needs only the control step from its client. A client that executes only a part of
-a chunk, repeats a request, or reconnects (even to a restarted server) gets the same actions. A client
-that executed other actions is detected by comparing its measurements with the state of the shadow simulation.
+a chunk, repeats a request, or reconnects (even to a restarted server) gets the same actions. The measurements of the
+client are compared with the state of the shadow simulation, to detect a client that executed other actions.
 """
 
 from __future__ import annotations

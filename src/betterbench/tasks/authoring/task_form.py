@@ -362,7 +362,7 @@ def _instruction(form: _Instruction, names: _Names, path: str) -> Instruction:
         names.find(f"{at}.relation", "relation", goal.relation, RELATIONS)
         names.object(f"{at}.target", goal.target)
         if (goal.reference.kind is None) == (goal.reference.slot is None):
-            raise names.wrong(f"{at}.reference", "names both a kind and a slot, or neither", "Name one of the two")
+            raise names.wrong(f"{at}.reference", "must contain either a kind or a slot", "Give one of the two")
         if goal.reference.slot is not None:
             names.slot(f"{at}.reference.slot", goal.reference.slot)
         reference = Reference(goal.reference.kind, goal.reference.slot)
@@ -387,7 +387,9 @@ def _condition(form: _Condition, names: _Names, path: str, *, name: str) -> Cond
         starts = (spec.name in form.layout) + (spec.name in form.preplaced) + (spec.mount is not None)
         if starts != 1:
             problem = f"{spec.name!r} starts in {starts} places"
-            raise names.wrong(path, problem, "Name one for it: a slot in layout, a target in preplaced, or its mount")
+            raise names.wrong(
+                path, problem, "Give exactly one start: a slot in layout, a target in preplaced, or its mount"
+            )
     return Condition(
         task=names.task,
         name=name,

@@ -88,7 +88,10 @@ class JudgingMemory:
 
 
 class _NotingState(WorldState):
-    """State proxy that records which bodies' poses or contacts a predicate reads.
+    """State proxy that records the poses and contacts that a predicate reads.
+
+    A predicate that calls an unlisted method or reads a complete field is evaluated more often than necessary. It is
+    never evaluated too rarely.
 
     A predicate that calls an unlisted method or reads a complete field is evaluated more often than necessary, but
     never too rarely.

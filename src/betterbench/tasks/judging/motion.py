@@ -1,4 +1,4 @@
-"""Motion of gripper and objects so far, as arrays, for the detection of grasp attempts live and in records."""
+"""Motion of gripper and objects so far, as arrays. It is used to detect grasp attempts, live and in records."""
 
 from __future__ import annotations
 
@@ -240,7 +240,7 @@ def _most_told(told: Bools, window: int) -> Bools:
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:
-    """Return the first row of each run of true flags, and the row after the run's last row."""
+    """Return the first row of each run of true flags, and the row after its last row."""
     starts, stops = (np.flatnonzero(np.diff(flags, prepend=False, append=False))[k::2].tolist() for k in (0, 1))
     return list(zip(starts, stops, strict=True))
 

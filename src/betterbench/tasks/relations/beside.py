@@ -40,16 +40,16 @@ REACH = threshold(
     0.3,
     "m",
     "Maximum distance from an anchor's edge to the center of an object's base for the object to be at the anchor's "
-    "side. People accepted the four farthest posed objects, at 23.3 to 26.6 cm, and denied none because it was too "
-    "far; 30 cm is within the table.",
+    "side. People accepted the four farthest posed objects, at 23.3 to 26.6 cm, and did not reject any for being too "
+    "far. 30 cm is within the table.",
     "Larger: farther objects are at the anchor's side; more success, fewer execution_failure and timeout.",
 )
 CLOSE = threshold(
     "side_close",
     0.075,
     "m",
-    "The same distance to the left and right of a round anchor, a plate at which a place is laid; these instructions "
-    "say 'next to the plate', because cutlery starts 8 to 11 cm from its edge.",
+    "The same distance to the left and right of a round anchor, such as the plate of a place setting. Its "
+    "instructions say 'next to the plate', because cutlery starts 8 to 11 cm from its edge.",
     "Larger: objects farther from the plate are next to it; more success, fewer execution_failure and timeout.",
 )
 CLOSE_DIAGONAL = threshold(
@@ -57,8 +57,8 @@ CLOSE_DIAGONAL = threshold(
     0.145,
     "m",
     "The same distance from the edge of a round anchor for an object at its upper right, which is no farther to the "
-    "right than side_close. People accepted cups at 11.6 and 12.8 cm and denied 17 cm; salt shakers and bowls start "
-    "from 15 cm on.",
+    "right than side_close. People accepted cups at 11.6 and 12.8 cm and rejected 17 cm. Salt shakers and bowls "
+    "start from 15 cm on.",
     "Larger: objects farther from the plate are at its upper right; more success, fewer execution_failure and timeout.",
 )
 LEAST = threshold(
@@ -73,23 +73,23 @@ CLOSE_LEAST = threshold(
     "side_close_least",
     0.005,
     "m",
-    "The same distance for a round anchor. People accepted a spoon at 0.6 cm that lies flat; nearer cutlery leans on "
-    "the rim of the plate.",
+    "The same distance for a round anchor. People accepted a flat spoon at 0.6 cm. Nearer cutlery leans on the rim "
+    "of the plate.",
     "Larger: cutlery close to a plate is not next to it; less success, more execution_failure.",
 )
 BEYOND = threshold(
     "side_beyond",
     0.025,
     "m",
-    "Distance by which an object at a side may be nearer, farther back or farther to a side than the anchor reaches; "
-    "people accepted 2.4 cm and rejected 2.7 cm.",
+    "Distance by which an object at a side may be nearer, farther back or farther to a side than the anchor reaches. "
+    "People accepted 2.4 cm and rejected 2.7 cm.",
     "Larger: objects past the ends of the anchor are at its side; more success, fewer execution_failure and timeout.",
 )
 DIAGONAL_FROM = threshold(
     "side_diagonal_from",
     math.radians(24.0),
     "rad",
-    "Smallest angle, from right to behind, at which an object is at the upper right; people accepted 25 degrees, and "
+    "Smallest angle, from right to behind, at which an object is at the upper right. People accepted 25 degrees, and "
     "called 21 degrees the right side.",
     "Larger: the upper right is narrower; less success, more execution_failure and behavioral_inertia.",
 )
@@ -97,16 +97,16 @@ DIAGONAL_TO = threshold(
     "side_diagonal_to",
     math.radians(77.0),
     "rad",
-    "Largest angle, from right to behind, at which an object is at the upper right. People accepted 73 and 75 degrees "
-    "and denied 80 degrees; the first judge denied 73 degrees.",
+    "Largest angle, from right to behind, at which an object is at the upper right. People accepted 73 and 75 "
+    "degrees and rejected 80 degrees. The first judge rejected 73 degrees.",
     "Larger: the upper right is wider; more success, fewer execution_failure and timeout.",
 )
 RIGHT_UP_TO = threshold(
     "side_right_up_to",
     math.radians(45.0),
     "rad",
-    "Largest angle, from right to behind, at which an object at the upper right is also on the right; people accepted "
-    "27 and 40 degrees as on the right.",
+    "Largest angle, from right to behind, at which an object at the upper right is also on the right. People "
+    "accepted 27 and 40 degrees as on the right.",
     "Larger: more of the upper right is also on the right; more success, fewer execution_failure and timeout.",
 )
 HEIGHT = threshold(
@@ -120,8 +120,8 @@ TURN = threshold(
     "side_turn",
     math.radians(45.0),
     "rad",
-    "Largest angle at which the handle of cutlery at a plate still points to the front, as its instruction says: "
-    "beyond 45 degrees, it points more to a side. Before instructions said so, people accepted 24 degrees, and one "
+    "Largest angle at which the handle of cutlery at a plate still points to the front, as its instruction says. "
+    "Beyond 45 degrees, it points more to a side. Before instructions said so, people accepted 24 degrees, and one "
     "judge rejected 54 and 159 to 179 degrees.",
     "Larger: cutlery may be askew; more success, fewer execution_failure.",
 )
@@ -129,15 +129,15 @@ LEVEL = threshold(
     "side_level",
     math.radians(12.0),
     "rad",
-    "Largest angle between the table and the length of cutlery at a plate, which may lie face down or on its edge; a "
-    "fork on its curved tines is 7 degrees off, and a fork across a spoon 11 degrees. People accepted all of them.",
+    "Largest angle between the table and the length of cutlery at a plate, which may lie face down or on its edge. A "
+    "fork on its curved tines has 7 degrees, and a fork across a spoon 11 degrees. People accepted all of them.",
     "Larger: cutlery may lean more; more success, fewer execution_failure.",
 )
 CROSSING = threshold(
     "side_crossing",
     0.02,
     "m",
-    "Height above the anchor's foot up to which cutlery may lie on another piece of cutlery; handles are 14 mm high. "
+    "Height above the anchor's foot up to which cutlery may lie on another piece of cutlery. Handles are 14 mm high. "
     "People accepted a fork on a spoon and a fork across a spoon.",
     "Larger: cutlery on a higher pile is at the side; more success, fewer execution_failure.",
 )
@@ -145,7 +145,7 @@ LONG_RATIO = threshold(
     "long_ratio",
     1.5,
     "1",
-    "Minimum length-to-width ratio for an object to have a direction; a mug with its handle has 1.4.",
+    "Minimum length-to-width ratio for an object to have a direction. A mug with its handle has 1.4.",
     "Larger: fewer objects must keep a direction; more success, fewer execution_failure.",
 )
 

@@ -21,7 +21,7 @@ DRAWN_OUT = threshold(
     "drawn_out",
     0.12,
     "m",
-    "Minimum opening at which a drawer can be loaded; a gripper is 65 mm thick, a stapler 36 mm.",
+    "Minimum opening at which a drawer can be loaded. A gripper is 65 mm thick, a stapler 36 mm.",
     "Larger: a drawer must be opened wider before it can be loaded; more execution_failure of a drawer left halfway, "
     "fewer wrong_object.",
 )

@@ -21,7 +21,7 @@ TILT = threshold(
     "hole_tilt",
     0.12,
     "rad",
-    "Maximum tilt at which an object in a hole is upright; the clearance allows 4°.",
+    "Maximum tilt at which an object in a hole is upright. The clearance allows 4°.",
     "Larger: jars may lean in their holes; more success, fewer execution_failure and timeout.",
 )
 

@@ -24,14 +24,14 @@ GAP = threshold(
     "layer_gap",
     0.006,
     "m",
-    "Maximum gap at which a layer rests on the layer below; leaves and buns are uneven.",
+    "Maximum gap at which a layer rests on the layer below. Leaves and buns are uneven.",
     "Larger: layers may be uneven; more success, fewer execution_failure and timeout.",
 )
 TILT = threshold(
     "layer_tilt",
     0.175,
     "rad",
-    "Maximum tilt at which a layer lies flat; 10 degrees.",
+    "Maximum tilt at which a layer lies flat (10 degrees).",
     "Larger: layers may be at an angle; more success, fewer execution_failure and timeout.",
 )
 EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})

@@ -15,8 +15,8 @@ OVERLAP = threshold(
     "loose_overlap",
     0.005,
     "m",
-    "Minimum depth to which part of an object must reach into a target for the object to be in the target at all; an "
-    "object that only leans against the outside is not.",
+    "Minimum depth to which part of an object must reach into a target for the object to be in the target at all. An "
+    "object that only leans against the outside is not in the target.",
     "Larger: objects that reach in by less are not in the target; more success, fewer execution_failure with harm, "
     "fewer behavioral_inertia of badly placed objects.",
 )

@@ -14,7 +14,7 @@ RADIUS = threshold(
     "ring_radius",
     0.015,
     "m",
-    "Maximum distance at which a mug is centered in its ring; people accept 11 mm, and are unsure up to 16 "
+    "Maximum distance at which a mug is centered in its ring. People accept 11 mm, and are unsure up to 16 mm "
     "(docs/sides.md).",
     "Larger: mugs may be off center; more success, fewer execution_failure and timeout.",
 )

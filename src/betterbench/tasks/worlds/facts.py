@@ -162,6 +162,6 @@ def facts_of_plan(plan: Mapping[str, Any], *, where: str) -> WorldFacts:
     if isinstance(name, str) and name in known:
         return known[name]
     stored = world.get("facts") if isinstance(world, dict) else None
-    cure = f"Restore the file, or name one of the worlds {', '.join(known)}"
+    cure = f"Restore the file, or give one of the worlds {', '.join(known)}"
     found = read_form(_STORED, stored, where=f"{where}: plan.world.facts", cure=cure, raises=RecordError)
     return register_facts(found)
