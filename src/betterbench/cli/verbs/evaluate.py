@@ -549,7 +549,7 @@ def _print_expert(run: RunFolder, ambiguous: Collection[TrialId]) -> None:
     OUT.print(f"expert      {text}", markup=False, soft_wrap=not OUT.is_terminal)
     record = shell_word(run.record_path(first.task, first.condition, first.seed))
     shown = f"better replay {record}{options_for([first.task])} --out expert.mp4"
-    OUT.print(f"watch it with  {shown}", markup=False, soft_wrap=True)
+    OUT.print(f"watch       {shown}", markup=False, soft_wrap=True)
 
 
 def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:

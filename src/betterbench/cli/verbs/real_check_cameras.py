@@ -91,8 +91,8 @@ def check_cameras_command(
             f"markers       {len(found.corners_px)} found, reprojection error {found.error_px:.2f} px",
             f"camera        {where} (standard deviation {100.0 * found.spread_m:.1f} cm)",
             f"lens          {found.pose.fovy_deg:.1f} degrees vertically; the twin's has {twin.fovy_deg:.1f}",
-            f"offset from the twin  {100.0 * correction.distance_m:.1f} cm and {correction.angle_deg:.1f} degrees",
-            "required correction         "
+            f"offset        {100.0 * correction.distance_m:.1f} cm and {correction.angle_deg:.1f} degrees",
+            "correction    "
             + (" ".join(correction.sentences) if not correction.is_near else "none, the pose is correct"),
         ]
         lines += [f"note          {note}" for note in notes]

@@ -247,10 +247,7 @@ class Gr00tHistoryClient(Gr00tClient):
             self.info.name,
             action_space=self.info.action_space,
             needs_images=self.info.needs_images,
-            metadata={
-                **self.info.metadata,
-                "executed by the client": f"{self._horizon or 'all'} actions of each chunk",
-            },
+            metadata={**self.info.metadata, "played by the client": f"{self._horizon or 'all'} actions of each chunk"},
             execution=Execution(),
         )
         self._frames: dict[int, Seen] = {}

@@ -87,7 +87,7 @@ class ModalityFolder:
         else:
             require_free_place(self.path)
             write_durably(settings, _text(wanted))
-        ids = {"about": "Semantic id by category; 0 is the sky.", "ids": semantic_ids(categories())}
+        ids = {"about": "Semantic id by category; 0 is nothing (the sky).", "ids": semantic_ids(categories())}
         text = json.dumps(ids, indent=1).encode() + b"\n"
         if not (self.path / SEMANTICS_FILE).exists() or read_ordinary(self.path / SEMANTICS_FILE) != text:
             write_durably(self.path / SEMANTICS_FILE, text)

@@ -176,7 +176,7 @@ def framing_faults(scene: Scene) -> tuple[str, ...]:
     margin = least_margin_m(scene)
     if margin < MARGIN_M:
         needed = f"expected at least {1e3 * MARGIN_M:g}"
-        found.append(f"a slot or target is {1e3 * margin:.0f} mm from the edge of the image, and {needed}")
+        found.append(f"a slot or target is {1e3 * margin:.0f} mm from the edge of the image, {needed}")
     return tuple(found)
 
 

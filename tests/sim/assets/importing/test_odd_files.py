@@ -129,7 +129,7 @@ def test_joints_below_turned_nodes_pose_a_skin(gltf, tmp_path):
 
 def test_a_posed_skeleton_is_refused(gltf, tmp_path):
     gltf.skinned({}, {"translation": [0.02, 0, 0]})
-    with pytest.raises(InvalidInputError, match=r"posed by a skeleton.*Apply the armature"):
+    with pytest.raises(InvalidInputError, match=r"its skeleton.*Apply the armature"):
         gltf.read(tmp_path)
 
 
