@@ -178,7 +178,7 @@ def test_several_assets_for_one_description_differ(catalogue):
         chosen = choose_different(catalogue, "an apple", 2, seed=seed)
         assert {one.hit.entry.name for one in chosen} == {"red apple", "green apple"}
     assert [one.id for one in choose_different(catalogue, "a red apple", 1)] == ["things/red_apple"]
-    with pytest.raises(InvalidInputError, match="1 assets of the catalogue fit 'a red apple', and 2 are requested"):
+    with pytest.raises(InvalidInputError, match="1 assets of the catalogue fit 'a red apple', but 2 are requested"):
         choose_different(catalogue, "a red apple", 2)
 
 
