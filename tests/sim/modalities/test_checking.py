@@ -84,7 +84,7 @@ def test_a_file_in_the_place_of_another_one_is_named_and_drawn_again(recorded, f
     shutil.copy(place(folder, 1), place(folder, 0))
     status, told = check()
     assert status == EXIT_BAD_INPUT
-    assert f"fast_food/train1/0/{NAME} is of fast_food/train1/1." in told
+    assert f"fast_food/train1/0/{NAME} belongs to fast_food/train1/1." in told
     assert materialize_run(recorded.run, folder, Wanted((VIEW,), ("boxes",))).files == 1
     assert place(folder, 0).read_bytes() == right
 

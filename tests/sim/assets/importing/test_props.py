@@ -235,7 +235,10 @@ def test_a_joint_that_moves_is_named_in_mjcf_too(folder):
         (mjcf(""), "none of its bodies has a shape"),
         (mjcf('<body><geom type="blob"/></body>'), "MuJoCo rejects it"),
         (mjcf('<body pos="nan 0 0"><geom size="0.1"/></body>'), "MuJoCo rejects it|not finite"),
-        (mjcf('<body><freejoint/><geom size=".1"/></body><body><freejoint/><geom size=".1"/></body>'), "are separate objects"),
+        (
+            mjcf('<body><freejoint/><geom size=".1"/></body><body><freejoint/><geom size=".1"/></body>'),
+            "are separate objects",
+        ),
         (mjcf('<replicate count="9999999"><body><geom size="0.1"/></body></replicate>'), "element replicate"),
         (mjcf('<body><composite type="cable" count="9999999 1 1"/></body>'), "element composite"),
         (mjcf("", '<hfield name="h" nrow="99999" ncol="99999" size="1 1 1 1"/>'), "element hfield"),
