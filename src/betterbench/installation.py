@@ -119,7 +119,7 @@ def package_command(*requirements: str, python: str | None = None) -> str:
 
 
 def calibration_module(name: str, problem: str) -> ModuleType:
-    """Import a module of the separate distribution betterbench-calibration, which is not part of the wheel.
+    """Import a module of the separate distribution betterbench-calibration. It is not part of the wheel.
 
     Args:
         name: Name of the module in ``betterbench_calibration``.

@@ -231,7 +231,7 @@ def test_runs_that_are_not_there(tmp_path):
         betterbench.compare(tmp_path, tmp_path)
     with pytest.raises(InvalidInputError, match="runs: a comparison needs at least two runs, got 0"):
         betterbench.compare()
-    with pytest.raises(InvalidInputError, match="runs: no run is given"):
+    with pytest.raises(InvalidInputError, match="runs: no run was given"):
         betterbench.write_report()
 
 

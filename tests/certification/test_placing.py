@@ -119,7 +119,7 @@ def test_the_verb_writes_task_files_and_tells_the_numbers(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ([], "--robot: no robot is given"),
+        ([], "--robot: no robot was given"),
         (["--robot", "so100"], "Did you mean 'so101'"),
         (["--robot", "panda"], "already laid out for robot 'panda'"),
         (["--robot", "so101", "--tasks", "cheesburger"], "Did you mean 'cheeseburger'"),

@@ -75,7 +75,7 @@ def test_quotas_come_from_a_file(capsys, tmp_path, content):
         (["--until", "2", "--name", "My Suite"], "'My Suite' is not a name"),
         (["--until", "2", "--quotas", "absent.yaml"], "absent.yaml"),
         (["loose_packing", "--quota", "axis=temporal:1%"], "--quota: has no effect without --until"),
-        ([], "no template is given"),
+        ([], "no template was given"),
     ],
 )
 def test_wrong_input_is_one_line_and_leaves_no_folder(capsys, tmp_path, arguments, said):

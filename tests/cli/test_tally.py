@@ -145,7 +145,7 @@ def test_a_tally_is_that_of_the_records(run):
     tally.add(folder, dataclasses.replace(entry(0), status="error", message="no memory"))
     assert tally.broken == 1
     note = tally.note(progress(4, 8, 60.0))
-    assert note == f"4.0/min, 60 s left · {tally.successes}/4 succeeded · 2 errors · 1 broke down"
+    assert note == f"4.0/min, 60 s left · {tally.successes}/4 succeeded · 2 errors · 1 could not be run"
 
 
 def test_better_eval_ends_with_how_the_policy_answered(run, capsys, monkeypatch):

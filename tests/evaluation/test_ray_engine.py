@@ -295,7 +295,7 @@ def test_a_replica_that_cannot_load_is_one_line(play, outcome, text):
 def test_a_cluster_that_is_gone_is_one_line(play, error):
     ray = FakeRay(Actor())
     ray.gone = error()
-    with pytest.raises(WorkerError, match="The Ray cluster does not answer any more") as caught:
+    with pytest.raises(WorkerError, match="The Ray cluster no longer answers") as caught:
         play(ray)
     one_line(caught.value)
 
@@ -306,7 +306,7 @@ def test_a_cluster_that_is_gone_before_the_run_is_one_line(monkeypatch):
 
     ray = SimpleNamespace(exceptions=errors, is_initialized=lambda: True, cluster_resources=gone)
     monkeypatch.setattr(session, "import_ray", lambda: ray)
-    with RaySession(Cluster("local"), None) as connected, pytest.raises(WorkerError, match="does not answer any more"):
+    with RaySession(Cluster("local"), None) as connected, pytest.raises(WorkerError, match="no longer answers"):
         assert connected.workers
 
 

@@ -201,15 +201,15 @@ def test_what_the_camera_shows_too_small_or_not_at_all_is_named() -> None:
     found = viewing.badly_framed(dataclasses.replace(task, slots=moved), conditions, seeds=2)
     assert [f.seeds for f in found] == [(0, 1), (0, 1), (0, 1)]
     assert all(f.clause == viewing.CLAUSE for f in found)
-    assert "0% of apple is visible, and 60% are needed" in found[0].text
-    assert "mm from the edge of the image, and 8 are needed" in found[0].text
+    assert "0% of apple is visible, expected at least 60%" in found[0].text
+    assert "mm from the edge of the image, expected at least 8" in found[0].text
     objects = tuple(
         dataclasses.replace(o, category="block", color="red") if o.name == "apple" else o
         for o in task.training[0].objects
     )
     small = dataclasses.replace(task.training[0], objects=objects)
     (fault,) = viewing.badly_framed(task, [small], seeds=1)
-    assert re.fullmatch(r"apple is (19|2[0-3]) px long in the image, and 24 are needed", fault.text)
+    assert re.fullmatch(r"apple is (19|2[0-3]) px long in the image, expected at least 24", fault.text)
 
 
 def test_more_demonstrations_are_measured_when_a_pose_is_outside_of_training(monkeypatch, tmp_path: Path) -> None:

@@ -533,7 +533,7 @@ def test_the_instruction_goes_under_the_name_that_the_server_gives_it(client):
 @pytest.mark.parametrize("answer", [b"ERROR", b"PK\x03\x04archive/data.pkl", b"\x80\x02}q\x00."])
 def test_servers_that_pickle_are_refused_on_purpose(client, answer):
     with Server({"ping": lambda _: answer}) as server:
-        with pytest.raises(HandshakeError, match=r"pickles with torch.* not supported on purpose"):
+        with pytest.raises(HandshakeError, match=r"pickles with torch.* This is not supported"):
             client(server)
         assert len(server.raw) == 1
 

@@ -266,7 +266,7 @@ def test_trials_are_evaluated(tmp_path):
 @pytest.mark.parametrize(
     ("reply", "text"),
     [
-        (b'"error"', "replies 'error', as these servers do after any failure"),
+        (b'"error"', "replies 'error', the answer of these servers to any failure"),
         (b'{"error": "Request failed"}', "reports an error: Request failed"),
         (b"", "cannot be read"),
         (b"<html>", "cannot be read"),
@@ -332,7 +332,7 @@ def test_a_truth_is_no_number_and_a_key_stands_once(client, body, text):
         (405, b"", HandshakeError, "has no POST /act"),
         (401, b"", HandshakeError, "api_key_env=NAME"),
         (307, b"", HandshakeError, r"redirects \(HTTP 307\)\. Give the final address"),
-        (503, b"", PolicyError, "failed to answer 2 times, most recently because of: the server answered HTTP 503"),
+        (503, b"", PolicyError, "failed to answer 2 times. Last reason: the server answered HTTP 503"),
     ],
 )
 def test_every_status_has_its_meaning(client, status, body, error, text):

@@ -142,7 +142,7 @@ def test_the_options_of_a_kind_are_read_and_typed(toy):
         ("noop?speed=1", "noop does not take options. Write noop"),
         ("noop:x", "Unknown policy 'noop:x'"),
         ("zoo:lexical?sterngth=0.5", "Unknown option of zoo 'sterngth'. Did you mean 'strength'"),
-        ("replay:", "no run is given"),
+        ("replay:", "no run was given"),
         ("python:mine.py", "the class name is missing from the address"),
     ],
 )

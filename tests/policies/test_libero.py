@@ -132,7 +132,9 @@ def test_a_preset_executes_as_much_of_a_chunk_as_the_known_client(query, expecte
 
 
 def test_asking_further_ahead_than_a_preset_executes_names_the_preset():
-    with pytest.raises(InvalidInputError, match=r"ahead=5 must be less than the 5 actions .* preset .*horizon=N"):
+    with pytest.raises(
+        InvalidInputError, match=r"ahead=5 must be less than the number of actions .* preset .*\(5\).*horizon=N"
+    ):
         executed("preset=openpi_libero&ahead=5")
 
 

@@ -180,7 +180,7 @@ def test_replay_refuses_a_missing_record_and_another_action_space(recorded):
 
 
 def test_replay_needs_a_run(tmp_path):
-    with pytest.raises(InvalidInputError, match="no run is given"):
+    with pytest.raises(InvalidInputError, match="no run was given"):
         Replay("", task="t", condition="c", base="b", seed=0)
     with pytest.raises(RecordError, match="contains no run"):
         Replay(str(tmp_path), task="t", condition="c", base="b", seed=0)

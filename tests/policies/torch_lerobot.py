@@ -356,7 +356,7 @@ def test_options_that_do_not_fit_are_named(act, options, text):
     [
         (features(state=14), "its observation.state has 14 numbers"),
         (features(cameras=("top",)), r"the camera for observation.images.top is unknown.*camera.observation"),
-        (features(cameras=("wrist", "hand")), "the camera wrist would be used for each of"),
+        (features(cameras=("wrist", "hand")), "the camera wrist would be used for several inputs"),
         (
             features(extra={"observation.environment_state": PolicyFeature(type=FeatureType.ENV, shape=(4,))}),
             "environment_state' is ENV",

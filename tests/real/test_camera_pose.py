@@ -182,7 +182,7 @@ def test_pages_that_are_laid_wrongly_are_refused():
     whole = sheet_picture()
     wrong = whole.copy()
     wrong[:, -1020:] = np.roll(whole[:, -1020:], 40, axis=0)  # the right pages lie 10 mm nearer
-    with pytest.raises(InvalidInputError, match=r"markers are off by .* pixels, and marker"):
+    with pytest.raises(InvalidInputError, match=r"markers deviate by .* pixels, marker"):
         measure_camera(rendered(POSES["placed"], picture=wrong))
 
 
@@ -309,7 +309,7 @@ def test_the_command_says_how_far_and_which_way(pictures, tmp_path, capsys):
         main(["real", "check-cameras", moved, "--ruler-mm", "100"])
     assert status.value.code == 1
     told = capsys.readouterr().out
-    assert re.search(r"off the twin +(4\.[6-9]|5\.\d) cm and 5\.\d degrees", told)
+    assert re.search(r"offset +(4\.[6-9]|5\.\d) cm and 5\.\d degrees", told)
     assert "cm down" in told
     with pytest.raises(SystemExit):
         main(["real", "check-cameras", moved, "--ruler-mm", "100", "--json"])

@@ -33,7 +33,7 @@ def test_a_plan_is_written_and_its_state_shown(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["plan", "--out", "x", "--policies", "openpi"], "--policies: 'openpi' is not NAME=ADDRESS"),
+        (["plan", "--out", "x", "--policies", "openpi"], "--policies: expected NAME=ADDRESS, got 'openpi'"),
         (["plan", "--out", "x", "--policies", "a=zoom:lexical"], "Unknown policy kind 'zoom'"),
         (["plan", "--out", "x", "--policies", "a=openpi://h:99999"], "is not a host with a port from 1 to 65535"),
         (["plan", "--out", "x", "--policies", "a=openpi://h:1?fps=1"], "Unknown option of openpi 'fps'"),
@@ -58,9 +58,12 @@ def test_bad_arguments_are_one_clear_line(arguments, says, tmp_path, monkeypatch
     [
         ([], "--arm-port: the serial port of the arm is missing"),
         (["--arm-port", "/dev/none", "--cameras", "top=0"], "--cameras: no camera is named front"),
-        (["--arm-port", "/dev/none", "--cameras", "front"], "--cameras: 'front' is not NAME=VALUE"),
+        (
+            ["--arm-port", "/dev/none", "--cameras", "front"],
+            "--cameras: expected NAME=VALUE with each name given once, got 'front'",
+        ),
         (["--arm-port", "/dev/none"], "lerobot[feetech]"),
-        (["--mock-faults", "latency_s=1"], "--mock-faults: a real arm has its own"),
+        (["--mock-faults", "latency_s=1"], "--mock-faults: simulated faults apply only to the mock arm"),
         (["--robot", "mock", "--mock-faults", "stalled=knee"], "'knee' is not a motor"),
         (["--robot", "mock", "--mock-faults", "speed=3"], "speed"),
         (["--robot", "mock", "--limits", "limits.json"], "speed_rad_s: -1.0 is not a positive number"),

@@ -176,7 +176,7 @@ def test_a_judge_works_through_the_films_by_keys(open_program, folder):
         program.press("Digit3", "3")
         page.wait_until(f"state.film !== {number} || state.judged === 6")
     page.wait_until("state.judged === 6")
-    assert "that was the last film" in page.value("document.getElementById('message').textContent")
+    assert "this was the last film" in page.value("document.getElementById('message').textContent")
     assert page.complaints() == []
     code, said = program.end()
     assert (code, "ada has judged 6 of 6 videos" in said) == (0, True)

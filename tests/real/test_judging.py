@@ -45,7 +45,7 @@ def test_entries_are_written_at_once_and_work_is_resumed(folder):
     assert list(votes(folder).values()).count("froze") == 1
     while resumed.done < len(resumed.trials):
         resumed.choose("done")
-    assert "that was the last film" in resumed.message
+    assert "this was the last film" in resumed.message
     assert len(votes(folder)) == 10
 
 

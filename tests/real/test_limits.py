@@ -121,7 +121,7 @@ def test_an_arm_that_starts_outside_the_workspace_may_only_come_back():
 
 def test_a_stalled_servo_and_an_overload_stop_the_arm_by_name():
     limiter, state = limiter_of()
-    with pytest.raises(LimitError, match="elbow_flex does not follow: it is 21 behind its command for"):
+    with pytest.raises(LimitError, match="elbow_flex does not follow its command: it has been 21 behind for"):
         repeat(limiter, state + np.array([0, 0, 40.0, 0, 0, 0]), state, UNLOADED)
     limiter, state = limiter_of()
     load = np.array([0.0, -0.95, 0.0, 0.0, 0.0, 1.0])

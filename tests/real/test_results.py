@@ -291,7 +291,11 @@ def test_kappa_of_judges_who_leave_nothing_to_compare(tmp_path):
         "apart": ({0: "froze"}, {1: "froze"}, None),
         "constant": (every, every, "4 of 4 trials; kappa is undefined, because all outcomes are the same."),
         "one_constant": (every, every | {1: "missed"}, "0.00, without an interval, because their outcomes vary too"),
-        "equal": (two, two, "2 of 2 trials; Cohen's kappa 1.00, without an interval, because they differ in no trial."),
+        "equal": (
+            two,
+            two,
+            "2 of 2 trials; Cohen's kappa 1.00, without an interval, because they agree in all trials.",
+        ),
     }
     for name, (first, second, says) in cases.items():
         (tmp_path / name).mkdir()

@@ -29,7 +29,7 @@ def page(tmp_path_factory):
     path = folder / "block.stl"
     trimesh.creation.box((0.05, 0.04, 0.06)).export(path)
     state = ReviewState(import_mesh(path, Wishes(name="block", size_m=0.06, mass_kg=0.1, up="z")))
-    broken = QueuedObject(path, "c" * 64, [], "block.stl: it holds no triangle. Export it again.")
+    broken = QueuedObject(path, "c" * 64, [], "block.stl: it contains no triangles. Export it again.")
     queue = [QueuedObject(path, "a" * 64, [state]), QueuedObject(path, "b" * 64, [state]), broken]
     with ReviewJournal(folder / "r.jsonl") as journal:
         made = ReviewPage(ReviewDesk(queue, journal, "ada"), host="127.0.0.1", port=0)
@@ -102,7 +102,7 @@ def test_an_object_that_cannot_be_imported_is_shown_with_its_reason_and_can_be_r
     desk = page._desk
     desk._go(2)
     page.show()
-    assert "it holds no triangle" in page._head.content
+    assert "it contains no triangles" in page._head.content
     for command in ("x+90", "keep", "drop test", "lift test", "new", "remove", "accept", "larger"):
         obey(page, command)
     obey(page, "drag", (Pose((0.0, 0.0, 0.1)), True))

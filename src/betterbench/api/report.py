@@ -181,7 +181,7 @@ def report_into(
         RunConflictError: If the folder contains other files, and may not be overwritten.
     """
     if not runs:
-        raise InvalidInputError("runs", "no run is given", "Give the --out folder of better eval")
+        raise InvalidInputError("runs", "no run was given", "Give the --out folder of better eval")
     place = runs[0].report_path if out is None else out
     with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
         return build_report(runs, place, names=names, twins=twins, latex=latex, films=films, listener=listener)

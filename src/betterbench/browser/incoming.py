@@ -1,4 +1,4 @@
-"""Filter for incoming messages, which passes only the page's own message types to viser.
+"""Filter for incoming messages. It passes only the page's own message types to viser.
 
 A viser message can set any property of any element and call any registered function. A wrong value could end the
 session or lock out later pages, and one kind of message would publish the page on the internet. Each message is
@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, TypeAdapter
 MAX_MESSAGE_BYTES = 1 << 16
 """Maximum size of a message [byte]; a connection that sends a larger message is closed."""
 LARGEST = 1e6
-"""Largest number accepted in a message, which may be a length [m], a size [pixel] or a fraction."""
+"""Largest number accepted in a message: a length [m], a size [pixel] or a fraction."""
 LEFT_OUT = "an unexpected message of the page was ignored; reload the page"
 
 InputKind = Literal["button", "number", "text"]

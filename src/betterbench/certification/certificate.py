@@ -155,7 +155,7 @@ class Certificate:
 
     @property
     def ambiguous(self) -> tuple[TrialCertificate, ...]:
-        """Trials with a broken premise, which have no right or wrong outcome."""
+        """Trials with a broken premise. They have no right or wrong outcome."""
         return tuple(t for t in self.trials if _is_ambiguous(t.task, t.condition))
 
     @property

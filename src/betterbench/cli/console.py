@@ -32,7 +32,7 @@ NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 
 
 class Terminal(Console):
-    """Console that removes control characters, because names and messages may come from an untrusted file.
+    """Console that removes control characters, because the text may come from an untrusted file.
 
     Commands in these texts are adapted so that they work in this installation.
     """
@@ -179,7 +179,7 @@ def print_item(text: str, *, indent: int = 0) -> None:
 def say(text: str, *, whole: bool = False) -> None:
     """Print a message on standard error, wrapped at words on a terminal.
 
-    With ``whole``, lines are never wrapped, so that a path can be copied.
+    If ``whole`` is set, lines are not wrapped, so that a path can be copied.
     """
     ERR.print(text, markup=False, soft_wrap=whole or not ERR.is_terminal)
 
@@ -207,7 +207,7 @@ def _printable(text: str) -> str:
 
 @contextmanager
 def passing_bar(what: str) -> Iterator[OnCount]:
-    """Yield a callback ``(done, total)`` that updates a progress bar, which disappears at the end."""
+    """Yield a callback ``(done, total)`` that updates a progress bar. The bar disappears at the end."""
     with progress_bar(what, 0, stays=False) as (bar, task):
         yield lambda done, planned: bar.update(task, completed=done, total=planned)
 
@@ -217,8 +217,8 @@ def progress_bar(what: str, total: int, *, estimate: bool = True, stays: bool = 
     """Show a progress bar on standard error, or print occasional progress lines if standard error is not a terminal.
 
     A ``total`` of 0 means that the amount of work is not known yet. With ``estimate=False``, the bar shows no times and
-    no progress lines are printed, for callers whose note contains the times. With ``stays``, the bar remains at the end
-    and shows the elapsed time, for the main work of a command.
+    no progress lines are printed. Use it if the note already contains the times. With ``stays``, the bar remains at the
+    end and shows the elapsed time. Use it for the main work of a command.
     """
     from betterbench.cli.progress import WorkProgress
 

@@ -11,7 +11,10 @@ from betterbench.evaluation import Progress
 from betterbench.tasks import TrialId
 
 FEW = 8
-"""Number of trials that must end before the remaining time is estimated from them: the first to end are short."""
+"""Minimum number of finished trials for an estimate of the remaining time.
+
+Short trials finish first, so fewer trials would bias the estimate.
+"""
 
 LONG_S = 300.0
 """Duration above which a run prints an estimate after its first seconds [s]."""
@@ -34,7 +37,7 @@ class Outlook:
     _now_s: float = 0.0
 
     def begin(self, done: set[TrialId]) -> None:
-        """Subtract the trials that are already done from the remaining work."""
+        """Subtract the trials that are already done from the remaining trials."""
         self._ended = set(done)
         self._left = sum(limit for trial, limit in self.limits.items() if trial not in self._ended)
 

@@ -17,7 +17,7 @@ from rich.text import Text
 
 LEAST_BAR, MOST_BAR = 8, 24
 NOTE_ROOM = 36
-"""Number of columns reserved for the note, so that the bar keeps its width when the note changes."""
+"""Number of columns reserved for the note. The bar keeps its width when the note changes."""
 
 LEAST_WHAT, LEAST_NOTE = 16, 16
 

@@ -62,7 +62,7 @@ class RunTally:
         if self.policy_errors:
             parts.append(f"{self.policy_errors} error{'' if self.policy_errors == 1 else 's'}")
         if self.broken:
-            parts.append(f"{self.broken} broke down")
+            parts.append(f"{self.broken} could not be run")
         if progress.decisions is not None:
             parts.append(f"{progress.decisions.decided}/{len(progress.decisions.answers)} variations decided")
         return " · ".join(parts)

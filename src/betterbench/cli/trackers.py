@@ -103,7 +103,7 @@ def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
 
 
 def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, name: str, project: str) -> None:
-    """Write one complete run next to the runs of earlier exports; on failure, nothing is left behind.
+    """Write one complete run next to the runs of earlier exports. If the export fails, nothing is left behind.
 
     On a full disk, wandb exits normally although data are missing, so the free space is checked before and after. The
     run is written to a temporary folder and then moved, because ``wandb sync`` would upload a partial run.
@@ -145,7 +145,10 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
 
 
 def _require_room(place: Path, size: int) -> None:
-    """Raise StorageError if a file of ``size`` bytes does not fit on the disk; the trial file is removed."""
+    """Raise StorageError if a file of ``size`` bytes does not fit on the disk.
+
+    The file written for the test is removed.
+    """
     with DurableFile(place) as tried:
         tried.file.write(bytes(size))
         tried.file.flush()

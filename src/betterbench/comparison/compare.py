@@ -152,7 +152,7 @@ class _Question(NamedTuple):
 
 
 def _families(matching: Matching) -> Iterator[list[_Question]]:
-    """Yield the families, which are groups whose p-values are corrected together."""
+    """Yield the families: groups whose p-values are corrected together."""
     varied = [t for side in matching.trials for t in side if t.variation is not None]
     yield [_Question("success", "overall")]
     yield [_Question("success", "training")]

@@ -2,7 +2,7 @@
 
 - ``analysis``: the events of one episode: approaches, grasp attempts, halts, collisions, harm.
 - ``modes``: one file per failure mode, with its detector.
-- ``thresholds``: the numbers that labels depend on.
+- ``thresholds``: the thresholds of the detectors.
 - ``trial``, ``labels``, ``ruling``: the label of each trial, from the evidence of all modes. ``readers`` selects the
   reader for a world's records, and ``libero`` reads LIBERO records.
 - ``rule_likelihood``, ``task_rules``, ``second_pass``: the rule that explains a policy's wrong first attempts

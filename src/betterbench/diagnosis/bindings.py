@@ -2,7 +2,7 @@
 
 A policy may use the instruction but misunderstand some of its words, for example by exchanging fork and spoon. A single
 trial cannot distinguish this from chance, so its label is ``wrong_object``. Several trials with the same words can,
-because a random choice would be correct in some of them.
+because a random choice would sometimes be correct.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class _FirstWord:
 
 
 def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence about words that are mistaken for other words of the task, or an empty string.
+    """Return a sentence about instruction words that the policy mistakes for other words, or an empty string.
 
     Nearly all trials with these words must agree, significantly more than half of them, and the words must explain at
     least half of the failures. At least two different words must be confused, because a single word may indicate a
@@ -72,8 +72,8 @@ def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagn
 def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
     """Return the first word of a trial's instruction, and the words for the attempted object.
 
-    None if one of them is unknown, or if the attempt is at another object of the same instruction, which concerns the
-    order.
+    Return None if one of them is unknown. Also return None for an attempt at another object of the same instruction,
+    because that is a wrong order.
     """
     try:
         condition = resolve_condition(trial.task, trial.variation or trial.condition).condition
@@ -97,7 +97,8 @@ def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
 def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
     """Return the word for which each confused word is mistaken.
 
-    This requires two trials, or one trial if the two words are mistaken for each other.
+    Each mistaken word needs evidence from two trials. If the two words are mistaken for each other, one trial each is
+    enough.
     """
     cases: dict[str, list[frozenset[str]]] = defaultdict(list)
     for one in found:
@@ -117,7 +118,7 @@ def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
 def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
     """Return a sentence about correct objects at wrong targets, if nearly all failures are of this kind, or "".
 
-    It is also empty if training explains nearly all of these targets, because this is a habit.
+    The sentence is also empty if training explains nearly all of these targets, because the failure is then a habit.
 
     Args:
         failed: Variation trials that failed at reasoning.

@@ -55,6 +55,6 @@ def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
 
 
 def _usual(names: Sequence[str]) -> str | None:
-    """Return the most frequent name if nearly all names agree, otherwise None."""
+    """Return the most frequent name if nearly all choices have it, otherwise None."""
     most = max(sorted(set(names)), key=names.count, default=None)
     return most if most is not None and names.count(most) >= NEARLY_ALL * len(names) else None

@@ -24,8 +24,7 @@ class TrialView:
     Attributes:
         record: The trial record, with its outcome.
         episode: Analysis of the record, with every grasp attempt and placement.
-        unexplained: True in the second round of detectors, which follows if no detector found evidence in the first
-            round.
+        unexplained: True in the second round of detectors. It follows if no detector found evidence in the first round.
     """
 
     record: Record
@@ -55,7 +54,7 @@ class FailureMode:
         short: Name of one or two words, for bar charts.
         definition: Condition on the record in one sentence (suite, section 5).
         conclusion: Conclusion about a policy with mostly this kind of failure, in one sentence.
-        sharper: Function that returns a more specific conclusion from the trials with this mode, or an empty string.
+        sharper: Function that returns a more specific conclusion for the trials with this mode, or an empty string.
         finding: Beginning of the sentence that counts the trials with this mode; empty if the mode yields no finding.
         detail: Function that returns the end of that sentence, with the common properties of these trials.
         rule: Kind of rule that explains the mode in the second pass (see ``ruling``), or None.
@@ -107,7 +106,10 @@ class FailureMode:
 
 
 def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDiagnosis]], str]:
-    """Return a function that maps trials to the sentence for the evidence rule of nearly all of them, or ""."""
+    """Return a function from trials to a sentence.
+
+    It returns the sentence for the evidence rule of nearly all trials, or "".
+    """
 
     def sharper(trials: Sequence[TrialDiagnosis]) -> str:
         rule, count = Counter(trial.evidence.rule for trial in trials).most_common(1)[0]

@@ -24,8 +24,8 @@ class FavoriteThing:
 
     Attributes:
         kind: Object kind.
-        rate: Trials that begin with an attempt at this kind, among trials whose scene contains it but whose instruction
-            names another kind.
+        rate: Share of trials that begin with an attempt at this kind. Only trials count whose scene contains it and
+            whose instruction names another kind.
         asked: Number of other kinds that were requested in these trials.
     """
 
@@ -51,7 +51,7 @@ class FavoriteThing:
 
 
 def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
-    """Return the kind that a policy provably goes for in every scene of a suite that contains it, or None.
+    """Return the object kind that a policy provably goes for in every scene that contains it, or None.
 
     The instructions of at least :data:`LEAST_PAIRS` trials with such an object must name another kind,
     :data:`LEAST_ASKED` kinds in total. The policy must attempt this kind more often than a policy that picks one of two

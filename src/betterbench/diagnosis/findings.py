@@ -59,7 +59,7 @@ def find_notes(
     """Return one sentence for each limit of the run.
 
     ``missing`` contains the trials without a record because of an error. ``even_pairs`` is the number of pairs in the
-    first round of a run with ``--until-decided``. ``cure`` is the advice on missing twins.
+    first round of a run with ``--until-decided``. ``cure`` is the advice if twins are missing.
     """
     notes = []
     if pending:

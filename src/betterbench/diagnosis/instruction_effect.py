@@ -123,7 +123,7 @@ def is_unused(effect: Metric | None, *, tests: int = 1) -> bool:
     """Return whether an instruction effect proves that the instruction is not used.
 
     The proof requires :data:`LEAST_PAIRS` pairs and a p-value below 2.5 %, corrected for the number of tests. For a
-    single test, this is an interval below :data:`USED`.
+    single test, this means that the interval is below :data:`USED`.
     """
     if effect is None or effect.p_value is None:
         return False

@@ -67,8 +67,8 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
 
     The earliest evidence decides. For the same attempt, label order decides. If the second pass cannot decide between
     rules for an attempt, the label is ``wrong_object`` with the remaining candidates, unless the object's appearance or
-    a training habit explains the attempt. A wrong order is not such an explanation, because a favorite slot would then
-    be an order violation in ordered tasks but a wrong object in all other tasks.
+    a training habit explains the attempt. A wrong order is not such an explanation. Otherwise, the same favorite slot
+    would be an order violation in ordered tasks and a wrong object in all other tasks.
     """
     order, waiting = all_labels(), labels_of_second_pass()
     undecided: dict[float, tuple[Label, ...]] = {}

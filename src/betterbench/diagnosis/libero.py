@@ -242,7 +242,7 @@ def _trace(record: Record, condition: Condition, trained: TrainingDistribution) 
 
 
 def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[PickedSlot, ...]:
-    """Return the regions from which objects are picked in the base suite, without closing points, which are unknown."""
+    """Return the regions from which objects are picked in the base suite. Their closing points are unknown."""
     names = {slot for slots in trained.kind_slots.values() for slot in slots}
     at = {slot.name: (slot.position[0], slot.position[1]) for slot in info.slots if slot.name in names}
     return tuple(PickedSlot(name, (x, y), ((x, y, 0.0),)) for name, (x, y) in at.items())

@@ -56,7 +56,7 @@ class Reader(Protocol):
 
 
 class OwnReader:
-    """Reader of runs in betterbench's own scenes, whose tasks define conditions and training distributions."""
+    """Reader of runs in betterbench's own scenes. Their tasks define conditions and training distributions."""
 
     twins_elsewhere = finds_favorites = False
     twins_cure = "run their training conditions with the same seeds"

@@ -2,8 +2,8 @@
 
 A policy that follows a rule with strength ``q`` goes to a slot predicted by the rule with probability ``q``. Otherwise,
 it goes to a correct slot, except for occasional slips. The null hypothesis, "confusion", is a policy with a constant
-error rate and no preferred slot. The cost of a hypothesis is its negative log-likelihood at the best value of its only
-parameter [nats]. See docs/second-pass.md for the formulas and an example.
+error rate and no preferred slot. Each hypothesis has one parameter. Its cost is the negative log-likelihood at the best
+value of this parameter [nats]. See docs/second-pass.md for the formulas and an example.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from betterbench.diagnosis.trial import Choice
 from betterbench.tasks import THRESHOLDS
 
 LATER_NEXT, LATER_LAST = f"{LATER}:next", f"{LATER}:last"
-"""Rules of beginning with the step after the current one, or with the last step."""
+"""Names of the rules that begin with a later step: the step after the current one, or the last step."""
 
 ROUNDING = 1e-9
 """Maximum difference of two costs that count as equal [nats]."""

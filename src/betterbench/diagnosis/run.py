@@ -46,7 +46,7 @@ class _Trials:
 
     Attributes:
         plan: Counted trials, in plan order.
-        readings: Result of the first pass, by trial.
+        readings: Results of the first pass, by trial.
         missing: Reason for a missing record by trial, or None if unknown.
         pending: Trials that an ongoing run has not reached yet. They are not counted.
         until_decided: Rule and decisions, or None for a run of all planned trials.
@@ -223,7 +223,7 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | 
 
 
 def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Reader) -> RunDiagnosis:
-    """Compute second pass, metrics, findings and notes from the first pass over all records.
+    """Compute the second pass, metrics, findings and notes from the first pass over all records.
 
     Rules are judged per task, or in LIBERO per suite, because each task has only one instruction.
     """
@@ -289,8 +289,8 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
     """Return the diagnosis of a trial of a policy that does not use the instruction.
 
-    A wrong first attempt without an explanatory rule is labeled as independent of the instruction. So is an attempt at
-    the favorite slot of a task, unless a favorite slot explains the attempts in all tasks.
+    A wrong first attempt that no rule explains is labeled as independent of the instruction. An attempt at the favorite
+    slot of a task is labeled in the same way, unless a favorite slot explains the attempts in all tasks.
     """
     if reading.choice is None or reading.choice.correct:
         return trial

@@ -15,7 +15,8 @@ Evidence is pooled over a policy's tasks, so findings in one task have some weig
 kind of rule depends on the fraction of tasks with wrong attempts that it explains (:func:`pooled_prior_costs`). A kind
 that explains all these tasks clearly better than any other kind is the policy's rule (:func:`rule_of_all_tasks`). If
 two rules both predict a wrong attempt, the other tasks decide between them. The prior costs are at most 3.0 nats over
-ten tasks, the weight of one attempt that only one of two rules predicts, so the attempts in a task can outweigh them.
+ten tasks. An attempt that only one of two rules predicts has the same weight, so the attempts in a task can outweigh
+the prior costs.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
 
 
 def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, float]:
-    """Return prior costs that assign ambiguous attempts to the rule of the policy."""
+    """Return prior costs by which ambiguous attempts are assigned to the rule of the policy."""
     others = {name: max(cost, ONE_ATTEMPT) for name, cost in prior_costs.items() if name != CONFUSION}
     return {**prior_costs, **others, usual: 0.0}
 
@@ -78,8 +79,7 @@ def _proven_elsewhere(
 ) -> list[str]:
     """Return the kinds of rule that the other tasks prove for the policy.
 
-    Favorite places and wrong orders must be proven in enough other tasks. "word" must be the rule of all other tasks
-    together.
+    Favorite places and wrong orders must be proven in enough other tasks. "word" must explain all other tasks together.
     """
     others = [found for name, found in alone.items() if name != task]
     here = {name: mine for name, mine in choices.items() if name != task}

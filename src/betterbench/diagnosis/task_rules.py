@@ -56,10 +56,10 @@ def judge_rules(
     Args:
         choices: First attempt per trial key.
         prior_costs: Prior cost of each kind of rule [nats], by default zero.
-        known: Kinds of rule that other tasks prove for the policy. A known "place" needs no pair of trials in this
-            task, and a known "word" needs no trials that distinguish it from a place. "later" is only judged by other
-            tasks, because in a single task it may look like a favorite place. If None, all rules are judged by the
-            trials of this task.
+        known: Kinds of rule that other tasks prove for the policy. A known "place" does not need a pair of trials in
+            this task. A known "word" does not need trials that distinguish it from a place. "later" is only judged by
+            other tasks, because in a single task it may look like a favorite place. If None, all rules are judged by
+            the trials of this task.
         ordered: Whether the policy is known to do steps in the wrong order. An attempt at a later step then proves
             neither "word" nor "place".
     """
@@ -134,8 +134,8 @@ def _proven(
 def has_pair(choices: Iterable[Choice], slot: str) -> bool:
     """Return whether two trials of a scene with different correct slots went to a given slot, at least one wrongly.
 
-    Only trials with the same scene and different instructions, or with different objects in the same slots, can show a
-    favorite slot, because they exclude a favorite object.
+    The trials must have the same scene and different instructions, or different objects in the same slots. Only such
+    trials exclude a favorite object.
     """
     went = [c for c in choices if c.slot == slot and c.right]
     same_layout = _grouped(went, lambda c: c.layout)
@@ -178,8 +178,8 @@ def _open_slots(
 ) -> frozenset[str]:
     """Return the slots that may be favorites, although the trials do not prove it.
 
-    Without its prior cost, the rule for such a slot is more likely than confusion, but there are too few trials to
-    prove it even for a policy that always goes there.
+    Without its prior cost, the rule for such a slot is more likely than confusion. However, with so few trials it could
+    not be proven even for a policy that always goes there.
     """
     price = _choice_of_slot(attempts) + prior[PLACE]
     found = {rule.slot for rule in rules if rule.slot is not None and rule.cost - price < confusion}

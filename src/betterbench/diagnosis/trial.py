@@ -51,8 +51,8 @@ class Choice:
         color: Color of that object.
         nearest: Slot of the object nearest to the gripper at the start; empty if no slot held an object.
         favorite_slots: Slot that the policy may prefer in trials with the same occupied slots, set by the second pass.
-        replaced: Whether the habit leads to the slot of the first attempt but another object was there. A single trial
-            then does not show the habit.
+        replaced: Whether the habit leads to the slot of the first attempt, but the slot contained another object. A
+            single trial then does not show the habit.
     """
 
     layout: frozenset[tuple[str, str]]

@@ -1,4 +1,4 @@
-"""Verdicts of runs with ``--until-decided``, and the trials that were selected independently of outcomes."""
+"""Verdicts of runs with ``--until-decided``, and the trials that were selected independently of the outcomes."""
 
 from __future__ import annotations
 
@@ -62,9 +62,9 @@ class UntilDecided:
             "the run stopped."
         )
         numbers = (
-            "A variation is not run further after its verdict, so its rates are biased toward the verdict. Their "
-            "intervals are valid regardless of when a run stops. Numbers over several variations use only the first "
-            f"{seeds}, which every variation got regardless of the outcomes."
+            "A variation stops after its verdict, so its rates are biased toward the verdict. Their intervals are "
+            f"valid regardless of when a run stops. Numbers over several variations use only the first {seeds}, "
+            "which every variation got regardless of the outcomes."
         )
         return verdicts, numbers
 

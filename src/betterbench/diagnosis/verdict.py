@@ -35,7 +35,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """Grasp attempt, or an air grasp far from all objects, which has neither object nor slot.
+    """Grasp attempt, or an air grasp far from all objects. An air grasp has neither object nor slot.
 
     Attributes:
         object: Object at which the grasp was aimed, or None for an air grasp.
@@ -127,7 +127,7 @@ class TrialDiagnosis:
 
     @property
     def pool(self) -> str:
-        """Name under which the trial is counted, which is the variation or training condition.
+        """Name under which the trial is counted: the variation or training condition.
 
         In LIBERO-Plus it is the axis, because each variant is run once.
         """
@@ -236,12 +236,12 @@ class RunDiagnosis:
 
     @property
     def even_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """Counted trials that were selected independently of outcomes, without ambiguous trials."""
+        """Counted trials that were selected independently of the outcomes, without ambiguous trials."""
         return tuple(t for t in self.shown_trials if not t.ambiguous)
 
     @property
     def shown_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """Trials that were selected independently of outcomes, including ambiguous trials."""
+        """Trials that were selected independently of the outcomes, including ambiguous trials."""
         if self.until_decided is None:
             return self.trials
         return tuple(t for t in self.trials if t.seed in self.until_decided.first_seeds)

@@ -67,7 +67,7 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
 
 
 class PolicyBoundary:
-    """Context manager that converts exceptions of a policy into a :class:`PolicyError`, which ends only this trial.
+    """Context manager that converts exceptions of a policy into a :class:`PolicyError`. It ends only this trial.
 
     Two errors that affect the whole run are not converted: an unreachable server, and changed conventions of a server.
     The context manager has no state, so one instance is shared.

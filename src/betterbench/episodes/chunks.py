@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # a policy server uses this module to check chunks, without a
 
 
 class Chunks:
-    """Executor of action chunks, which requests chunks and returns the action for each control step.
+    """Executor of action chunks. It requests chunks and returns the action for each control step.
 
     With ``ahead``, the next chunk is requested while actions of the current chunk remain. When it arrives, its actions
     for past steps are dropped. The observation for a chunk and the step of each action therefore do not depend on the
@@ -143,7 +143,7 @@ class Chunks:
         }
 
     def _asks_ahead(self, step: int) -> bool:
-        """Return whether to request the next chunk while the queue is executed, which is unnecessary near the end."""
+        """Return whether to request the next chunk while the queue is executed. Near the end, this is unnecessary."""
         left = len(self._queue)
         return not self._asked and 0 < left <= self._execution.ahead and step + left < self._limit
 

@@ -1,4 +1,4 @@
-"""Lazy vector environments, which create their environments at reset, for one vector environment of a group at a time.
+"""Lazy vector environments: environments are created at reset, for one vector environment of a group at a time.
 
 LeRobot creates the vector environments of all conditions before the first episode, but uses only one at a time. After a
 reset, each environment holds a scene of about 25 MB and, if it runs in a separate process, an interpreter.

@@ -264,7 +264,7 @@ def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:
 
 
 def _require_read(sentence: str, tokens: list[str], used: set[int], grammar: Grammar) -> None:
-    """Raise InvalidInputError for an unknown word, which may state a requirement that the task does not meet."""
+    """Raise InvalidInputError for an unknown word, because it may state a requirement that the task does not meet."""
     template = grammar.template.name
     free = STOPS | READ_WORDS | PLACES | COLLECTIVES.keys() | _VERBS_OF[template] | _PLAIN_WORDS
     free |= RESULTS if template == "logical_assembly" else frozenset()

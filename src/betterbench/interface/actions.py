@@ -145,7 +145,7 @@ class ActionSpace:
         raise InvalidActionError(f"{self.name} action: {bad}. Send only finite numbers.")
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, which policy handshakes also use."""
+        """Return a JSON-serializable dict, which is also used in policy handshakes."""
         return {
             "name": self.name,
             "components": list(self.components),
@@ -187,7 +187,7 @@ _JOINTS = (*(f"joint{i}" for i in range(1, 8)), "gripper")
 
 
 def _twist(name: str, reference: str) -> ActionSpace:
-    """Return an action space of translations and rotation vectors, which are added to a reference pose."""
+    """Return an action space of translations and rotation vectors that are added to a reference pose."""
     return ActionSpace(
         name=name,
         components=_TWIST,

@@ -4,8 +4,8 @@
   (:func:`job_folder`). ``conflict`` rejects a folder with other files or another job.
 - ``item_processes``, ``item_threads``, ``retries``: process several items at once and retry items whose worker died.
 - ``line_journal``, ``durable``: one synced line per finished item, and files that are complete or absent.
-- ``lock``, ``places``, ``outputs``: one writer per folder or file, no writing through links that lead out of the
-  folder, and no replacement of files that betterbench did not write.
+- ``lock``, ``places``, ``outputs``: one writer per folder or file. Links that lead out of the folder are not followed,
+  and files that betterbench did not write are not replaced.
 - ``worker_process``, ``process_output``, ``leftovers``: child processes, their output, and their termination together
   with the parent.
 - ``limited_process``: child processes with memory and time limits, for reading untrusted files.

@@ -98,7 +98,7 @@ class AskedProcess:
         return self._answer()
 
     def greeting(self, *, limit_s: float) -> FrameContent:
-        """Return the first frame, which the process sends without a request. Raises the errors of :meth:`ask`."""
+        """Return the first frame. The process sends it without a request. Raises the errors of :meth:`ask`."""
         self._until = time.monotonic() + limit_s
         return self._answer()
 

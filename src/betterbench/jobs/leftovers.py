@@ -1,4 +1,4 @@
-"""Termination of remaining child processes, which are found by a variable in their environment."""
+"""Termination of remaining child processes, found by a variable in their environment."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ _ENDS_WITHIN_S = 5.0
 """Maximum time that a process may take to exit after closing its pipe [s]."""
 _BLOCK = 1 << 16
 _PIPE_BYTES = 1 << 20
-"""Size of the pipe for replies, which is the largest that Linux allows unprivileged users [byte]."""
+"""Size of the pipe for replies: the largest that Linux allows unprivileged users [byte]."""
 
 
 class LimitedProcessError(BetterError):

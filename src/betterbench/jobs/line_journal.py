@@ -34,11 +34,12 @@ logger = logging.getLogger(__name__)
 class LineJournal:
     """Journal of JSON lines, open for appending by one process at a time.
 
-    Opening locks the folder (RunConflictError if another process holds the lock), passes all complete lines to
-    :meth:`_take_in`, and removes an incomplete last line left by a killed process. An appended line is on disk when
-    :meth:`_append_line` returns, except with ``within_s``. If another program removes, replaces or truncates the file,
-    it is written again. With ``alone``, only the file is locked, not its folder. If the folder is removed, StorageError
-    is raised, or, with ``renews``, the journal is written again because its owner also restores the other files.
+    Opening locks the folder, and raises RunConflictError if another process holds the lock. It then passes all complete
+    lines to :meth:`_take_in`, and removes an incomplete last line left by a killed process. An appended line is on disk
+    when :meth:`_append_line` returns, except with ``within_s``. If another program removes, replaces or truncates the
+    file, it is written again. With ``alone``, only the file is locked, not its folder. If the folder is removed,
+    StorageError is raised, or, with ``renews``, the journal is written again because its owner also restores the other
+    files.
     """
 
     def __init__(self, path: Path, *, alone: bool = False, renews: bool = False) -> None:

@@ -45,7 +45,7 @@ def is_locked(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class HeldFolder:
-    """Picklable reference to a locked folder, which a process passes to its workers.
+    """Picklable reference to a locked folder, for passing to workers.
 
     Attributes:
         lock: Path of the lock file.
@@ -69,7 +69,7 @@ class HeldFolder:
 
 
 class RunLock:
-    """Exclusive lock on a run folder, which is released when the process ends, if not before.
+    """Exclusive lock on a run folder. It is released when the process ends, if not before.
 
     The lock is held by the kernel. The lock file remains, but a crash leaves nothing to clean up. Forked processes do
     not keep the lock. While the lock is held, no file is written through a link that leads out of the folder

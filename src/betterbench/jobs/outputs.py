@@ -1,4 +1,4 @@
-"""Output files and folders of commands, which never silently replace other files.
+"""Output files and folders of commands. They never silently replace other files.
 
 The rules are the same for every subcommand. A file is ours if it contains the mark of the subcommand (:func:`mark_of`)
 or content that the subcommand recognizes. A folder is ours if its list ``.written.json`` names the same subcommand. A
@@ -265,7 +265,7 @@ def _is_name(name: str) -> bool:
 
 
 def is_run(path: Path) -> bool:
-    """Return whether a folder entry is a run, which has its own lock."""
+    """Return whether a folder entry is a run. A run has its own lock."""
     return not path.is_symlink() and any((path / name).is_file() for name in ("run.json", LOCK_NAME))
 
 

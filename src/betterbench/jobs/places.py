@@ -20,7 +20,7 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """Claim of a command on a folder, which decides which files may be replaced."""
+    """Claim of a command on a folder. It determines the files that may be replaced."""
 
     @property
     def thread(self) -> int:

@@ -42,7 +42,7 @@ class SpawnedProcess:
 
 
 def exit_text(status: int | None) -> str:
-    """Describe the exit status of a process, which is negative for a signal."""
+    """Describe the exit status of a process. It is negative for a signal."""
     if status is None or status >= 0:
         return f"exit status {status}"
     name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"

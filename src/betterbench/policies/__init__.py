@@ -1,4 +1,4 @@
-"""Policies, their declarations, and clients of policy servers.
+"""Policies: their declarations, and clients of policy servers.
 
 - ``address``: parsing of addresses such as ``openpi://host:port?preset=libero``.
 - ``kinds``: one file per policy kind, and the registry of kinds by address scheme.

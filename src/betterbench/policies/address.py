@@ -57,7 +57,7 @@ class Option:
 EXECUTION = (
     Option("horizon", "the number of actions of a chunk that are executed before the next chunk is requested", "whole"),
     Option("ahead", "the number of steps before the end of a chunk at which the next chunk is requested", "whole"),
-    Option("ensemble", "the rate at which older chunks lose weight in an average over chunks", "number"),
+    Option("ensemble", "the decay rate of the weights of older chunks in an average over chunks", "number"),
 )
 """Options for the execution of action chunks (see :class:`betterbench.interface.Execution`)."""
 
@@ -263,8 +263,9 @@ class PolicyAddress:
             horizon = usual_horizon
             if horizon is not None and ahead >= horizon:
                 raise self.error(
-                    f"ahead={ahead} must be less than the {horizon} actions per chunk that its preset executes",
-                    "Give horizon=N with a larger N too",
+                    f"ahead={ahead} must be less than the number of actions per chunk that its preset executes "
+                    f"({horizon})",
+                    "Also give horizon=N with a larger N",
                 )
         return Execution(
             horizon=horizon, ahead=ahead, ensemble=self.number("ensemble") if "ensemble" in self.options else None

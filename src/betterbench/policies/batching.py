@@ -1,4 +1,4 @@
-"""Batching of policy calls, in which one call answers simultaneous requests from several threads."""
+"""Batching of policy calls: one call answers simultaneous requests from several threads."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
 
     Requests that arrive during a call form the next batch, so a busy policy gets large batches and an idle policy
     answers at once. If further requests are expected, the next call waits for them, but at most as long as the shortest
-    call so far. Without this wait, several callers of one server would alternate with small batches. If a batch fails,
-    its requests are sent one by one, so that each caller gets only the error of its own request.
+    call so far took. Without this wait, the callers of one server would alternate, and their batches would stay small.
+    If a batch fails, its requests are sent one by one, so that each caller gets only the error of its own request.
     """
 
     def __init__(
@@ -65,8 +65,8 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
     ) -> AnswerT:
         """Return the answer to a request, or raise the exception of the answering function.
 
-        The timeout [s] includes the wait behind other requests and starts no earlier than ``ready_at``
-        (``time.perf_counter``). Raises TimeoutError if no answer arrives in time, although the call itself continues.
+        The timeout [s] includes the time in the queue. It starts at ``ready_at`` (``time.perf_counter``) if that is
+        later than the call. Raises TimeoutError if no answer arrives in time, although the call itself continues.
         Raises RuntimeError if the collector is closed.
         """
         if self._closed:
@@ -88,7 +88,10 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         return pending.answer  # type: ignore[return-value]
 
     def close(self, *, timeout_s: float | None = None) -> bool:
-        """Answer pending requests, end the thread, and return whether it has ended (a hanging call may continue)."""
+        """Answer pending requests and end the thread.
+
+        Return whether the thread has ended; a hanging call may continue.
+        """
         self._closed = True
         self._waiting.put(None)
         self._thread.join(timeout_s)

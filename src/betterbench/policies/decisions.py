@@ -126,7 +126,7 @@ def open_subgoal(state: WorldState, condition: Condition) -> int | None:
 
 
 def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
-    """Return the subgoals that may be executed now, which is the first open subgoal or, if the order is free, any.
+    """Return the subgoals that may be executed now: the first open subgoal or, if the order is free, all open subgoals.
 
     A drawer is closed only after its contents are inside. If a requested object does not exist, other objects may be
     handled.
@@ -159,7 +159,7 @@ def choose(situation: Situation, state: WorldState, index: int) -> str | None:
 
 
 class ExpertRule:
-    """Expert rule, which follows the instruction in order and stops when it is done."""
+    """Expert rule: follow the instruction in order, and stop when it is done."""
 
     def __init__(self, situation: Situation) -> None:
         """Make the rule for one episode."""

@@ -1,4 +1,4 @@
-"""Declarations of a policy as JSON of limited size, which are compared when a run resumes."""
+"""Declarations of a policy as JSON of limited size. They are compared when a run resumes."""
 
 from __future__ import annotations
 

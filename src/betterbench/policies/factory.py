@@ -1,4 +1,4 @@
-"""Policy factory, which builds the policy instances of a worker from an address."""
+"""Policy factory: creation of a worker's policy instances from an address."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class PolicyFactory:
 
         ``world`` is the world whose conventions are used with a server (``World.dialect``).
 
-        With ``apart``, a user's policy is loaded in a separate process, which may take ten times the ``timeout_s`` of
+        With ``apart``, a user's policy is loaded in a separate process. Loading may take ten times the ``timeout_s`` of
         an answer [s]. ``known`` is the server's declaration at the start of the run, or None if clients compare
         declarations themselves. ``kind`` is the policy kind, by default that of the address.
 

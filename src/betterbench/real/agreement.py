@@ -75,7 +75,7 @@ class PairAgreement:
         if kappa is None:
             return f"{text}; kappa is undefined, because all outcomes are the same."
         if interval is None:
-            why = "they differ in no trial" if not self.disagreements else "their outcomes vary too little"
+            why = "they agree in all trials" if not self.disagreements else "their outcomes vary too little"
             return f"{text}; Cohen's kappa {kappa:.2f}, without an interval, because {why}."
         return f"{text}; Cohen's kappa {kappa:.2f} (95 % interval {interval.low:.2f} to {interval.high:.2f})."
 

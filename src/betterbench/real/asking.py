@@ -105,7 +105,7 @@ class _Answered:
 
 
 class Asker:
-    """Background requester of action chunks, which gives one action per control step."""
+    """Background requester of action chunks. It returns one action per control step."""
 
     def __init__(self, policy: Policy, space: ActionSpace) -> None:
         """Start the thread."""

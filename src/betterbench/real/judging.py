@@ -111,7 +111,7 @@ class JudgeDesk:
         number = self.index + 1
         waiting = [k for k, other in enumerate(self.trials) if other.code not in self._mine]
         after = [k for k in waiting if k > self.index] or waiting
-        left = f"{plural(len(waiting), 'film')} left" if waiting else "that was the last film"
+        left = f"{plural(len(waiting), 'film')} left" if waiting else "this was the last film"
         if after:
             self.index = after[0]
         self._say(f"film {number}: {outcome_named(outcome).title}; {left}")

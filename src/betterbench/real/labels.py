@@ -259,7 +259,7 @@ def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | Non
 
 
 def _never_moved(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label of an arm that never moved, which the joint states show without a judge."""
+    """Return the label of an arm that never moved. The joint states show this without a judge."""
     basis: Basis = "joints" if judged.outcome is None else "joints and judges"
     still = f"The arm never moved in {signals.duration_s:.0f} s"
     if setting.expected is Expected.STAY_STILL:
@@ -407,9 +407,9 @@ def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
     span = signals.to_and_fro
     start = 0.0 if span is None else span.start_s
     seen = (
-        f"The empty gripper moves to and fro from {start:.1f} s until the end, {signals.path_m:.1f} m in all"
+        f"The empty gripper moves back and forth from {start:.1f} s until the end, {signals.path_m:.1f} m in total"
         if span is not None
-        else f"The judges saw the arm go to and fro; its tool moved {signals.path_m:.1f} m in all"
+        else f"The judges saw the arm move back and forth; its tool moved {signals.path_m:.1f} m in total"
     )
     basis: Basis = "joints and judges"
     if setting.due or setting.rest_absent:
@@ -422,7 +422,7 @@ def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
 
 
 def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label if a wrong object was taken, whose kind follows from the position at which the jaw closed."""
+    """Return the label if a wrong object was taken. Its kind follows from the position at which the jaw closed."""
     del judged
     others = []
     for closing in signals.grasps or signals.attempts:
@@ -522,7 +522,7 @@ def _summary(signals: JointSignals) -> str:
     if signals.freeze is not None:
         parts.append(f"rest from {signals.freeze.start_s:.1f} s to the end")
     if signals.to_and_fro is not None:
-        parts.append(f"motion to and fro from {signals.to_and_fro.start_s:.1f} s")
+        parts.append(f"motion back and forth from {signals.to_and_fro.start_s:.1f} s")
     if signals.repeated is not None:
         parts.append(f"{plural(signals.repeated.count, 'approach', 'approaches')} to one place without an object")
     return f"Joint states show {listed(parts)}."

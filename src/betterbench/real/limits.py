@@ -222,7 +222,7 @@ class Limiter:
         if (self._stalled_s > self.limits.stall_s).any():
             joint = int(np.argmax(self._stalled_s))
             lag, lasted = abs(self._last[joint] - state[joint]), self._stalled_s[joint]
-            text = f"{SO101_MOTORS[joint]} does not follow: it is {lag:.0f} behind its command for {lasted:.1f} s"
+            text = f"{SO101_MOTORS[joint]} does not follow its command: it has been {lag:.0f} behind for {lasted:.1f} s"
             raise LimitError(f"{text}. Check that nothing blocks it, its cable and its power.")
 
 

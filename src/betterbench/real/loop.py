@@ -45,7 +45,7 @@ logger = logging.getLogger(__name__)
 
 
 class TrialAbortedError(BetterError):
-    """Error for an aborted trial, which does not count; the message gives the reason."""
+    """Error for an aborted trial. Such a trial does not count. The message gives the reason."""
 
 
 @dataclass(slots=True)

@@ -77,7 +77,7 @@ class ObjectAgreement:
         if self.accepted:
             return ""
         if not self.is_found:
-            return f"The {title} is seen neither at its place nor within {100 * SEARCH_M:.0f} cm of it."
+            return f"The {title} was not found at its planned position or within {100 * SEARCH_M:.0f} cm of it."
         x, y = self.off_m
         parts = []
         if abs(x) >= 0.005:
@@ -154,7 +154,7 @@ def _wrong_cloth(live: np.ndarray, twin: TwinView) -> str:
 def _scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
     """Return an image scaled by area averaging; raise InvalidInputError if the aspect ratios differ."""
     if image.ndim != 3 or image.shape[2] != 3 or abs(image.shape[1] * height / (image.shape[0] * width) - 1.0) > 0.02:
-        problem = f"its images have shape {image.shape}, and the twin's {(height, width, 3)}"
+        problem = f"its images have shape {image.shape}, but the twin's have {(height, width, 3)}"
         raise InvalidInputError("front camera", problem, "Use the same ratio of width and height for both")
     if image.shape[:2] == (height, width):
         return image

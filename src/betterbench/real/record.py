@@ -363,7 +363,7 @@ class RealJournal(LineJournal):
         return folder
 
     def end(self, code: str, ending: Ending) -> None:
-        """Record the end of the running attempt, whose files must already be written."""
+        """Record the end of the running attempt. Its files must already be written."""
         record = file_digest(self.attempt_folder(code) / HEADER_NAME)
         self._append(Event("ended", code, self._states[code].attempt, now(), ending, record=record))
 
@@ -676,7 +676,8 @@ def repeat_damaged(folder: Path, codes: Sequence[str], person: str) -> None:
     """Schedule damaged trials for repetition, and move their remaining files to ``aborted``.
 
     Raises:
-        InvalidInputError: If a trial is not finished or not damaged, because an unwelcome result must not be repeated.
+        InvalidInputError: If a trial is unfinished or undamaged. An undamaged trial must not be repeated because of its
+            result.
         RunConflictError: If another process runs the protocol.
         RecordError: If the plan, the journal or the entries are damaged.
     """

@@ -67,7 +67,7 @@ end the trial; enter the outcome; undo the last entry; discard and repeat the la
 
 @dataclass(frozen=True, slots=True)
 class SessionView:
-    """Content of the operator page, which shows neither policy nor condition.
+    """Content of the operator page. Policy and condition are hidden.
 
     Attributes:
         code: Code of the current trial, or an empty string at the end.

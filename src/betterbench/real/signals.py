@@ -285,7 +285,7 @@ def signals_of(track: JointTrack) -> JointSignals:
 
 
 def _steady(tool: Floats, track: JointTrack) -> Floats:
-    """Return the path averaged over ``stillness_window``, which removes encoder noise."""
+    """Return the path averaged over ``stillness_window``, to remove encoder noise."""
     half = track.steps(THRESHOLDS.stillness_window) // 2
     if not half or len(tool) <= 2 * half:
         return tool

@@ -1,4 +1,4 @@
-"""Compression of byte blocks that are read often and individually, with LZ4, which decompresses fastest."""
+"""Compression of byte blocks that are read often and individually. LZ4 is used, because it decompresses fastest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run journal with one line per finished trial, which alone determines how a run resumes.
+"""Run journal with one line per finished trial. It alone determines how a run resumes.
 
 Each line contains the SHA-256 of its record, the digest of its scene, and a hash link (the SHA-256 of the previous link
 and the line). Links reveal changed, missing or reordered lines. Journals of older versions lack the scene digest, or

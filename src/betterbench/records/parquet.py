@@ -110,7 +110,7 @@ class _TrialOnly(BaseModel, strict=True):
 
 
 class RecordBrief(BaseModel):
-    """Trial, assets and outcome of a record, which can be read without the columns."""
+    """Trial, assets and outcome of a record. They can be read without the columns."""
 
     metadata: _TrialOnly
     outcome: Outcome
@@ -186,7 +186,7 @@ def read_record(path: Path, *, digest: str | None = None) -> Record:
 
 
 def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
-    """Read only the outcome of a record's episode, which is fast.
+    """Read only the outcome of a record's episode. This is faster than reading the record.
 
     Raises:
         RecordError: The errors of :func:`read_record`, but with fewer checks.

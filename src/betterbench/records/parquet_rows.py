@@ -1,4 +1,4 @@
-"""Reader for Parquet files written by other programs, which loads large cells on demand."""
+"""Reader for Parquet files written by other programs. It loads large cells on demand."""
 
 from __future__ import annotations
 

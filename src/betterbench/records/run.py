@@ -230,7 +230,7 @@ class RunFolder:
         return RunFolder(self.path, form["plan"], form["context"])
 
     def journal(self, *, renews: bool = False) -> Journal:
-        """Open the journal for appending, which locks the folder until it is closed.
+        """Open the journal for appending. The folder is locked until the journal is closed.
 
         With ``renews``, the journal can continue after the folder was removed or moved. The caller must then restore
         the run and repeat the trials whose records are missing.
@@ -340,7 +340,7 @@ class RunFolder:
         return record
 
     def read_brief(self, trial: TrialId, *, entry: JournalEntry | None = None) -> RecordBrief:
-        """Read only the trial and the outcome of a record, which is fast; raise the errors of :meth:`read_record`.
+        """Read only the trial and the outcome of a record, which is fast. Raises the errors of :meth:`read_record`.
 
         If ``entry`` is given, the journal is not read.
         """

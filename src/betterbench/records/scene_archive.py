@@ -43,7 +43,7 @@ class StorableScene(Protocol):
 
     @property
     def content_hash(self) -> str:
-        """Name of the stored scene, which identifies its files within one process."""
+        """Name of the stored scene. It identifies the scene's files within one process."""
 
     def files(self) -> dict[str, bytes]:
         """Return the stored files: content by name."""

@@ -41,7 +41,7 @@ class _Closure:
 
 
 def subgoal_segments(record: Record, condition: Condition) -> tuple[SubgoalSegment, ...]:
-    """Return the segments of an episode, which cover all rows; an empty tuple if the gripper never closed.
+    """Return the segments of an episode. They cover all rows. The result is empty if the gripper never closed.
 
     Args:
         record: The episode record.

@@ -18,8 +18,10 @@ from betterbench.tasks.user_files import options_for
 from betterbench.tasks.worlds.facts import facts_of_task
 
 USUAL_SHARE = 0.2
-"""Share of failed trials that a kind of failure must significantly exceed (exact binomial test) to be a conclusion
-without an illusion gap, as in training or without training twins."""
+"""Share of failed trials that a kind of failure must significantly exceed to be a conclusion without an illusion gap.
+
+The test is exact binomial. Such conclusions concern training, or variations without training twins.
+"""
 
 FEW = 3
 """Minimum number of trials for a conclusion about a policy's habit, about one task (if failures are rare) or about an

@@ -76,7 +76,7 @@ def task_of(name: str) -> Task | None:
 
 
 def is_abroad(diagnosis: RunDiagnosis) -> bool:
-    """Return whether a run is in another world, which has no matrices, pretenders or certificates."""
+    """Return whether a run is in another world. Other worlds have no matrices, pretenders or certificates."""
     return bool(diagnosis.trials) and not any(facts_of_task(trial.task).measured for trial in diagnosis.trials)
 
 

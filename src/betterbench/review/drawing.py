@@ -1,4 +1,4 @@
-"""Bounding box rulers and panel texts, which the review page shows in addition to the meshes."""
+"""Bounding box rulers and panel texts that the review page shows in addition to the meshes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulation code, which needs MuJoCo, an OpenGL back end, or a simulator in a separate environment.
+"""Simulation code. It needs MuJoCo, an OpenGL back end, or a simulator in a separate environment.
 
 - ``graphics``: OpenGL back ends and devices, and checks of them.
 - ``robots``: the arm as MJCF, its inverse kinematics and its controller.

@@ -1,4 +1,4 @@
-"""Sign-flip test for paired differences, whose null hypothesis is that the sides of each pair are exchangeable."""
+"""Sign-flip test for paired differences. Under the null hypothesis, the two sides of each pair are exchangeable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compact letter display, which shows significant pairwise differences by letters."""
+"""Compact letter display of significant pairwise differences."""
 
 from __future__ import annotations
 

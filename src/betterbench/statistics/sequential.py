@@ -1,4 +1,4 @@
-"""Sequential tests for pairs, in which the evidence may be inspected after every pair.
+"""Sequential tests for pairs. The evidence may be inspected after every pair.
 
 An e-process starts at 1. If there is no difference, its expected value is at most 1 at any stopping time. By Ville's
 inequality, it then reaches ``1 / alpha`` with a probability of at most ``alpha``, regardless of the number of

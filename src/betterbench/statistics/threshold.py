@@ -84,7 +84,7 @@ class Threshold:
         high: Upper end of the interval.
         rises_from: Size at which a tenth of the items is read; below the threshold.
         rises_to: Size at which nine tenths are read.
-        reason: Why no threshold can be concluded; empty if one can.
+        reason: Reason why no threshold can be inferred; empty if there is one.
         n: Number of items.
         clusters: Number of clusters.
         smallest: Smallest size.

@@ -1,4 +1,4 @@
-"""Conditions, which are fully specified settings of a task, with their objects and slots."""
+"""Conditions: fully specified settings of a task, with their objects and slots."""
 
 from __future__ import annotations
 

@@ -351,7 +351,7 @@ def read_demonstrations(text: str, where: str) -> DemonstrationsFile:
 
 @functools.lru_cache(maxsize=1)
 def _packaged() -> DemonstrationsFile:
-    """Return the packaged measurements, which are empty if there is no file."""
+    """Return the packaged measurements, or empty measurements if there is no file."""
     file = resources.files("betterbench.tasks").joinpath("data", PACKAGED)
     return read_demonstrations(file.read_text(encoding="utf-8"), _PACKAGED_NAME) if file.is_file() else _NONE
 

@@ -25,7 +25,7 @@ _LABELS: dict[str, Label] = {}
 
 
 class Label(str):
-    """Outcome label of a trial, which is a text with a kind. There is exactly one object per name.
+    """Outcome label of a trial: a text with a kind. There is exactly one object per name.
 
     The order of the labels decides between evidence from the same moment. :func:`new_label` makes further labels.
 
@@ -72,7 +72,7 @@ class Label(str):
 
 
 def new_label(name: str, kind: Kind, *, after: Label | None = None) -> Label:
-    """Return a new label, which comes directly after ``after`` in the order, or last.
+    """Return a new label. In the order of labels, it comes directly after ``after``, or last.
 
     Raises:
         InvalidInputError: If the name is taken.

@@ -1,4 +1,4 @@
-"""Appearance of objects and rooms in a run, which has the default looks of training and tests or held-out looks."""
+"""Appearance of objects and rooms in a run: the default looks of training and tests, or held-out looks."""
 
 from __future__ import annotations
 

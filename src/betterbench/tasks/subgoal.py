@@ -1,4 +1,4 @@
-"""Subgoals, which are an instruction's steps as relations between objects."""
+"""Subgoals: an instruction's steps as relations between objects."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Subgoal:
-    """Step of an instruction, which is a relation to establish between an object and a target.
+    """Step of an instruction: a relation to establish between an object and a target.
 
     Attributes:
         name: Step name ("pack_burger") in records, reports and questions.

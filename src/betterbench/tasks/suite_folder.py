@@ -1,4 +1,4 @@
-"""Suite folders, which contain tasks as JSON, listed with digests in ``suite.json``.
+"""Suite folders: tasks as JSON, listed with digests in ``suite.json``.
 
 The folder name ends with the first digits of a digest over all tasks, so that equal names mean the same benchmark.
 """
@@ -56,7 +56,7 @@ def suite_schema() -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class SuiteFolder:
-    """Suite in a folder, whose files match the listed digests.
+    """Suite in a folder. Its files match the listed digests.
 
     Attributes:
         name: Name with the digits of the digest ("kitchen-3f2a91c0d4e5").
@@ -111,14 +111,14 @@ def read_suite_folder(path: Path | str) -> SuiteFolder:
     """
     folder = Path(path).absolute()
     where = str(folder / HEAD)
-    cure = f"Name a folder with a {HEAD}"
+    cure = f"Give a folder with a {HEAD}"
     head = read_form(_HEAD, read_bounded(folder / HEAD, max_bytes=_MOST_BYTES, cure=cure), where=where, cure=_CURE)
     files = []
     for task, digest in sorted(head.tasks.items()):
         file = folder / TASKS / f"{task}.json"
         found = hashlib.sha256(read_bounded(file, max_bytes=_MOST_BYTES, cure=_CURE)).hexdigest()
         if found != digest:
-            problem = f"has the digest {found[:_DIGITS]}…, and {HEAD} lists {digest[:_DIGITS]}…"
+            problem = f"has the digest {found[:_DIGITS]}…, but {HEAD} lists {digest[:_DIGITS]}…"
             raise InvalidInputError(str(file), problem, _CURE)
         files.append(file)
     strange = sorted(f.name for f in (folder / TASKS).glob("*.json") if f not in files and not _is_companion(f))

@@ -1,4 +1,4 @@
-"""Identifiers of trials, which consist of task, condition and seed."""
+"""Identifiers of trials: task, condition and seed."""
 
 from dataclasses import dataclass
 

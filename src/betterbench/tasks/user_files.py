@@ -1,4 +1,4 @@
-"""User files and plugins, which register tasks, assets and other items.
+"""User files and plugins that register tasks, assets and other items.
 
 Files are named by ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker processes
 inherit. A folder of imported assets (``--asset-dir``) is also treated as a user file. Its manifest is read, and nothing
@@ -54,7 +54,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TaskFile:
-    """A loaded user file, which is a Python file or the manifest of an asset folder.
+    """A loaded user file: a Python file, or the manifest of an asset folder.
 
     Workers get the same text even if the file changes meanwhile.
 
@@ -90,7 +90,7 @@ class TaskFile:
         Raises:
             InvalidInputError: If the folder does not exist, or contains no imported assets.
         """
-        cure = "Name a folder that better assets import has written"
+        cure = "Give a folder written by better assets import"
         found = Path(os.path.realpath(folder))
         where = f"--asset-dir {folder}"
         if not found.is_dir():
@@ -139,7 +139,7 @@ class Companion:
 
 @dataclass(frozen=True, slots=True)
 class _Origin:
-    """Origin of a registered name, which is a task file or the package (name, version) of a plugin."""
+    """Origin of a registered name: a task file, or the package (name, version) of a plugin."""
 
     text: str
     path: str
@@ -195,7 +195,9 @@ def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]
     here, before = _loading[-1], _origins.get((kind, name))
     if name in known and (before is None or before.path != here.path):
         owner = "betterbench itself" if before is None else before.text
-        raise InvalidInputError(f"{kind} {name!r}", f"{here.text} and {owner} both define it", "Rename one of the two")
+        raise InvalidInputError(
+            f"{kind} {name!r}", f"it is defined in both {here.text} and {owner}", "Rename one of the two"
+        )
 
     @functools.wraps(make)
     def explained(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -312,7 +314,7 @@ def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str,
 
 
 def code_of(kind: str, name: str) -> str | None:
-    """Return the origin of a registered name, which is "sha256 ..." of a user's file, or package and version.
+    """Return the origin of a registered name: "sha256 ..." of a user's file, or package and version.
 
     Returns None if the name is built in.
 
@@ -359,7 +361,7 @@ def suite_file(tasks: Iterable[str], name: str) -> Path | None:
 
 
 def companion_of(task: str) -> Companion | None:
-    """Return a task file's companion, which contains its demonstration measurements.
+    """Return a task file's companion: the file with its demonstration measurements.
 
     Returns:
         Its path and text, or None for a built-in task. On a machine that received only the task file, the text is the
@@ -432,8 +434,9 @@ def require_origins(plan: Mapping[str, Any], run: Path) -> None:
             where = f"a copy is {copy}: read it before you pass it" if copy.is_file() else "pass the file"
             raise RecordError(
                 f"{run}: tasks of this run are defined by {_safe(name)} (sha256 {_safe(sha256)[:12]}), which is not "
-                "loaded, or only with another text: then give a new --out. A file in the folder of a run is not "
-                f"executed automatically; {where} with --task-file, or the folder of its suite with --suite."
+                "loaded, or is loaded with another text. If its text has changed, give a new --out. A file in the "
+                f"folder of a run is not executed automatically: {where} with --task-file, or the folder of its "
+                "suite with --suite."
             )
     packages = {origin.package[0] for origin in _origins.values() if origin.package}
     for name, version in _pairs(plan, "plugins", "version"):

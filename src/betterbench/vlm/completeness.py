@@ -1,4 +1,4 @@
-"""Completeness check, which compares the number of items in a data set with the published number."""
+"""Completeness check: the number of items in a data set is compared with the published number."""
 
 from __future__ import annotations
 

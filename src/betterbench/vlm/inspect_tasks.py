@@ -1,4 +1,4 @@
-"""Static benchmarks as a task for inspect_ai, which the user must install (``pip install inspect-ai``).
+"""Static benchmarks as a task for inspect_ai. The user must install it (``pip install inspect-ai``).
 
 ``inspect eval betterbench/static -T benchmark=better-vqa -T data=FOLDER --model PROVIDER/MODEL`` asks the same prompts
 with the same images as ``better vlm`` and reads and scores the answers with the same functions. inspect_ai finds the

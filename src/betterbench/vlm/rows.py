@@ -153,7 +153,7 @@ def read_rows(file: Path, *, large: Sequence[str]) -> list[Row]:
 
 
 def _parsed_rows(file: Path) -> list[Row]:
-    """Return the rows of a JSON document with any supported structure, which is loaded completely."""
+    """Return the rows of a JSON document with any supported structure. The document is loaded completely."""
     raw = read_bounded(file, max_bytes=MOST_BYTES, cure="Give the file as published")
     try:
         if file.suffix.lower() == ".jsonl":

@@ -1,8 +1,8 @@
 """Scores of answers, with fixed denominators.
 
 Every item of the benchmark counts. An item without an answer, with a rejected request or with an unreadable answer
-scores 0. Each score has three columns: with values read strictly, with all values that the parser read, and with the
-values that an extractor copied from the remaining answers in addition.
+scores 0. Each score has three columns. The first uses values that were read strictly, the second all values that the
+parser read. The third also uses values that an extractor copied from the remaining answers.
 """
 
 from __future__ import annotations

@@ -423,7 +423,7 @@ def _require_unchanged(found: Answers, file: Path) -> None:
 
 
 def _sealed(head: AnswersHead, line: AnswersHead | ModelAnswer) -> dict[str, Any]:
-    """Return a line of an answer file with its checksum, which also covers the model and the set."""
+    """Return a line of an answer file with its checksum. The checksum also covers the model and the set."""
     form = {
         f.name: value
         for f in fields(line)

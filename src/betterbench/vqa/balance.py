@@ -25,7 +25,7 @@ frames are nearly equal."""
 
 
 SUBJECTS = {"what is held": "holding", "is it held": "holding"}
-"""Question families about the same subject, which are balanced together within their type."""
+"""Question families about the same subject. They are balanced together within their type."""
 
 NameT = TypeVar("NameT", bound=str)
 """Type, kind or family of questions."""

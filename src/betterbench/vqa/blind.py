@@ -39,8 +39,8 @@ class Baseline:
         n: Number of questions.
         blind: Correct answers of the classifier.
         majority: Number of questions for which the most frequent answer is correct.
-        chance: Expected rate of correct answers if each question is answered with a random answer of its group; for
-            boxes and points, the rate of the best constant answer.
+        chance: Expected rate of correct answers if each question is answered with a random answer of its group. For
+            boxes and points, it is the rate of the best constant answer.
     """
 
     name: str

@@ -108,7 +108,7 @@ class Photo(Protocol):
 
 
 class PhotoSource(Protocol):
-    """Source of record images, which are rendered on demand or already materialized."""
+    """Source of record images that are rendered on demand or already materialized."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
         """Return a camera's image at a row of a record, with its visible objects."""
@@ -298,7 +298,7 @@ def purpose_of(trials: Sequence[TrialId]) -> str:
 
 
 def run_digest(run: RunFolder) -> str:
-    """Return a hash of a run's plan, which identifies the run."""
+    """Return a hash of a run's plan. It identifies the run."""
     return hashlib.sha256(dump_json(dict(run.plan))).hexdigest()
 
 

@@ -60,7 +60,7 @@ CLAIMS = {
     "is open": "the drawer X is open",
     "is shut": "the drawer X is shut",
 }
-"""Claims of the formal language, where X and Y stand for object names."""
+"""Claims of the formal language. X and Y stand for object names."""
 
 _WORDS: dict[str, tuple[str, ...]] = {
     "left": ("is left of", "is right of"),

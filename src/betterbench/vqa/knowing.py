@@ -237,7 +237,7 @@ def knowledge_path(run: RunFolder) -> Path:
 
 
 def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
-    """Write a model's knowledge into the run folder, where the report reads it, and return the path.
+    """Write a model's knowledge into the run folder for the report, and return the path.
 
     Raises:
         OSError: If the folder cannot be written.

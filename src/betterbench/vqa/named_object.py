@@ -32,8 +32,9 @@ class NamedObject:
         name: Name in the scene.
         row: Row of the record.
         questions: Questions for its box and for a point on it, each in :data:`TIMES_ASKED` wordings.
-        middles: Box center of each clearly visible object that can be picked up, by object name: column and row in
-            units of cells, :data:`~betterbench.vqa.types.grounding.CELLS` per side, from 0 at the left and top.
+        middles: Box center of each clearly visible object that can be picked up, by object name. It is given as column
+            and row in units of cells, :data:`~betterbench.vqa.types.grounding.CELLS` per side, from 0 at the left and
+            top.
     """
 
     name: str

@@ -107,7 +107,7 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Family and group, which together describe the information in the wording."""
+        """Family and group. Together they describe the information in the wording."""
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:

@@ -1,4 +1,4 @@
-"""Static twins, which pair each question about a variation with a question of the same kind about its training scene.
+"""Static twins: pairs of a question about a variation and a question of the same kind about its training scene.
 
 The twin is about the variation's training condition with the same seed, and about the objects in that scene. It has the
 same type, form and family and, in a set about decisive moments, the same role.
@@ -35,10 +35,10 @@ def scene_twin(trial: TrialId) -> TrialId | None:
 def static_twins(questions: Sequence[Question]) -> dict[str, str]:
     """Return the identifiers of the twins, by the identifiers of the questions about variations.
 
-    Among the questions of the same kind about the training scene, the twin is the one that has the fewest twins so far,
-    then the same camera, the same number of wording, and the smallest distance in time. A question about a training
-    scene may be the twin of several questions, as a training trial may be the twin of several variations. A question
-    without a question of its kind about the training scene has no twin and is left out.
+    The twin is chosen among the questions of the same kind about the training scene. The question with the fewest twins
+    so far is preferred, then the same camera, the same number of wording, and the smallest distance in time. A question
+    about a training scene may be the twin of several questions, as a training trial may be the twin of several
+    variations. A question without a question of its kind about the training scene has no twin and is left out.
     """
     scenes: dict[tuple[object, ...], list[Question]] = {}
     for question in questions:

@@ -30,5 +30,8 @@ def large(seen: SeenObject | None) -> bool:
 
 
 def hidden(seen: SeenObject | None) -> bool:
-    """Return whether no part of an object is visible; objects that are neither clear nor hidden are not used."""
+    """Return whether an object is hidden (at most ``HIDDEN_PX`` visible pixels).
+
+    Objects that are neither clear nor hidden are not used.
+    """
     return seen is None or seen.pixels <= HIDDEN_PX

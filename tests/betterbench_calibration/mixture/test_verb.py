@@ -99,7 +99,7 @@ def test_what_is_no_file_is_not_read_without_an_end(capsys, mixture):
         (["--out", "x.jsonl"], "there are no draws to write"),
         (["--gpus", "3"], "only one of --gpus and --steps is given"),
         (["--tokens", "DROIT=3"], "Unknown data set in --tokens"),
-        (["--tokens", "DROID=x"], "is not NAME=NUMBER"),
+        (["--tokens", "DROID=x"], "expected NAME=NUMBER"),
         (["no.yaml"], "no.yaml"),
         (["list.yaml"], "it contains no fields"),
         (["alias.yaml"], "it has an alias"),

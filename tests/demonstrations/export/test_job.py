@@ -250,7 +250,7 @@ def test_the_command_line_names_what_is_missing(demonstrations, tmp_path, capsys
     assert "--out: is missing" in told(run, "--to", "lerobot")
     assert "Unknown preset" in told(run, "--to", "lerobot", "--preset", "openpi", "--out", str(tmp_path / "x"))
     assert "Unknown task of the run" in told(run, "--to", "lerobot", "--tasks", "coffee", "--out", str(tmp_path / "x"))
-    assert "runs: 2 runs are given" in told(run, run)
+    assert "runs: 2 runs were given" in told(run, run)
 
 
 def test_an_option_of_data_sets_without_one_is_refused(demonstrations, tmp_path, capsys):

@@ -56,7 +56,7 @@ def test_the_same_release_gives_the_same_bytes(tmp_path, capsys):
         (["--asset", "apple_1"], "expected NAME=CATEGORY"),
         (["--asset", "aple_1=apple"], "Unknown object of the release 'aple_1'. Did you mean 'apple_1'"),
         (["--asset", f"{APPLE}=appel"], "Did you mean 'apple'"),
-        (["--asset", f"{APPLE}=apple", f"{APPLE}=lemon"], "the object is given twice"),
+        (["--asset", f"{APPLE}=apple", f"{APPLE}=lemon"], "the object was given twice"),
         (["--catalogue", "nowhere"], "nowhere"),
     ],
 )

@@ -61,7 +61,7 @@ def test_a_recipe_that_asks_for_what_a_family_does_not_have_is_one_line(load, ch
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('"mine", sees', '"objects", sees', "betterbench itself both define it"),
+        ('"mine", sees', '"objects", sees', "in both .* and betterbench itself"),
         ('sees="pixels"', 'sees="sound"', "line 4.*expected .*, got 'mine' and 'sound'"),
         ('"mine", sees', '"", sees', "line 4.*expected a name .*, got '' and"),
         (
@@ -95,7 +95,7 @@ def test_a_wrong_registration_names_file_and_cure(load, old, new, said):
 
 def test_two_files_cannot_have_the_same_family(load):
     first = load(MINE)
-    with pytest.raises(InvalidInputError, match="both define it") as error:
+    with pytest.raises(InvalidInputError, match="it is defined in both") as error:
         load(MINE + "# another one\n", name="other.py")
     assert str(first) in str(error.value)
 

@@ -196,7 +196,7 @@ def test_a_grasp_states_its_width_and_fits_the_gripper(tub, good):
     )
     narrow = run_check("grasp_width", Subject(solid, None))
     assert narrow.outcome == "failed"
-    assert "states 20 mm" in narrow.sentence
+    assert "its stated width is 20 mm" in narrow.sentence
     assert run_check("grasp_width", Subject(dataclasses.replace(tub, grasps=()), None)).outcome == "not_applicable"
 
 
@@ -318,7 +318,7 @@ def test_the_command_prints_what_failed_and_exits_with_one(tmp_path, capsys, mon
     with pytest.raises(SystemExit) as ended:
         main(["assets", "check", "block", "--kind", "mug"])
     assert ended.value.code == 1
-    assert "A mug is open at the top" in " ".join(capsys.readouterr().out.split())
+    assert "A mug should be open at the top" in " ".join(capsys.readouterr().out.split())
     path = tmp_path / "broken.glb"
     path.write_bytes(b"nothing")
     with pytest.raises(SystemExit):

@@ -122,7 +122,7 @@ def test_names_are_those_of_tasks(quick):
     mug = quick / "mug.stl"
     block(mug)
     assert import_assets([request(mug)], quick / "mine").made == ["my_mug"]  # the library has a mug
-    for name, text in (("My Mug", "cannot name an asset"), ("mug", "is an asset already"), ("../x", "cannot name")):
+    for name, text in (("My Mug", "not a valid asset name"), ("mug", "already exists"), ("../x", "not a valid")):
         with pytest.raises(InvalidInputError, match=text):
             import_assets([request(mug, name=name)], quick / "other")
     assert not list((quick / "other").glob("*.npz")) if (quick / "other").exists() else True
@@ -152,7 +152,7 @@ def test_a_changed_file_and_a_damaged_manifest_are_one_line(quick):
     text = (folder / user_files.ASSET_MANIFEST).read_text()
     for changed, said in (
         (text.replace('"toy.npz"', '"../toy.npz"'), "expected toy.npz"),
-        (text.replace('"toy":', '"../toy":'), "cannot name an asset"),
+        (text.replace('"toy":', '"../toy":'), "is not a valid asset name"),
         (text.replace('"format": 1', '"format": 9'), "has the format 9"),
         (text[:-20], "manifest"),
         ("[" * 100_000, "manifest"),
@@ -258,7 +258,7 @@ def test_what_is_typed_and_read(quick, capsys, monkeypatch):
     assert status == 2
     assert "no file could be imported" in err
     for given, text in (
-        ((), "no file is given"),
+        ((), "no file was given"),
         (("gone.glb",), "gone.glb"),
         (("toy.stl", "broken.obj", "--size-m", "0.1"), "Import that file alone"),
         (("toy.stl", "--size-m", "-1"), "out of range"),

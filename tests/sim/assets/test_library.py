@@ -236,16 +236,18 @@ def test_a_file_of_the_user_registers_its_own_asset(tmp_path):
 
 def test_two_generators_of_one_name_are_one_clear_error(tmp_path):
     before = build("mug").content_hash()
-    with pytest.raises(InvalidInputError, match=r"'mug'.*cup in .*mine\.py registers it, and so does mug in .*mug\.py"):
+    with pytest.raises(
+        InvalidInputError, match=r"'mug'.*it is registered by both cup in .*mine\.py and mug in .*mug\.py"
+    ):
         load(tmp_path / "mine.py", NEW.format(category="mug", name="cup"))
     assert build("mug").content_hash() == before
 
 
 def test_a_generator_needs_a_name_a_color_and_a_look():
     for wrong in ({"category": "", "colors": ("red",)}, {"category": "x", "colors": ()}):
-        with pytest.raises(InvalidInputError, match="a name, a color, a look and a held-out look"):
+        with pytest.raises(InvalidInputError, match="a name, and at least one color, one look and one unseen look"):
             generator(**wrong)
-    with pytest.raises(InvalidInputError, match="a name, a color, a look and a held-out look"):
+    with pytest.raises(InvalidInputError, match="a name, and at least one color, one look and one unseen look"):
         generator("x", colors=("red",), looks=0)
 
 

@@ -28,7 +28,7 @@ def clean(monkeypatch):
     [
         ({"MUJOCO_GL": "foo"}, "MUJOCO_GL: 'foo' is not a supported OpenGL back end (known: egl, osmesa, glfw)."),
         ({"MUJOCO_GL": "off"}, "MUJOCO_GL: 'off' disables rendering. Unset it, or set it to egl."),
-        ({"MUJOCO_GL": "glfw"}, "MUJOCO_GL: 'glfw' needs a window, but DISPLAY names no display."),
+        ({"MUJOCO_GL": "glfw"}, "MUJOCO_GL: 'glfw' needs a window, but DISPLAY does not name a display."),
         ({"PYOPENGL_PLATFORM": "osmesa"}, "images are rendered with 'egl', the back end found here. Unset it"),
         ({"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": "glx"}, "rendered with 'egl', from MUJOCO_GL. Unset it"),
         ({"MUJOCO_GL": "osmesa"}, "its library cannot be loaded. Unset it, to use 'egl', or run: apt-get"),

@@ -63,7 +63,7 @@ def flipped(path, *, at):
 
 def test_what_is_intact_is_counted(recorded, check):
     rows = sum(len(record) for record in recorded.records.values())
-    assert check() == (0, f"2 files with {rows} images are intact, and none is missing")
+    assert check() == (0, f"2 files with {rows} images are intact; no file is missing")
     assert check(*OPTIONS)[0] == 0
 
 
@@ -84,7 +84,7 @@ def test_a_file_in_the_place_of_another_one_is_named_and_drawn_again(recorded, f
     shutil.copy(place(folder, 1), place(folder, 0))
     status, told = check()
     assert status == EXIT_BAD_INPUT
-    assert f"fast_food/train1/0/{NAME} is of fast_food/train1/1." in told
+    assert f"fast_food/train1/0/{NAME} belongs to fast_food/train1/1." in told
     assert materialize_run(recorded.run, folder, Wanted((VIEW,), ("boxes",))).files == 1
     assert place(folder, 0).read_bytes() == right
 
@@ -146,9 +146,10 @@ def test_a_folder_of_another_run_is_no_folder_of_this_one(recorded, folder, chec
         )
     status, told = check(run=other.path)
     assert status == EXIT_BAD_INPUT
-    assert "none of the files belongs to a record of" in told
+    assert "the files do not belong to the records of" in told
     assert (
-        "the first belongs to fast_food/train1/0 by reaching. Give the run from which the files were rendered" in told
+        "For example, one belongs to fast_food/train1/0 by reaching. Give the run from which the files were rendered"
+        in told
     )
     assert "Delete" not in told
 

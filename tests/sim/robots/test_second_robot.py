@@ -61,5 +61,5 @@ def test_a_record_of_the_so101_is_replayed_bit_for_bit(tmp_path):
 
 @pytest.mark.usefixtures("second")
 def test_the_name_of_a_robot_is_taken_once():
-    with pytest.raises(InvalidInputError, match="the name is taken"):
+    with pytest.raises(InvalidInputError, match="a robot with this name is already registered"):
         register_robot(SECOND, _build)

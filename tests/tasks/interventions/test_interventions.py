@@ -246,7 +246,7 @@ def test_bad_arguments_give_one_clear_error(food, intervention, error, text):
 def test_a_name_in_use_is_refused(food):
     empty, _ = apply(food, [remove(thing("drink"))])
     again = dataclasses.replace(CUBE, name="fries")
-    with pytest.raises(InvalidInputError, match="the name is in use"):
+    with pytest.raises(InvalidInputError, match="an object with this name already exists"):
         apply(empty, [add(again, at("fourth"))])
 
 

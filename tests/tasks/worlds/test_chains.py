@@ -162,9 +162,9 @@ def test_a_chain_that_was_not_played_counts_for_no_subtask():
 def test_results_that_no_chain_can_have_are_refused(perfect):
     whole, name = perfect[0], calvin_chains()[0].names[0]
     for wrong, problem in (
-        ([], "no chain is given"),
+        ([], "there is no chain"),
         ([whole, whole], "occurs twice"),
-        ([ChainResult(1000, whole.played)], "is none of"),
+        ([ChainResult(1000, whole.played)], "is not one of the"),
         ([ChainResult(1, whole.played)], "expected the subtasks"),
         ([ChainResult(0, (SubtaskResult(name, True, 3),))], "first failed subtask"),
         (

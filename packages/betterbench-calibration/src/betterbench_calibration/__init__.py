@@ -1,4 +1,4 @@
-"""Tools for the maintainers of the diagnosis, which are installed as a separate package.
+"""Tools for the maintainers of the diagnosis, installed as a separate package.
 
 - ``independent``: faulty policies with their own controller, written without knowledge of the diagnosis.
 - ``family``: measurement of the diagnosis on these policies (`better calibrate --family NAME`).

@@ -1,4 +1,4 @@
-"""Plugin that LeRobot 0.6 or later imports automatically, which makes ``--env.type=betterbench`` work."""
+"""Plugin for ``--env.type=betterbench``. LeRobot 0.6 or later imports it automatically."""
 
 from betterbench.episodes.envhub.config import BetterbenchEnv
 

@@ -56,7 +56,7 @@ def _print_proof(proof: ReplayProof) -> None:
         for axis in proof.axes
     ]
     OUT.print()
-    print_table(["axis", "demonstration moves", "factor", "agreement", "paths apart by"], rows)
+    print_table(["axis", "demonstration moves", "factor", "agreement", "distance between paths"], rows)
     OUT.print(
         f"Replayed {proof.steps} steps of a demonstration in {proof.requests} requests. The gripper command is the "
         f"same in {100 * proof.gripper:.0f} % of the steps. When executed, the answers end "

@@ -114,7 +114,7 @@ def _print_groups(table: StepTable) -> None:
 
 
 def _print_eyesight(compared: EyesightComparison) -> None:
-    """Print the object size above which a model answers correctly at each resolution, or why it is unknown."""
+    """Print the smallest object size that a model reads at each resolution, or the reason why it is unknown."""
     rows = []
     for eyes, alone in compared.alone.items():
         loss = None if compared.one.value is None else compared.one.further.get(eyes)

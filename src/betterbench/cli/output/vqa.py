@@ -77,8 +77,8 @@ def print_knowledge(known: Knowledge) -> None:
     if not known.is_complete:
         missing = known.asked - known.answered
         OUT.print(
-            f"{missing} of {known.asked} questions about this run have no answer. Trials that depend on these "
-            f"questions are counted as not asked.",
+            f"{missing} of {known.asked} questions about this run have no answer. Trials with unanswered questions "
+            "are counted as not asked.",
             markup=False,
         )
 
@@ -102,9 +102,9 @@ def _print_groups(known: Knowledge) -> None:
     columns = ["trials", "knows", "guessed", "does", "knows − does", "p", "finding"]
     print_table(columns, rows, title="knowing versus doing, on the same trials")
     OUT.print(
-        "'Guessed' is the number of right answers that is expected without the image. The model is found to know more "
-        "than the policy does if McNemar's exact test is significant and guessing does not explain the known failures. "
-        "p is the larger of the two p-values after Holm's correction over "
+        "'Guessed' is the number of right answers that is expected without the image. The model knows more than the "
+        "policy does if McNemar's exact test is significant and guessing alone does not explain the failures that "
+        "the model knows. p is the larger of the two p-values after Holm's correction over "
         f"{sum(group.knows.n > 0 for group in known.groups)} groups.",
         markup=False,
     )

@@ -111,7 +111,7 @@ def _import(
     if out is None:
         raise InvalidInputError("--out", "the folder for the assets is missing", "Add --out my_assets")
     if not given:
-        raise InvalidInputError("assets import", "no file is given", "Give mesh, URDF or MJCF files")
+        raise InvalidInputError("assets import", "no file was given", "Give mesh, URDF or MJCF files")
     one_only = {
         "--name": options.name,
         "--size-m": options.size_m,
@@ -120,7 +120,7 @@ def _import(
     }
     for option, value in one_only.items():
         if value is not None and len(given) > 1:
-            raise InvalidInputError(f"--{option}", f"{len(given)} files are given", "Import that file alone")
+            raise InvalidInputError(f"--{option}", f"{len(given)} files were given", "Import that file alone")
     for option, number in (("--size-m", options.size_m), ("--mass-kg", options.mass_kg)):
         if number is not None and not 0.0 < number < 100.0:
             raise InvalidInputError(
@@ -156,7 +156,7 @@ def _requests(catalogue: Path, given: Sequence[str], options: ImportOptions) -> 
 
 
 def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
-    """Return catalogue rows by id; if there is no catalogue, raise InvalidInputError about a missing file."""
+    """Return catalogue rows by id. Without a catalogue, raise InvalidInputError for the missing file."""
     from betterbench.sim.assets.catalogue.search import Catalogue
 
     if not ids:
@@ -192,7 +192,7 @@ def _of_file(path: Path, options: ImportOptions) -> ImportRequest:
 
 
 def _of_row(entry: CatalogueEntry, options: ImportOptions) -> ImportRequest:
-    """Return the import request for a catalogue row; options that were given override its name, license and author."""
+    """Return the import request for a catalogue row. Given options override its name, license and author."""
     from betterbench.sim.assets.folders.rows import request_of_row
 
     return request_of_row(entry, _of_file(Path(entry.path), options))

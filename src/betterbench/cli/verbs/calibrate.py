@@ -46,8 +46,8 @@ def calibrate_command(
     Each policy follows one faulty decision rule in a fraction of its trials and records its first wrong decision as
     ground truth. The independent family has a different controller and other faulty behaviors, written by people who
     had not read the diagnosis code. With --power, faulty rules at full strength, blind probes and replayed
-    demonstrations are run to measure which of these policies each variation can tell apart (the power matrix). Ctrl-C
-    keeps finished trials; the same command resumes.
+    demonstrations are run on every variation. The resulting power matrix shows the faults that each variation exposes.
+    Ctrl-C keeps finished trials; the same command resumes.
 
     Example: better calibrate --tasks fast_food --trials 2 --out runs/calibration
 
@@ -55,14 +55,14 @@ def calibrate_command(
         out: Folder of the calibration; runs/calibration, runs/FAMILY or runs/power if not given.
         tasks: Tasks to run; default: the full suite.
         policies: Faulty policies to run; default: all.
-        strengths: Fractions of trials in which a policy follows its faulty rule; smaller fractions come with more
-            action noise.
+        strengths: Fractions of trials in which a policy follows its faulty rule; a smaller fraction is combined with
+            more action noise.
         trials: Trials per variation for each faulty policy at each strength, default 1; trials for each policy of the
             independent family, default 4.
         seed: First seed.
         workers: Number of worker processes; default: one per CPU core.
-        family: Set of policies: the faulty policies, or a part of the independent family: development (used to develop
-            the diagnosis), or held_out, second and so on (each used only once).
+        family: Set of policies: the faulty policies, or a part of the independent family. The part development was used
+            to develop the diagnosis. The other parts (held_out, second and so on) were each used only once.
         films: Maximum number of film strips of incorrect labels on the page; 0 renders none.
         power: Measure the power matrix instead. Its trials are fixed; only tasks, out and workers can be given.
         write_package: Also write the file that is shipped with the package; for maintainers. With --power and --tasks,

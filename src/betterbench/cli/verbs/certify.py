@@ -40,8 +40,8 @@ def certify_command(
     them.
 
     With --demonstrations, the command measures that number of expert demonstrations per task instead of certifying. The
-    certificate and the poses of pre-placed objects depend on where the expert releases objects. Do this once for your
-    own task file.
+    measured release positions are needed for the certificate and for the poses of pre-placed objects. Do this once for
+    each new task file.
 
     Example: better certify --tasks fast_food --trials 3 --out runs/certificate
 

@@ -33,11 +33,11 @@ def compare_command(
 ) -> None:
     """Compare policies pairwise, on the trials that their runs share.
 
-    Runs of several suites or of CALVIN are shown in one table instead: success in LIBERO's four suites and CALVIN's
-    chains, comparisons on the same initial states, and each policy's drop in success when the scene changes.
-    Runs with the same name count as one policy. Runs of better vlm are compared in order, each with the previous one.
-    Given a run of better vlm and a run of better eval for each policy, with the same names or in the same order, the
-    command tests whether the static score predicts the illusion gap.
+    Runs of several suites or of CALVIN are shown in one table instead. It contains success in LIBERO's four suites and
+    CALVIN's chains, comparisons on the same initial states, and each policy's drop in success when the scene changes.
+    Runs with the same name count as one policy. Runs of better vlm are compared in order, each with the previous one. A
+    run of better vlm and a run of better eval can also be given for each policy, with the same names or in the same
+    order. The command then tests whether a better static score predicts a smaller illusion gap.
 
     Example: better compare runs/pi05 runs/gr00t
 
@@ -71,7 +71,7 @@ def compare_command(
     if static:
         given = {"--sequential": sequential, "--allow-mixed": allow_mixed, "--fail-if-worse": fail_if_worse}
         for option in (*(name for name, is_given in given.items() if is_given), *(["--out"] if out else [])):
-            raise InvalidInputError(option, "it does not apply to runs of better vlm", f"Leave out {option}")
+            raise InvalidInputError(option, "it is not used for runs of better vlm", f"Leave out {option}")
         _static(runs, static, name, alpha=alpha, column=column or "parsed", paper=paper, json=json)
         return
     if paper:
@@ -153,8 +153,7 @@ def _prediction(
 ) -> PredictionTable:
     """Return the correlation between static scores and illusion gaps of the same policies.
 
-    The two runs of a policy have the same name; without names, the first run of better vlm belongs to the first run of
-    better eval, and so on.
+    The two runs of a policy are matched by name. Without names, they are matched by order.
     """
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.records import RunFolder

@@ -39,10 +39,10 @@ def dataset_command(
     """Make a training set from demonstrations of one training distribution; every record is checked.
 
     Expert demonstrations are adapted to initial states that cover the distribution evenly (see better amplify). The
-    folder contains the demonstrations as a run (an input of better export, materialize and vqa), a dataset card, the
-    split, normalization statistics, the shortcut audit, and a prediction of the variations that a learner trained on
-    this set will fail. The command prints how to reproduce the set. Ctrl-C keeps finished demonstrations; the same
-    command resumes, and a larger --demos adds more.
+    folder contains the demonstrations as a run, which better export, materialize and vqa can read. It also contains a
+    dataset card, the split, normalization statistics, the shortcut audit, and a prediction of the variations that a
+    learner trained on this set will fail. The command prints how to reproduce the set. Ctrl-C keeps finished
+    demonstrations; the same command resumes, and a larger --demos adds more.
 
     Example: better dataset --demos 50 --out sets/training
 

@@ -34,9 +34,9 @@ def diagnose_command(
     The result is stored as RUN/diagnosis.json. If the run contains an earlier diagnosis, the differences are printed.
     An unfinished run can be diagnosed too: missing trials are not counted, and nothing is stored.
 
-    With --answers, a model's answers about the decisive moments are compared with the policy's behavior: in each trial,
-    the model answers correctly and the policy acts accordingly, the model answers correctly but the policy acts
-    differently, or the model answers incorrectly. better report shows the comparison too.
+    With --answers, a model's answers about the decisive moments are compared with the policy's behavior. For each
+    trial, the result states whether the model answered correctly, and whether the policy acted accordingly. better
+    report shows the comparison too.
 
     Example: better diagnose runs/expert
 
@@ -100,7 +100,7 @@ def _store(folder: RunFolder, result: RunDiagnosis) -> None:
 
 @contextmanager
 def _said_if_not_kept(consequence: str, path: Path) -> Iterator[None]:
-    """Report an error while a result is stored, and continue, so that the result is printed anyway.
+    """Report an error while a result is stored, and continue, so that the result is still printed.
 
     Args:
         consequence: Beginning of the message.

@@ -32,8 +32,9 @@ def doctor_command(
     """Check this installation, and print a remedy for each failed check. The exit status is 2 if a check fails.
 
     With --policy: compare conventions, request actions for one observation, measure the latency, and draw the
-    observation and the motion that the actions would cause. Then send the observations of a demonstration to the policy
-    and compare its actions with the demonstration, which checks the conventions and gives a scale factor per axis.
+    observation and the motion that the actions would cause. Then send the observations of a demonstration to the
+    policy, and compare its actions with the demonstration. This checks the conventions and gives a scale factor per
+    axis.
 
     Example: better doctor --policy openpi://localhost:8000?preset=openpi_libero
 

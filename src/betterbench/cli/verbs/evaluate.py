@@ -70,7 +70,7 @@ MANY_TRIALS = 200
 """Number of trials above which a smaller run is suggested."""
 
 FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
-"""Task of the suggested smaller run, which has the shortest trials, and its number of trials per variation."""
+"""Task of the suggested smaller run (the one with the shortest trials), and its number of trials per variation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +84,8 @@ class WorldOptions:
         axes: In LIBERO-Plus, the axes to run (layout, camera, robot, language, light, background, noise); default: all.
         variants: In LIBERO-Plus, maximum number of variants per task and axis, evenly spaced; default: all.
         libero_plus_assets: In LIBERO-Plus, the authors' assets (unzipped) with new objects, lights and textures;
-            default: BETTERBENCH_LIBERO_PLUS_ASSETS.
-        libero_plus_sentences: In LIBERO-Plus, "clean" sends the task's instruction; "published" also appends the
+            default: the environment variable BETTERBENCH_LIBERO_PLUS_ASSETS.
+        libero_plus_sentences: In LIBERO-Plus, "clean" sends the instruction of the task. "published" also appends the
             variant name, as in the published results.
         calvin_env: In CALVIN, your clone of mees/calvin_env, or of mees/calvin with its submodules.
         calvin_config: In CALVIN, validation/.hydra/merged_config.yaml from the data set; without it, the configuration
@@ -163,11 +163,12 @@ def evaluate_command(
         arm: The robot.
         world: Options for LIBERO, LIBERO-Plus and CALVIN.
         workers: Number of worker processes; default: one per CPU core.
-        envs: Number of environments per worker, which hide the policy's latency; default: chosen by a warm-up.
+        envs: Number of environments per worker, so that simulation continues while the policy computes; default: chosen
+            by a warm-up.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
         ray: Placement of a run on a Ray cluster.
-        policy_timeout: Deadline for the actions of a python: or lerobot: policy [s]; for a server, give the deadline in
-            its address.
+        policy_timeout: Maximum time for one answer of a python: or lerobot: policy [s]; for a server, set it in the
+            policy address.
         certificate: Certificate written by better certify, or its folder; default: the certificate shipped with the
             suite.
         uncertified: Also run trials that no certificate covers.
@@ -342,7 +343,7 @@ def _refuse_changed(given: TrialOptions | RobotOption | RayOptions, problem: str
 
 
 def _require_certified(plan: Plan, certificate: Path | None) -> None:
-    """Check that a certificate covers every trial of a plan, and print which parts it does not cover."""
+    """Check that a certificate covers every trial of a plan, and print the parts that it does not cover."""
     from betterbench.certification.refusal import require_certified
 
     remark = require_certified(plan, certificate)
@@ -491,7 +492,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
 
 def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
-    """Print the counts of successful and broken trials, and the verdicts of a run with ``until_decided``."""
+    """Print the results of a run: success, trials that could not be run, and verdicts if it has ``until_decided``."""
     from betterbench.evaluation.running.summary import require_a_trial, run_counts, run_times
     from betterbench.statistics import Rate, percent
     from betterbench.tasks.user_files import options_for
@@ -521,7 +522,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         )
     broken = counts["errors"]["k"]
     if broken:
-        OUT.print(f"broken      {broken} trials broke down; the same command runs them again", markup=False)
+        OUT.print(f"broken      {broken} trials could not be run; the same command runs them again", markup=False)
     failed = [e.message for e in run.entries() if e.status == "done" and e.message is not None]
     if failed:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
@@ -536,7 +537,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
 
 
 def _print_expert(run: RunFolder, ambiguous: Collection[TrialId]) -> None:
-    """Print the obstacle in the first trial that the expert failed, and the command that shows this trial."""
+    """Print the reason for the expert's first failed trial, and the command that shows this trial."""
     from betterbench.tasks.user_files import options_for
 
     failed = [e for e in run.entries() if e.status == "done" and e.key not in ambiguous and not run.outcome(e).success]
@@ -548,7 +549,7 @@ def _print_expert(run: RunFolder, ambiguous: Collection[TrialId]) -> None:
     OUT.print(f"expert      {text}", markup=False, soft_wrap=not OUT.is_terminal)
     record = shell_word(run.record_path(first.task, first.condition, first.seed))
     shown = f"better replay {record}{options_for([first.task])} --out expert.mp4"
-    OUT.print(f"look at it  {shown}", markup=False, soft_wrap=True)
+    OUT.print(f"watch       {shown}", markup=False, soft_wrap=True)
 
 
 def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:

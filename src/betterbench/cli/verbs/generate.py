@@ -39,7 +39,7 @@ def generate_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Write scenarios for a template, or for a sentence, whose template is chosen by its words.
+    """Write scenarios for a template, or for a sentence. The words of the sentence determine its template.
 
     A scenario is a setting with an instruction and object descriptions. The offline author needs no model: it combines
     library objects that belong together. The answers of a language model are checked for format and plausibility, and
@@ -95,7 +95,7 @@ def generate_command(
     _require_unused(given, "--until", "a number of tasks")
     if not target:
         cure = "Give a template (see better list templates), a sentence in quotes, or --until for a suite"
-        raise InvalidInputError("better generate", "no template is given", cure)
+        raise InvalidInputError("better generate", "no template was given", cure)
     with progress_bar(f"scenarios by {model}", settings.count, stays=settings.asks_model) as (bar, shown):
         made = generate_scenarios(
             settings,

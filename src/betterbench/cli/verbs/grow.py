@@ -67,7 +67,7 @@ def grow_and_tell(settings: GrowSettings, out: Path, build: BuildOptions, *, ove
                 bar.update(shown, completed=progress.accepted, note=_note(progress))
                 last = progress.last
                 if last is not None and not last.certified:
-                    say(f"{last.task_id}: refused: {one_line(last.attempts[0].reason, most=300)}")
+                    say(f"{last.task_id}: rejected: {one_line(last.attempts[0].reason, most=300)}")
 
             grown = grow_suite(
                 prepared,

@@ -106,7 +106,7 @@ def _choices(asset: tuple[str, ...], releases: list[ReleaseTask]) -> dict[str, s
     for text in asset:
         name, separator, category = text.partition("=")
         if not separator or not name or not category or name in found:
-            problem = "the object is given twice" if name in found else "expected NAME=CATEGORY"
+            problem = "the object was given twice" if name in found else "expected NAME=CATEGORY"
             raise InvalidInputError(f"--asset {text}", problem, "Write, for example, --asset pear_1=lemon")
         if name not in known:
             raise UnknownNameError("object of the release", name, known)

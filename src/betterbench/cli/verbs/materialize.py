@@ -37,8 +37,8 @@ def materialize_command(
 ) -> None:
     """Render color, depth, masks, boxes and optical flow of every recorded state into seekable files.
 
-    Only the records and scenes of the run are read. Intact files are kept, so the same command resumes; missing and
-    damaged files are rendered again. Interruptions and the number of workers do not change a byte of the files.
+    Only the records and scenes of the run are read. Intact files are kept; missing and damaged files are rendered
+    again. The same command resumes. The files are identical for any number of workers, and after interruptions.
 
     Example: better materialize runs/expert --camera front --camera wrist:448 --modality rgb --modality depth
 
@@ -131,7 +131,7 @@ def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId
     if not json:
         text = f"{plural(found.files, 'file')} with {plural(found.rows, 'image')}"
         verb = "is" if found.files == 1 else "are"
-        OUT.print(f"{text} {verb} intact, and none is missing", markup=False)
+        OUT.print(f"{text} {verb} intact; no file is missing", markup=False)
 
 
 def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
@@ -140,8 +140,9 @@ def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
 
     if found.is_of_another_run:
         return (
-            f"{place}: none of the files belongs to a record of {run}; the first belongs to {found.strangers[0]}. Give "
-            "the run from which the files were rendered, or another --out to render this run."
+            f"{place}: the files do not belong to the records of {run}. For example, one belongs to "
+            f"{found.strangers[0]}. Give the run from which the files were rendered, or another --out to render this "
+            "run."
         )
     listed = [f"{problem.path.relative_to(place)} {problem.text}" for problem in found.problems]
     said = f"{plural(len(listed), 'file')} missing or wrong: {_some(listed)}"

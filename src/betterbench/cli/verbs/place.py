@@ -25,7 +25,7 @@ def place_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Adapt tasks to another robot, and measure the grasps that it can plan and the trials that it solves.
+    """Adapt tasks to another robot, and measure how many grasps can be planned and how many trials are solved.
 
     The robot's base is moved to the position from which it can reach the most slots. Each task is written as a separate
     task file, TASK_ROBOT.json. The table shows the base position relative to the base of the task's original robot, the
@@ -53,7 +53,7 @@ def place_command(
 
     of_suite = suite_tasks(suite)
     if arm.robot is None:
-        raise InvalidInputError("--robot", "no robot is given", "Give the robot for which to lay out the tasks")
+        raise InvalidInputError("--robot", "no robot was given", "Give the robot for which to lay out the tasks")
     require_between("--trials", trials, 1, 1000)
     seeds = trials if measure else 0
     spec = robot(arm.robot)
@@ -94,7 +94,7 @@ def _row(placed: Placed, found: Feasibility) -> list[str]:
 
 
 def _reasons(placed: Placed, found: Feasibility) -> list[list[str]]:
-    """Return a row per object that has no planned grasp in some trials, and one for trials that are not solved."""
+    """Return a row per object without a planned grasp in some trials, and a row for the unsolved trials."""
     rows = [
         [placed.task.id, grasp.name, f"{grasp.trials - grasp.planned} of {grasp.trials}", f"no grasp: {grasp.reason}"]
         for grasp in found.grasps

@@ -26,9 +26,9 @@ def premise_command(
     """Check every initial state of LIBERO against its instruction, in the installed simulator.
 
     The objects settle as at the beginning of a run. LIBERO then evaluates every relation in the task file between an
-    object named in the instruction and another object. A simulator update can break scenes, so repeat this check after
-    an update. A task takes about half a minute; the same command resumes. In LIBERO-Plus, each new layout and initial
-    robot pose has one initial state, which is checked in a few seconds if its assets are installed.
+    object named in the instruction and another object. An update of the simulator can break scenes, so repeat this
+    check after each update. A task takes about half a minute; the same command resumes. In LIBERO-Plus, each new layout
+    and initial robot pose has one initial state, which is checked in a few seconds if its assets are installed.
 
     Example: better premise libero --suites libero_spatial
 

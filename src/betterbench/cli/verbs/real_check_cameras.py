@@ -33,7 +33,7 @@ def check_cameras_command(
     more than 1 cm or 1 degree.
 
     Give an image, or --camera for the live camera. The image must have the size that better real run uses, because the
-    field of view of a camera may depend on it.
+    field of view of a camera can depend on the image size.
 
     Example: better real check-cameras --camera 0 --ruler-mm 100
 
@@ -91,8 +91,8 @@ def check_cameras_command(
             f"markers       {len(found.corners_px)} found, reprojection error {found.error_px:.2f} px",
             f"camera        {where} (standard deviation {100.0 * found.spread_m:.1f} cm)",
             f"lens          {found.pose.fovy_deg:.1f} degrees vertically; the twin's has {twin.fovy_deg:.1f}",
-            f"off the twin  {100.0 * correction.distance_m:.1f} cm and {correction.angle_deg:.1f} degrees",
-            "to do         "
+            f"offset        {100.0 * correction.distance_m:.1f} cm and {correction.angle_deg:.1f} degrees",
+            "correction    "
             + (" ".join(correction.sentences) if not correction.is_near else "none, the pose is correct"),
         ]
         lines += [f"note          {note}" for note in notes]

@@ -91,7 +91,7 @@ def run_command(
     else:
         if mock_faults:
             raise InvalidInputError(
-                "--mock-faults", "a real arm has its own faults", "Leave them out, or give --robot mock"
+                "--mock-faults", "simulated faults apply only to the mock arm", "Leave them out, or give --robot mock"
             )
         arm = _so101(plan, arm_port, arm_id, cameras, size=camera_size, rate_hz=camera_rate_hz)
     if repeat:
@@ -128,7 +128,9 @@ def _named(texts: tuple[str, ...], option: str) -> dict[str, str]:
     for text in texts:
         name, separator, value = text.partition("=")
         if not separator or not name.isidentifier() or name in found:
-            raise InvalidInputError(option, f"{text!r} is not NAME=VALUE, each name once", "Write front=0")
+            raise InvalidInputError(
+                option, f"expected NAME=VALUE with each name given once, got {text!r}", "Write front=0"
+            )
         found[name] = value
     return found
 
@@ -140,7 +142,11 @@ def _so101(
 
     named = _named(cameras, "--cameras")
     if "front" not in named:
-        raise InvalidInputError("--cameras", "no camera is named front", "Give front=0; it is compared with the twin")
+        raise InvalidInputError(
+            "--cameras",
+            "no camera is named front",
+            "Name one camera front, such as front=0; its image is compared with the simulated twin",
+        )
     return LeRobotArm(port, arm_id=arm_id, unit=plan.unit, cameras=named, size=size, rate_hz=rate_hz)
 
 

@@ -38,7 +38,7 @@ def review_command(
     (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains a token that every request needs.
 
     "better review assets --asset-dir DIR" reviews the assets of a folder. "better review scenes" shows the scenes of
-    --tasks, --suite or --task-file one condition at a time: slots and placement frames can be moved, and a key
+    --tasks, --suite or --task-file, one condition at a time. Slots and placement frames can be moved, and a key
     certifies the scene. "better review apply FILE --out DIR" writes the reviewed tasks and assets to new files; the
     reviewed files are not changed. "better review agree A.jsonl B.jsonl" prints the agreement of two reviews, with
     Cohen's kappa.
@@ -131,7 +131,7 @@ def _asset_folders(*, required: bool = True) -> list[Path]:
 
     folders = [Path(file.path).parent for file in loaded_files() if file.is_asset_folder]
     if required and not folders:
-        raise InvalidInputError("review assets", "no asset folder is given", "Give it with --asset-dir")
+        raise InvalidInputError("review assets", "no asset folder was given", "Give it with --asset-dir")
     return folders
 
 
@@ -152,7 +152,7 @@ def _serve(page: CommandPage[Any], host: str) -> None:
 
 
 def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> None:
-    """Write reviewed tasks and assets as new files."""
+    """Write reviewed tasks and assets to new files."""
     from betterbench.jobs.outputs import OutputFolder
     from betterbench.review.agreement import is_scene_review
     from betterbench.review.queue import apply_to_folder

@@ -72,9 +72,9 @@ def serve_command(
     trial = chosen_trial(task, condition, seed)
     key = _key(api_key_env)
     if chunk is not None:
-        _require_expert(policy, "--chunk", "chooses its own chunk length")
+        _require_expert(policy, "--chunk", "determines its own chunk length")
     if arm != USUAL_OPTION:
-        _require_expert(policy, "--robot", "acts with the robot of its observations")
+        _require_expert(policy, "--robot", "uses the robot that its observations come from")
     server = open_server(
         policy,
         host=host,

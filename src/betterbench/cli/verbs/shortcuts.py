@@ -33,18 +33,18 @@ def shortcuts_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Find associations of words and objects with positions, steps and targets that exceed chance in demonstrations.
+    """Find shortcuts in demonstrations: words or objects that predict positions, steps or targets better than chance.
 
     For a run, the initial position of each object, the order of picks and placements, and the variety of the
     demonstrations are taken from the recorded states. For a LeRobot dataset (2.0 to 3.0), instructions, actions and
     proprioception are read. Words, word pairs and complete instructions are tested against four facts: where the
-    gripper first closes, where it last opens, its first direction, and the order of its targets. The audit first prints
-    which columns were used. If the column names do not show their meaning, give --instruction, --gripper, --place and
-    --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for the whole column).
+    gripper first closes, where it last opens, its first direction, and the order of its targets. The command first
+    prints the columns that it uses. If it cannot infer them from their names, give --instruction, --gripper, --place
+    and --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for the whole column).
 
-    For runs, each rule is compared with the variations: a variation that breaks a rule distinguishes a policy that
-    understands the instruction from one that follows the rule. The result is a prediction: the variations ranked by how
-    likely a learner trained on this dataset fails them, with the expected label.
+    For runs, each rule is compared with the variations. A variation that breaks a rule distinguishes a policy that
+    follows the instruction from a policy that follows the rule. The result is a prediction: the variations ranked by
+    how likely a learner trained on this dataset fails them, with the expected label.
 
     Example: better shortcuts runs/demonstrations --out audit
 
@@ -102,7 +102,7 @@ def _print(
 
 
 def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], ShortcutAudit, Prediction | None]:
-    """Return the facts about the demonstrations, the audit, and the prediction for the variations."""
+    """Return the facts about the demonstrations, the audit, and the predicted results on the variations."""
     from betterbench.demonstrations.shortcuts.examine import audit_dataset
     from betterbench.demonstrations.shortcuts.prediction import predict
     from betterbench.tasks import task_names
@@ -183,7 +183,7 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 
 
 def _tell_asked(group: GroupAudit) -> None:
-    """Print the tested and untested questions, and the rules that merely reflect the meaning of words."""
+    """Print the tested and untested questions, and the rules that only reflect the meaning of words."""
     from betterbench.demonstrations.shortcuts.asked import tested_text, untested_text
 
     print_item(f"tested in {group.group}: {tested_text(group.asked)}")
@@ -216,7 +216,7 @@ def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
     OUT.print(f"{plural(len(rows), 'shortcut')} in {plural(count, 'demonstration')} of {groups}", markup=False)
     for group in audit.groups:
         _tell_asked(group)
-    print_item("smallest rule that the demonstrations could reveal, as a share of the demonstrations:")
+    print_item("smallest detectable rule, as a share of the demonstrations:")
     for group in audit.groups:
         shown = shares_line(group.smallest) or "no question could be tested, because the demonstrations do not differ"
         print_item(f"{group.group} ({plural(group.episodes, 'demonstration')}): {shown}", indent=2)

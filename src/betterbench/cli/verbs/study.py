@@ -33,9 +33,9 @@ def study_command(
     """Train learners on confounded, balanced and covered demonstrations, and compare them on one page.
 
     For each task and arm (a way to choose the training data), learners are trained with each seed, evaluated on
-    training conditions and all variations, and diagnosed. study.html then shows the size of each illusion gap, how much
-    of it balancing removes, and how accurate the audit's prediction was. Ctrl-C keeps finished work; the same command
-    resumes, also with a larger plan.
+    training conditions and all variations, and diagnosed. study.html shows each illusion gap, the part of it that
+    balancing removes, and the accuracy of the audit's prediction. Ctrl-C keeps finished work; the same command resumes,
+    also with a larger plan.
 
     Example: better study --preset small --out studies/small
 
@@ -120,6 +120,6 @@ def _print(found: StudyFindings, out: Path) -> None:
     ]
     print_table(("lever", "arm", "training", "variations", "illusion gap"), rows)
     for line in expectations(found):
-        held = "open" if line.held is None else "held" if line.held else "did not hold"
+        held = "open" if line.held is None else "held" if line.held else "not confirmed"
         OUT.print(f"\n{line.expected}: {held}. {line.found}", markup=False)
     OUT.print(f"\npage  {out / 'study.html'}", markup=False, soft_wrap=True)

@@ -133,7 +133,7 @@ def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, tasks: Seq
         )
         return
     print_table(
-        ["phase", "frames", "off by [mm/step]", "turned by [deg/step]", "gripper wrong"],
+        ["phase", "frames", "position error [mm/step]", "turned by [deg/step]", "gripper wrong"],
         [
             [e.phase, str(e.frames), f"{e.translation_mm:.2f}", f"{e.rotation_deg:.2f}", f"{e.gripper_wrong:.1%}"]
             for e in errors

@@ -26,8 +26,10 @@ FETCH = "fetch"
 PROBE = "probe"
 """First word of a command that identifies the coordinate convention of a model."""
 SIDE_PX = 896
-"""Side length of images in newly made sets [pixel], which is 2 x 2 InternVL tiles. All values of ``--eyes`` except
-native downscale such an image; an image of 256 pixels would hardly change."""
+"""Side length of images in newly made sets [pixel], equal to 2 x 2 InternVL tiles.
+
+The values of ``--eyes`` other than native downscale such an image. An image of 256 pixels would hardly change.
+"""
 
 
 def vlm_command(
@@ -59,10 +61,10 @@ def vlm_command(
 ) -> None:
     """Evaluate a vision-language model on a static benchmark.
 
-    The benchmarks are better-vqa (our own questions about recorded frames, without a download), embspatial, refspatial
-    and egoplan2. better vlm fetch BENCHMARK downloads the data or explains which files to put where. Every item is
-    scored: a missing or unreadable answer is wrong. The same command resumes an interrupted run without repeating
-        requests.
+    The benchmarks are better-vqa (questions about recorded frames of this suite, no download), embspatial, refspatial
+    and egoplan2. better vlm fetch BENCHMARK downloads the data, or lists the files to download and their location.
+    Every item is scored: a missing or unreadable answer is wrong. The same command resumes an interrupted run without
+    repeating requests.
 
     Example: better vlm embspatial --data data/embspatial --model http://localhost:8000/v1#my-model --out runs/emb
 
@@ -76,9 +78,9 @@ def vlm_command(
             frame.
         acted: Run of a policy whose illusion gap is shown next to the static illusion gap of better-vqa.
         out: Folder of the run.
-        prompt: Identifier of the prompt; default: our own.
+        prompt: Identifier of the prompt; default: betterbench's prompt.
         coordinates: Order, scale and format of the model's points and boxes: pixels, thousandths, fractions,
-            thousandths-json, thousandths-yx-json or percent-xml. Our prompts state it. Default: fractions for
+            thousandths-json, thousandths-yx-json or percent-xml. betterbench's prompts state it. Default: fractions for
             refspatial, pixels for better-vqa.
         eyes: Resolution of the images: unchanged, one tile of 448 pixels, 224 pixels upsampled to 448, or 224 pixels.
         max_tiles: Maximum number of InternVL tiles per image, default 12; sent to an endpoint as vLLM's
@@ -260,12 +262,12 @@ def _made(questions: int, workers: int) -> Path:
 
 
 def _fetch(name: str | None, folder: Path | None, *, json: bool) -> None:
-    """Download the data of a benchmark, or explain which files to put where."""
+    """Download the data of a benchmark, or list the files that the user must download."""
     from betterbench.vlm import find_benchmark
 
     if name is None:
         raise InvalidInputError(
-            "better vlm fetch", "no benchmark is given", "Run better vlm fetch BENCHMARK --data DIR"
+            "better vlm fetch", "no benchmark was given", "Run better vlm fetch BENCHMARK --data DIR"
         )
     chosen = find_benchmark(name)
     from betterbench.cli.output.vlm import print_source

@@ -158,7 +158,7 @@ def vqa_command(
 def _made(
     source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, workers: int
 ) -> tuple[QuestionSet, Path | None]:
-    """Return the chosen set, which is made if missing, and the folder of its run if known."""
+    """Return the chosen set, and the folder of its run if known. A missing set is made first."""
     from betterbench.sim.scenes.stage import require_cameras
     from betterbench.vqa.dataset import read_set
 

@@ -32,7 +32,7 @@ def worlds_command(
     apart = {world.name: world.installation for world in all_worlds() if world.installation is not None}
     if what == "install":
         if name is None:
-            raise InvalidInputError("worlds install", "no world is given", f"Choose one of {', '.join(apart)}")
+            raise InvalidInputError("worlds install", "no world was given", f"Choose one of {', '.join(apart)}")
         if name not in apart:
             raise UnknownNameError("world", name, apart)
         world = apart[name]

@@ -30,8 +30,8 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
     In the action space of the record, these are the intended actions: the executed actions without the noise that a
     demonstrator added. For another action space, actions are computed from the recorded controller commands: the joint
     references at the end of each control step, or the corresponding poses. Each delta is relative to the sum of all
-    earlier deltas, so it compensates for their clipping. Noise is removed from poses, but not from joint references,
-    because the controller's response to another pose is not recorded.
+    earlier deltas, and therefore compensates for their clipping. Noise is removed from poses, but not from joint
+    references, because the controller's response to another pose is not recorded.
 
     Raises:
         InvalidInputError: If the record does not have a reference for every joint, or the action space is unknown.

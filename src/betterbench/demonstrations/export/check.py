@@ -34,7 +34,7 @@ MOST_MEAN_ERROR = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
-    """Result of a check of all files and of three images per episode and camera (see ``docs/export.md``).
+    """Result of a check of all files, and of three images per episode and camera (see ``docs/export.md``).
 
     Attributes:
         worst_error: Largest mean image error, in levels of 255; 0 for lossless images.

@@ -1,8 +1,8 @@
 """Export job: workers write the episodes, and the complete data set is then moved to its path.
 
-All files are written to a hidden folder next to the target, ``.NAME.parts``, in which a resumed export finds complete
-episodes. A single rename moves the finished data set to its path, so it is either complete or absent. The bytes depend
-only on the records and the options.
+All files are written to a hidden folder next to the target, ``.NAME.parts``. A resumed export finds the complete
+episodes there. A single rename moves the finished data set to its path, so it is either complete or absent. The bytes
+depend only on the records and the options.
 """
 
 from __future__ import annotations
@@ -235,8 +235,8 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
             )
         if out.is_dir():
             raise RunConflictError(
-                f"{out}: a folder that better export did not write already exists here. "
-                "It is never replaced: choose another name."
+                f"{out}: a folder that better export did not write already exists here, and is not replaced. Choose "
+                "another name."
             )
         require_replaceable(out, "export", is_ours=lambda _: False)
         raise RunConflictError(f"{out}: an empty file already exists here. Remove it, or choose another name.")

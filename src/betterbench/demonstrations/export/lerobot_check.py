@@ -195,7 +195,7 @@ class CheckOfV30(LeRobotCheck):
 
 
 class CheckOfV21(LeRobotCheck):
-    """Check of version 2.1, in which each episode has its own files."""
+    """Check of version 2.1. Each episode has its own files."""
 
     listed_in = ("data",)
 
@@ -268,7 +268,10 @@ def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
 
 
 def _types(schema: pa.Schema) -> dict[str, str]:
-    """Return the type of each column, with a uniform name for list items, which depends on the Parquet version."""
+    """Return the type of each column, with a uniform name for list items.
+
+    Their original name depends on the Parquet version.
+    """
     return {column.name: str(column.type).replace("<element: ", "<item: ") for column in schema}
 
 

@@ -78,7 +78,7 @@ class VideoWriter:
 
 
 def require_even(width: int, height: int) -> None:
-    """Raise InvalidInputError if the width or height of an image is odd, which the pixel format does not support."""
+    """Raise InvalidInputError if the width or height of an image is odd. The pixel format requires even sizes."""
     if width % 2 or height % 2:
         raise InvalidInputError("--images", f"a video cannot have {width} x {height} pixels", "Give --images png")
 

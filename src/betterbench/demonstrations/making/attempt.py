@@ -33,7 +33,7 @@ LASTING_STEPS = 4
 """
 
 EXPERT, AMPLIFIED, TELEOPERATED = "demonstrator:expert", "demonstrator:amplified", "demonstrator:teleoperated"
-"""Names of the demonstrators, which are the policy names in records of demonstrations."""
+"""Names of the demonstrators: the policy names in records of demonstrations."""
 
 
 @strict_form

@@ -2,8 +2,8 @@
 
 ``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. An initial state without
 an accepted attempt stays in the plan as an error with its reason, and a replacement is added. The attempts at an
-initial state depend only on its seed and the sources, so the records do not depend on the number of workers or on
-interruptions.
+initial state depend only on its seed and the sources. The records are therefore the same for any number of workers, and
+after interruptions.
 """
 
 from __future__ import annotations
@@ -423,7 +423,7 @@ def _produce(
 
 
 def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
-    """Warn about initial states that are in only one of the two journals. They are repeated."""
+    """Warn about initial states that are in only one of the two journals. They are attempted again."""
     lost = [entry.key for entry in journal.entries if entry.key not in attempts.found]
     lost += [key for key, outcome in attempts.found.items() if outcome.accepted and not journal.is_done(key)]
     if lost:

@@ -188,7 +188,7 @@ def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> St
 
 
 def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Like :func:`planned_starts`, but with the seeds of the first condition for all conditions."""
+    """Return planned demonstrations like :func:`planned_starts`, with the same seeds in all conditions."""
     most = max(numbers)
     first = planned_starts(task, [most] + [1] * (len(task.training) - 1), first_seed=first_seed)
     seeds = [start.seed for start in first if start.condition == task.training[0].name]

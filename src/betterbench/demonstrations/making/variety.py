@@ -1,9 +1,9 @@
 """Variety of demonstrations: differences between corresponding motions.
 
 Motions with the same condition, subgoal and skill are compared between pairs of demonstrations. Slot jitter is removed
-first, so that copies of one path from different initial states have no variety: paths are compared by their offset from
-the straight line between their end points, grasps and approaches in the frame of the object. Every value is a mean over
-pairs and therefore does not depend on the number of demonstrations.
+first, so that copies of one path from different initial states have no variety. Paths are compared by their offset from
+the straight line between their end points. Grasps and approaches are compared in the frame of the object. Every value
+is a mean over pairs and therefore does not depend on the number of demonstrations.
 """
 
 from __future__ import annotations
@@ -198,7 +198,7 @@ def mean_spread(spreads: Sequence[Spread]) -> Spread:
 
 
 def variety_lines(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]) -> list[str]:
-    """Return a text table of the variety, in which each task follows its sources."""
+    """Return a text table of the variety. Each task follows its sources."""
     if not variety:
         return ["## Variety", "", "No condition has two demonstrations that could be compared."]
     cells = [tuple(map(markdown_text, row)) for row in variety_rows(variety, sources)]
@@ -241,7 +241,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
 
 
 def _goal_of(record: Record, window: SkillWindow) -> Pose:
-    """Return the reference frame at the end of a motion, which is that of the object or of the target region."""
+    """Return the reference frame at the end of a motion: that of the object or of the target region."""
     state = record.state(window.change - 1)
     if window.kind == "place" and window.target:
         return region_frame(state, window)

@@ -83,9 +83,9 @@ def gr00t_setup(training: Training) -> TrainerSetup:
         exposure(training),
         "Download the checkpoint first: huggingface-cli download nvidia/GR00T-N1.6-3B --local-dir GR00T-N1.6-3B",
         (
-            "tune_llm False alone does not freeze the language model: its top 4 layers are trained if the "
-            "checkpoint's config.json says tune_top_llm_layers 4, and the launcher has no flag for that. The copy says "
-            f"{top}; check_frozen.py compares the weights afterwards."
+            "tune_llm False alone does not freeze the language model. Its top 4 layers are trained if the "
+            "checkpoint's config.json contains tune_top_llm_layers 4, and the launcher has no flag to change this. "
+            f"The copy says {top}; check_frozen.py compares the weights afterwards."
         ),
         *(() if data.preset or recipe.benchmark != "calvin" else (_CALVIN,)),
         "Freezing vision also freezes its connector to the language model.",

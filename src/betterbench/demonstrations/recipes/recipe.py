@@ -58,7 +58,7 @@ _FORM = TypeAdapter(RecipeForm)
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """Resolved recipe, in which each value is either set or left to the framework (None).
+    """Resolved recipe. Each value is either set or left to the framework (None).
 
     Attributes:
         name: Name of the recipe, used in the names of configurations and folders.

@@ -30,7 +30,7 @@ SO101_COLUMNS = SO101_DEGREES.components
 REAL_PRESET = "lerobot_so101_degrees"
 """Adapter preset of a policy that was trained on such data."""
 REAL_RATE_HZ = CONTROL_RATE_HZ
-"""Rate of demonstrations and trials in the protocol, which is the control rate of the simulated twin [Hz]."""
+"""Rate of demonstrations and trials in the protocol, equal to the control rate of the simulated twin [Hz]."""
 DEMONSTRATIONS = 25
 """Number of demonstrations per training condition in the paper."""
 

@@ -18,8 +18,9 @@ from betterbench.tasks.interventions.listed_regimes import crossed_in
 
 MOST_FORECASTS = 15
 PROVEN = (
-    "Each demonstration was checked by its states: it starts in a condition of this regime, follows the instruction "
-    "in order, handles objects only where certified demonstrations do, and shows no test condition of another regime."
+    "The states of each demonstration were checked. It starts in a condition of this regime and follows the "
+    "instruction in order. It handles objects only where certified demonstrations do, and does not show a test "
+    "condition of another regime."
 )
 RANGES = (
     "Ranges over the training frames. `statistics.json` contains mean, standard deviation and quantiles of actions "

@@ -69,9 +69,10 @@ class Still:
 def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -> list[Still | None]:
     """Return the grippers that never move: their values are constant, or only the noise of an idle arm.
 
-    Values count as noise if their range is less than :data:`IDLE_SHARE` of that of another gripper in the same column
-    (or one whose name differs only in the side), or if their range is smaller and they alternate faster than a gripper
-    can move. A gripper that switches between two positions always counts as moving, because its unit may be different.
+    Another gripper is in the same column, or in a column whose name differs only in the side. Values count as noise if
+    their range is less than :data:`IDLE_SHARE` of the range of another gripper. They also count as noise if their range
+    is smaller and they alternate faster than a gripper can move. A gripper that switches between two positions always
+    counts as moving, because its unit may be different.
 
     Args:
         grips: Each gripper with its values (T,) by episode.

@@ -22,7 +22,7 @@ from betterbench.errors import InvalidInputError, one_line
 
 MOST_SHOWN = 8
 STEPS = "+"
-"""Prefix of a ``--place`` component that is a displacement, whose sum over time is the position."""
+"""Prefix of a ``--place`` component that is a displacement. Its sum over time is the position."""
 
 _ACTIONS = ("action", "actions")
 _STATES = ("observation.state", "state")

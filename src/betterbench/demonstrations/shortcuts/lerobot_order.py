@@ -1,4 +1,4 @@
-"""Frame order of a LeRobot data set, in which files may be unsorted and episodes may span several files."""
+"""Frame order of a LeRobot data set. Its files may be unsorted, and episodes may span several files."""
 
 from __future__ import annotations
 

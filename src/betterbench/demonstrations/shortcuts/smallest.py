@@ -72,9 +72,9 @@ class SmallestRule:
         title: The question in words.
         n: Number of compared demonstrations, or of observations in them.
         noun: Noun for these observations.
-        least_share: Smallest fraction in which a rule must decide the outcome, with the others random, for the audit to
-            find it in at least :data:`POWER` of all data sets with these counts. None if not even a rule without
-            exceptions is found.
+        least_share: Smallest fraction of outcomes that a rule must decide to be found in at least :data:`POWER` of all
+            data sets with these counts. The other outcomes are random. None if not even a rule without exceptions is
+            found.
         strong_share: Same fraction if the p-value is ignored, so that only strength counts. This is the limit for many
             demonstrations.
         sentence: Sentence that explains ``least_share``.

@@ -1,8 +1,8 @@
 """LeRobot leader arm that moves the tool of the simulated arm, read by lerobot's own teleoperator class.
 
-If the robot has the same joints as the leader, its tool moves to the pose given by the leader's joint angles, once the
-operator has moved the leader near the robot's pose. For any other robot, the motion of the leader's tool since
-following began, in the leader's base frame, is applied to the robot's tool.
+If the robot has the same joints as the leader, its tool moves to the pose given by the leader's joint angles. This
+begins when the operator has moved the leader near the robot's pose. For any other robot, the motion of the leader's
+tool since following began, in the leader's base frame, is applied to the robot's tool.
 """
 
 from __future__ import annotations
@@ -113,8 +113,8 @@ class Follower:
 class Mirror:
     """Conversion for a robot with the leader's joints: its tool moves to the pose given by the leader's joint angles.
 
-    The robot does not move until the leader's tool has come within :data:`MEETING_M` of the robot's tool, so that it
-    neither jumps at the beginning nor returns to an undone pose.
+    The robot does not move until the leader's tool has come within :data:`MEETING_M` of the robot's tool. It therefore
+    does not jump at the beginning, and does not return to a pose that was undone.
     """
 
     def __init__(self, spec: RobotSpec) -> None:

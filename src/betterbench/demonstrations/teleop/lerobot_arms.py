@@ -172,7 +172,7 @@ def connect_arm(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN401 - l
 
 
 def close_arm(arm: Any) -> None:  # noqa: ANN401 - lerobot's class
-    """Close what is open of an arm, without a change of its torque.
+    """Close the open connections of an arm, without changing its torque.
 
     lerobot's own disconnect does nothing if the bus or a camera is not connected.
     """
@@ -184,7 +184,7 @@ def close_arm(arm: Any) -> None:  # noqa: ANN401 - lerobot's class
 
 
 def clear_port(bus: Any) -> None:  # noqa: ANN401 - lerobot's FeetechMotorsBus
-    """Drop what waits in the port, before a request.
+    """Discard unread data in the port, before a request.
 
     Answers do not name their request. A late one would be taken for the answer to the next request, as loads for
     positions, and so on from then on.
@@ -213,7 +213,7 @@ def read_motors(bus: Any, register: str, *, normalize: bool = True) -> dict[str,
 
 
 def failure(problem: Exception, port: str) -> str:
-    """Return what lerobot says about motors, in one line without its lists of all motors and its period."""
+    """Return an error message of lerobot about motors, in one line and without its lists of all motors."""
     if not Path(port).exists():
         return f"there is no {port}"
     return one_line(str(problem).partition("\nFull expected motor list")[0]).rstrip(" .")

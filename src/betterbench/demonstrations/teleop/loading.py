@@ -1,4 +1,4 @@
-"""Preparation of the next session, which takes seconds, either directly or in a thread while the loop continues."""
+"""Preparation of the next session. It takes seconds and runs directly, or in a thread while the loop continues."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Teleoperated episode, which turns operator commands into states, independently of clock, browser and devices.
+"""Teleoperated episode. It turns operator commands into states, independently of clock, browser and devices.
 
 Commands use the same action space as any policy, so the record is an ordinary one. The session stores the complete
 state at the start and whenever a subgoal has been reached. Undo returns to the last of these moments and drops
@@ -129,7 +129,7 @@ class TeleopSession:
         return self._last_moment().name
 
     def is_waiting(self, target: Pose | None) -> bool:
-        """Whether a step would change nothing, because the arm is at its goal, nothing moves and nothing is pending."""
+        """Whether a step would leave the state unchanged, because the arm is at its goal and the scene is at rest."""
         state, truth = self.state, self.truth
         fingers = [row.state.finger_width_m for row in self._rows[-2:]]
         if max(fingers) - min(fingers) > FINGERS_STILL_M or truth.goal or not arm_still(state):

@@ -1,7 +1,7 @@
-"""Teleoperation loop, which reads the input, steps the session and shows the result at the control rate.
+"""Teleoperation loop. It reads the input, steps the session and shows the result at the control rate.
 
-The loop never blocks. The episode pauses while no page is open, and while the operator gives no command and nothing
-moves. The record gets no rows during a pause, so a demonstration contains no thinking time.
+The loop never blocks. The episode pauses while no page is open. It also pauses while the operator gives no command and
+all objects are at rest. The record gets no rows during a pause, so a demonstration contains no thinking time.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Targets that a policy approached without a grasp, by staying over an object or pushing it.
+"""Targets of an episode without a grasp: the gripper stays over an object or pushes it.
 
 A grasp shows the target of a policy. After the last grasp, the target can only be inferred from the path of the empty
-gripper, which may stay over an object, return to it repeatedly, or move back and forth between several objects.
+gripper. The gripper may stay over an object, return to it repeatedly, or move back and forth between several objects.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 def comes_down_to(trace: Trace, first: int) -> int | None:
     """Return the object to which an open gripper descends after a row, low enough to grasp it, or None.
 
-    The gripper must be at the object for a minimum total time, and must seldom be within reach of another object.
+    The gripper must be at the object for a minimum total time, and only rarely within reach of another object.
     """
     free = ~trace.closing & (trace.held < 0)
     low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
@@ -163,7 +163,7 @@ def is_down(trace: Trace, i: int) -> Bools:
 
 
 def stays_above(trace: Trace, first: int, i: int) -> bool:
-    """Return whether an open gripper stays over an object after a row and does not descend over time."""
+    """Return whether an open gripper stays over an object after a row without descending over time."""
     rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
     if len(rows) < trace.steps(STAY_TIME):
         return False
@@ -188,7 +188,10 @@ def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows of a partial grasp, in which the fingers close around an object without contact, or None."""
+    """Return the rows of a partial grasp, or None.
+
+    In a partial grasp, the fingers close around an object without contact.
+    """
     below, low = taken_below(trace, i), is_down(trace, i)
     down = np.array([
         low[row] and trace.within_reach(row, trace.tool[row])[i] for row in range(first, trace.rows)
@@ -204,7 +207,7 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows in which an open gripper repeatedly descends, runs into an object and rises, or None.
+    """Return the rows in which an open gripper repeatedly descends, hits an object and rises, or None.
 
     Contacts of a closed gripper, or with the object between the fingers, do not count.
     """
@@ -245,8 +248,8 @@ def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
 def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> bool:
     """Return whether a path approaches any of the objects.
 
-    The center of each quarter of the path must be closer than that of the previous quarter. A path whose center is at
-    an object from the start does not approach this object.
+    The path is divided into quarters. The center of each quarter must be closer to the object than that of the previous
+    quarter. A path whose center is at an object from the start does not approach this object.
     """
     first, last = rows
     middles = np.array([part.mean(axis=0) for part in np.array_split(trace.tool[first : last + 1, :2], 4)])
@@ -255,7 +258,7 @@ def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> 
 
 
 def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
-    """Return the rows from the first touch by an empty gripper until it has shut a drawer for good, or None."""
+    """Return the rows from the first touch by an empty gripper until a drawer is finally shut, or None."""
     if shut.all() or not shut[-1]:
         return None
     row = int(np.flatnonzero(~shut)[-1]) + 1
@@ -281,7 +284,7 @@ def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tuple[int, int]]:
-    """Return the row spans in which an empty gripper touches an object without having closed on it."""
+    """Return the row spans in which an empty gripper touches an object that it has not closed on."""
     if trace.is_drawer(i):
         return []
     pinched = trace.left & trace.right
@@ -318,7 +321,7 @@ def _over(trace: Trace, row: int) -> int:
     """Return the object under an empty gripper, or -1.
 
     Targets are excluded, because a gripper also releases objects over them. Of several objects, the horizontally
-    nearest is returned. An object with any part below the gripper takes precedence over an object with a nearer center.
+    nearest is returned. An object that extends below the gripper takes precedence over an object with a nearer center.
     """
     gaps = _gaps(trace, row, trace.items)
     near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))
@@ -349,7 +352,7 @@ class _Gap(NamedTuple):
 
 
 def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
-    """Return the distances from the gripper to some objects, which are infinite for objects that fell off the table."""
+    """Return the distances from the gripper to some objects. They are infinite for objects that fell off the table."""
     tool = trace.tool[row]
     distances, centers = trace.box_distances(row, tool), trace.center_distances(row, tool)
     reach, boxes, middles = in_reach(distances, centers).tolist(), distances.tolist(), centers.tolist()
@@ -365,8 +368,8 @@ def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
 def _passes(trace: Trace, stay: Stay) -> bool:
     """Return whether the gripper only passes over an object.
 
-    It then leaves on another side than it came from, or after a short time. If the episode ends over the object, the
-    gripper must still be moving straight.
+    The gripper passes if it leaves on another side than it came from, or after a short time. If the episode ends over
+    the object, the gripper must still be moving straight.
     """
     if stay.end == trace.rows - 1:
         last = trace.tool[max(stay.start, stay.end - trace.steps(STAY_TIME)) : stay.end + 1, :2]
@@ -389,7 +392,7 @@ def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
 
 
 def _moves_from(trace: Trace, i: int, touched: int) -> int:
-    """Return the row at which an object begins to move, which is at the latest that of the first recorded touch.
+    """Return the row at which an object begins to move, at the latest the row of the first recorded touch.
 
     Touches shorter than a control step are only visible by their effects.
     """

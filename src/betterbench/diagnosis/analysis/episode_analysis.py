@@ -112,7 +112,7 @@ class EpisodeAnalysis:
         others: Approaches without closing the gripper, in order of time.
         on_nothing: Air grasps far from all objects or next to an empty slot, in order of time.
         fists: Closings of the empty gripper before it pushed a drawer shut, in order of time.
-        state: Function that returns the state at a row. None if only the recorded target regions are known.
+        state: Function that returns the state at a row, or None if only the recorded target regions are known.
         found_once: Results cached by :func:`once_per_episode`.
     """
 
@@ -167,8 +167,8 @@ class EpisodeAnalysis:
     def _may_be_choice(self, step: Step) -> bool:
         """Return whether an attempt can show a choice.
 
-        This is the case if its object is not a drawer, or if the drawer itself is requested. Opening or closing a
-        drawer for an object does not show which object was chosen.
+        It can if its object is not a drawer, or if the drawer itself is requested. Opening or closing a drawer for an
+        object does not show which object was chosen.
         """
         if not self.trace.is_drawer(step.at):
             return True
@@ -207,7 +207,7 @@ class EpisodeAnalysis:
 
     @property
     def first_attempt(self) -> Step | None:
-        """First grasp attempt that shows a choice, which is the reported first attempt, or None."""
+        """First grasp attempt that shows a choice (the reported first attempt), or None."""
         return next(filter(self._may_be_choice, self.steps), None)
 
     @property
@@ -289,7 +289,7 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def telling_place(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region of an object if its position proves that it was brought there, otherwise None.
+        """Return the target region of an object if the object was certainly brought there, otherwise None.
 
         A wide region, such as one side of another object, proves nothing, because the object may have been there from
         the start.
@@ -317,9 +317,10 @@ class EpisodeAnalysis:
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
         """Return the wrong region in which an object was set down, in any posture, or None.
 
-        An object counts as set down if the gripper released it there, or if it stood there before it slipped from the
-        closed gripper or was dragged away. The result is None if the object is in a requested region, or about as close
-        to its center as to that of the wrong region, because the policy then aimed at the requested region.
+        An object counts as set down if the gripper released it there. It also counts if it stood there before it
+        slipped from the closed gripper or was dragged away. The result is None if the object is in a requested region,
+        or about as close to the center of a requested region as to that of the wrong region. The policy then aimed at
+        the requested region.
         """
         gone, rest = rows
         fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
@@ -393,7 +394,7 @@ class EpisodeAnalysis:
         return self.put_down(step)
 
     def last_try(self, step: Step) -> Step:
-        """Return the decisive one of repeated attempts at an object: the first that lifted it, or the last."""
+        """Return the decisive attempt among repeated attempts at an object: the first that lifted it, or the last."""
         for later in self.steps:
             if later.grasp.start <= step.grasp.start:
                 continue
@@ -415,7 +416,7 @@ class EpisodeAnalysis:
         return None
 
     def memorized(self, i: int, place: Whereabout) -> bool:
-        """Return whether objects of this kind are placed in this region in training."""
+        """Return whether training places objects of this kind in this region."""
         where = (self.kind(place.target), place.relation, place.region)
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
@@ -649,9 +650,10 @@ def _start(grasp: GraspAttempt) -> int:
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether the gripper closed so far from an empty slot that it may have missed an object elsewhere.
 
-    This is possible if an instructed object is about as near as the point at which demonstrations close in this slot,
-    or at least as near seen from above. A gripper that closes above the rim of a plate has missed the plate at any
-    height. If the slot contains an object, or training does not pick from it, the distance to the slot's center counts.
+    This is possible if an instructed object is about as near as the point where demonstrations close the gripper in
+    this slot, or at least as near when seen from above. A gripper that closes above the rim of a plate has missed the
+    plate at any height. If the slot contains an object, or training does not pick from it, the distance to the slot's
+    center counts.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
@@ -672,7 +674,7 @@ def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[
 
 
 def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
-    """Return weak grips at instructed objects. They are not grasp attempts, but show the intention.
+    """Return weak grips at instructed objects. They show the intended object, but do not count as grasp attempts.
 
     In a weak grip, the fingers hardly move despite a long command to close, or they repeatedly close partly around the
     object and open again. Objects with a grasp attempt are excluded.
@@ -713,7 +715,10 @@ def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: 
 
 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
-    """Return whether a grasp attempt at another object follows a push; the pushed object was then only in the way."""
+    """Return whether a grasp attempt at another object follows a push.
+
+    In that case, the pushed object was only in the way.
+    """
     return any(s.grasp.start >= push.grasp.start and s.at != push.at for s in episode.steps)
 
 
@@ -726,7 +731,7 @@ def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, .
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
     """Return the unfinished subgoals at a row whose objects are still on the table.
 
-    Closing a drawer over an object is the next step as soon as the object is inside.
+    Closing a drawer is the next step as soon as its object is inside.
     """
     reached = [_reached(trace, goals, g, row) for g in range(len(goals))]
     return tuple(
@@ -837,7 +842,7 @@ def _compared(
 
 
 def finished_on(trace: Trace, instruction: Instruction, row: int, at: int | None) -> tuple[int, ...]:
-    """Return the objects that lie on an object because of a finished step, which form a finished stack with it.
+    """Return the objects that lie on an object because of a finished step. Together they form a finished stack.
 
     A container does not form a stack with its contents, and neither do objects next to each other on the table.
     """

@@ -33,14 +33,14 @@ from betterbench.tasks.relations import relation
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first permanent halt, or None.
 
-    A halt lasts for at least ``halt_time``, with unfinished subgoals and no attempt in progress. Closing the gripper
-    far from all objects counts as an attempt. A subgoal does not count as unfinished if its object is at the target
-    when the arm comes to rest. If the arm trembles in place, the halt must last for ``tremble_time``. Trembling over an
-    instructed object is not a halt.
+    In a halt, the arm rests for at least ``halt_time`` while subgoals are unfinished and no attempt is in progress.
+    Closing the gripper far from all objects counts as an attempt. A subgoal does not count as unfinished if its object
+    is at the target when the arm comes to rest. If the arm trembles in place, the halt must last for ``tremble_time``.
+    Trembling over an instructed object is not a halt.
 
     A pause after which the arm continues is not a halt. A final stop that is shorter than an earlier pause may be a
-    pause. If the arm holds the correct object at its target region, or has descended to it with open fingers, it has
-    only halted if it does not move at all. Otherwise, the gripper fails to open or to close.
+    pause. An arm that holds the correct object at its target region, or has descended to it with open fingers, has only
+    halted if it does not move at all. If it moves, the fault is a gripper that does not open or close.
     """
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None
@@ -115,7 +115,10 @@ def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
 
 
 def _usual(pauses: list[int], long: int) -> float:
-    """Return the longest plausible pause of a policy [rows]. Several long pauses make longer pauses plausible."""
+    """Return the longest plausible pause of a policy [rows].
+
+    If a policy paused for long several times, longer pauses are plausible.
+    """
     return max(pauses, default=0) * (PAUSES_VARY if sum(p >= long for p in pauses) > 1 else 1.0)
 
 

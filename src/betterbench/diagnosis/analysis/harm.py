@@ -1,4 +1,4 @@
-"""Harm: changes to objects that are not part of the instruction, which rule out success, with their times."""
+"""Harm: changes to objects that are not part of the instruction, with their times. Harm rules out success."""
 
 from __future__ import annotations
 

@@ -44,11 +44,11 @@ FAMILIES: dict[str, str] = {
 """Descriptions of the sets of policies on which the diagnosis is measured: faulty policies, parts of the independent
 family.
 
-The claimed accuracy of the diagnosis is its accuracy on the last set, which was written last and used once.
+The stated accuracy of the diagnosis was measured on the last set, which was written last and used once.
 """
 
 CLAIMED = next(reversed(FAMILIES))
-"""Family on which the claimed accuracy was measured."""
+"""Family on which the stated accuracy was measured."""
 
 
 def packaged_file(family: str) -> str:
@@ -114,7 +114,7 @@ class Calibration:
         policies: Correctly labeled trials out of all trials, per policy.
         crossed: Trials in which a reasoning failure was labeled as an execution failure, or vice versa.
         without_grasp: Correctly labeled trials out of all failed trials without a grasp attempt.
-        accused: Trials labeled as a reasoning failure out of all trials of policies without a fault.
+        accused: Trials labeled as a reasoning failure out of all trials of policies without a fault (false alarms).
         left_out: Number of excluded trials, which are not evidence about the fault of the policy.
     """
 

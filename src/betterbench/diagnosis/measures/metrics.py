@@ -44,8 +44,10 @@ _RATES: _Rates = (
     ("system_failure_rate", lambda t: t.kind is Kind.SYSTEM),
     ("collision_rate", lambda t: bool(t.collisions)),
 )
-"""Rates over planned trials. A trial without a record stays in the denominator and counts neither as success nor as
-correct intention. A success with a needless step contains an unrequested step of training, such as a grasp at an
+"""Rates over planned trials.
+
+A trial without a record stays in the denominator and counts neither as success nor as correct intention. A success with
+a needless step is a success in which the policy also executed an unrequested step of training, such as a grasp at an
 emptied slot. Collisions are those with fixtures and do not rule out success.
 """
 
@@ -162,8 +164,8 @@ def _success_rate(trials: Trials) -> Rate:
 def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
     """Return the success rates of twins minus those of variations, Holm-corrected within each kind of scope.
 
-    ``stopped`` contains all trials of a run with ``--until-decided``, for the gaps of single variations. It is None for
-    other runs.
+    ``stopped`` contains all trials of a run with ``--until-decided``; it is None for other runs. It is used for the
+    gaps of single variations.
     """
     pairs = twins(trials)
     if not pairs:

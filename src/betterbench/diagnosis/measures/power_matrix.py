@@ -1,8 +1,8 @@
 """Power matrix: success rates of faulty rules, blind probes and replayed demonstrations on each variation.
 
-Pretenders are policies without the tested ability. A success rate is only evidence of the ability if it exceeds the
-rates of the pretenders. The matrix is measured once (``better calibrate --power``) and is part of the package. This
-module reads it without a simulator.
+Pretenders are policies without the tested ability. A policy's success rate is evidence of the ability only if it
+exceeds the rates of the pretenders. The matrix is measured once (``better calibrate --power``) and is part of the
+package. This module reads it without a simulator.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ PACKAGED_MATRIX = "power.json"
 """File of the packaged matrix, in the folder ``data``."""
 EXPERT = "expert"
 STOPPING_AT_NEWS = "zoo:halt"
-"""Rule that stops at every new combination of instruction and scene and therefore fails every variation."""
+"""Name of the rule that stops at every new combination of instruction and scene. It fails every variation."""
 BLIND = ("probe:no-language", "probe:no-images", "probe:replay")
 """Pretenders without vision or without the instruction. The last two move without any observation."""
 FLOOR = ("random", "noop")
@@ -74,8 +74,8 @@ class PowerCell:
         k: Number of trials that succeeded.
         n: Number of trials.
         right: Number of trials whose first grasp attempt was at a requested object (suite, section 4).
-        shared: Number of trials that were not simulated because all decisions of the rule agree with those of the
-            expert. They have the expert's outcome.
+        shared: Number of trials that were not simulated, because all decisions of the rule agree with those of the
+            expert. Their outcome is that of the expert.
         wrong: Number of trials by label of the first wrong decision, for policies that report their decisions.
         failed: Number of trials with a wrong decision that did not succeed.
     """
@@ -134,7 +134,7 @@ class BlindCell:
 
     @property
     def speechless(self) -> bool:
-        """Whether the instruction is redundant, because only one instruction makes sense in the scene."""
+        """Whether the instruction is redundant: only one instruction makes sense in the scene."""
         return self.chance >= 1.0
 
 
@@ -192,13 +192,13 @@ class PowerMatrix:
     def exposed(self, key: Key) -> tuple[str, ...]:
         """Return the rules that a variation is designed to expose, which fail it by decisions with a claimed label.
 
-        A rule that passes with a needless step is not included, because its success rate does not expose it.
+        A rule that passes with a needless step is not included: it succeeds, so its success rate does not expose it.
         """
         claims = {label.value for label in exposed_labels(*key)}
         return tuple(name for name in self.failing(key) if claims & self.cells[name][key].wrong.keys())
 
     def passing_wrongly(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that pass a variation in spite of wrong decisions, which are needless steps."""
+        """Return the rules that pass a variation in spite of wrong decisions (needless steps)."""
         rows = ((name, self.cell(name, key)) for name in self.rules)
         return tuple(name for name, cell in rows if cell is not None and cell.n and cell.wrong and not cell.fails)
 
@@ -207,7 +207,7 @@ class PowerMatrix:
         return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
 
     def control(self, key: Key) -> bool:
-        """Return whether a variation is a control, on which all pretenders except the always-failing rule succeed."""
+        """Return whether a variation is a control: all pretenders succeed on it, except the rule that always fails."""
         return any(self.cell(name, key) is not None for name in self.rules) and not (
             set(self.failing(key)) - {STOPPING_AT_NEWS}
         )

@@ -75,7 +75,7 @@ class Standing:
         expert: Agreement with the expert, or None without a matrix.
         margins: One margin per variation that is in both the run and the matrix.
         covered: Number of variation trials that the matrix covers, and number of all variation trials.
-        notice: Sentence about missing data with a remedy; empty if nothing is missing.
+        notice: Sentence about missing data and the remedy; empty if nothing is missing.
     """
 
     scores: dict[str, float]
@@ -126,8 +126,8 @@ def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> S
     """Compare the policy of a run with the pretenders.
 
     For a run with ``--until-decided``, only the trials of the first round are used. Tasks that have changed since the
-    measurement, or are not in the matrix, are excluded and listed in the notice. The notice also reports an unreadable
-    matrix, without an error.
+    measurement, or are not in the matrix, are excluded and listed in the notice. An unreadable matrix is reported in
+    the notice and does not raise an error.
 
     Args:
         diagnosis: The run.

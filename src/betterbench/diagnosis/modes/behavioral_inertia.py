@@ -27,7 +27,7 @@ def _exposed(x: Exposure) -> bool:
 
     The next step of a memorized sequence counts if its object is missing. Grasps at an emptied slot count if they
     replace a step, or if no object may be grasped. They do not count if another object is in a slot to which a word of
-    the instruction led in training, because a first grasp in this slot is another failure mode.
+    the instruction led in training. A first grasp in this slot is another failure mode.
     """
     if x.lacks_later_step:
         return True

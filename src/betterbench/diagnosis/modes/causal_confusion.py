@@ -17,7 +17,7 @@ from betterbench.tasks.relations import relation
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether there are fewer objects than at the start of training episodes, or a step can be repeated.
+    """Return whether the scene has fewer objects than training episodes have at the start, or a step can be repeated.
 
     A step that is already done also leaves fewer objects, but a policy that counts objects acts correctly in this case.
     """
@@ -85,8 +85,8 @@ def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
 def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, row: int) -> bool:
     """Return whether the content of a drawer that is shut at a row is later brought to another drawer.
 
-    An open drawer blocks the drawer below, so it was shut because of the wrong target. The wrong target then decides
-    the label.
+    An open drawer blocks the drawer below. It was therefore shut because of the wrong target, and the wrong target
+    decides the label.
     """
     later = (s for s in episode.steps if s.grasp.start > row and s.at in episode.meant[content])
     places = (found[2].target for s in later if (found := episode.wrong_place(s)) is not None)
@@ -94,7 +94,7 @@ def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, r
 
 
 def _takes_up_a_drop(episode: EpisodeAnalysis, step: Step) -> bool:
-    """Return whether an attempt picks up an object that slipped out of the gripper and accidentally met its goal.
+    """Return whether an attempt picks up an object that slipped from the gripper and happened to land in its goal.
 
     The policy did not place the object, so picking it up again is not a mistake. Dropping it into a container counts as
     placing.

@@ -46,7 +46,7 @@ _HOW = {
     "knocked_out_of_place": _KNOCKS,
     "harm": _KNOCKS,
 }
-"""Descriptions of failed manipulation by evidence rule, which continue "It goes for the correct objects, but"."""
+"""Descriptions of failed manipulation by evidence rule. They continue "It goes for the correct objects, but"."""
 
 
 _UNTOLD = {
@@ -57,7 +57,7 @@ _UNTOLD = {
 
 
 def _untold(trial: TrialDiagnosis) -> str:
-    """Describe the position of the first grasp, if its target is not recognizable; empty otherwise."""
+    """Describe the position of the first grasp if its target cannot be recognized. Otherwise return an empty string."""
     where = _UNTOLD.get(trial.evidence.rule, "")
     return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
 
@@ -374,7 +374,7 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
 def _put_back(episode: EpisodeAnalysis, step: Step, rows: tuple[int, int]) -> bool:
     """Return whether an object was put back to its earlier position, and the next attempt is wrong.
 
-    In this case, the manipulation did not fail, but the policy abandoned the correct object for another object.
+    The policy then abandoned the correct object for another object. Its manipulation did not fail.
     """
     trace, i, (gone, rest) = episode.trace, step.grasp.object, rows
     if i is None or gone < step.grasp.release:
@@ -444,8 +444,8 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
 def _harm(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if an unrequested object was moved. The evidence starts at an attempt at this object, if any.
 
-    If the gripper knocks an object aside and then closes on it, the object was the target, and the harm has the time of
-    this attempt. The harm of opening a drawer for a wrong first choice has the time of this choice.
+    If the gripper knocks an object aside and then closes on it, the object was the target, and the harm is dated to
+    this attempt. Harm from opening a drawer for a wrong first choice is dated to this choice.
     """
     if not episode.harm:
         return None

@@ -93,8 +93,8 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
     """Return the subgoal to whose target an attempt brings the object of another subgoal, or None.
 
-    If the order is free, a policy that mistakes the mug for the mouse can only be recognized by the target to which it
-    brings the mug. If training brought mugs to this target, habit is the simpler explanation.
+    For example, a policy mistakes the mug for the mouse. If the order is free, only the target to which it brings the
+    mug reveals this. If training brought mugs to this target, habit is the simpler explanation.
     """
     step = episode.last_try(step)
     goal = episode.taken_for(step)

@@ -103,7 +103,7 @@ def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether a path only passes over objects that may be grasped now, and over at least two of them.
+    """Return whether a path passes over at least two objects, all of which may be grasped now.
 
     Repeated visits to a single object count as moving back and forth if the scene looks half finished.
     """

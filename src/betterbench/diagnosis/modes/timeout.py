@@ -24,7 +24,7 @@ _BY_MECHANISM = sharper_by_rule(
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence about the cause of the delay, or if nearly all trials ended before the first attempt."""
+    """Return a sentence about the cause of the delay, if nearly all trials have the same cause."""
     never = sum(not trial.attempts for trial in trials)
     before = "It runs out of time before its first grasp." if never >= SHARE_OF_ALL * len(trials) else ""
     return _BY_MECHANISM(trials) or before

@@ -80,7 +80,7 @@ def card_title(variation: Variation) -> str:
 
 
 def _printable(text: str) -> str:
-    """Replace arrows, which the built-in font lacks."""
+    """Replace arrows, because the built-in font lacks them."""
     return text.replace("→", ">")
 
 

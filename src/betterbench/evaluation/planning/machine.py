@@ -21,7 +21,7 @@ _LEFT_OUT = "dev"  # the extra with test tools and linters does not affect resul
 
 
 def describe_machine() -> dict[str, object]:
-    """Return CPU, memory and GPUs, where known."""
+    """Return CPU, memory and GPUs, as far as they are known."""
     model = re.search(r"^model name\s*:\s*(.+)$", _read(Path("/proc/cpuinfo")), re.MULTILINE)
     return {
         "architecture": platform.machine(),

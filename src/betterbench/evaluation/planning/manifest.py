@@ -1,7 +1,7 @@
 """Run manifest: context of a run at its start, stored in ``run.json``.
 
-When a run is resumed, the policy's declaration is compared with the manifest, because another checkpoint at the same
-address would mix two policies in one run. Nothing else is compared, because a run may be resumed on another machine.
+When a run is resumed, the policy's declaration is compared with the manifest. Another checkpoint at the same address
+would mix two policies in one run. Other entries are not compared, because a run may be resumed on another machine.
 """
 
 from __future__ import annotations

@@ -11,6 +11,9 @@ from betterbench.statistics import StoppingRule, smallest_paired_difference
 USUAL_OPPOSITE = 0.1
 """Assumed fraction of pairs that differ in the opposite direction, for the second number of :func:`what_trials_show`.
 
+The first number assumes that one policy fails only on trials on which the other also fails. Usually, each policy fails
+on some trials on which the other succeeds.
+
 The first number assumes that one policy only fails on trials on which the other fails as well. Usually, each policy
 fails on some trials on which the other succeeds.
 """

@@ -12,7 +12,7 @@ from betterbench.tasks.trial import Trial
 
 
 class Schedule:
-    """Schedule of the trials in a plan, which depends only on the plan and the outcomes so far.
+    """Schedule of the trials in a plan. It depends only on the plan and the outcomes so far.
 
     Attributes:
         plan: The plan.

@@ -1,9 +1,9 @@
 """Replay proof: a policy gets the observations of a demonstration, and its actions are compared with the demonstration.
 
 The path commanded by the policy's actions is compared with the path of the demonstration, axis by axis. If the actions
-are interpreted with wrong units, frame or sign, the path is scaled, rotated or mirrored, which the factor of each axis
-shows. The actions are also executed in a separate scene, to measure the distance between the final end-effector
-position and the end of the demonstration.
+are interpreted with wrong units, frame or sign, the path is scaled, rotated or mirrored. The factor of each axis shows
+this. The actions are also executed in a separate scene, to measure the distance between the final end-effector position
+and the end of the demonstration.
 
 Paths consist of commanded poses, which the arm follows with a delay of a few control steps.
 """

@@ -56,7 +56,10 @@ class Replicas:
         self._actors, self.addresses = self._started(self._session.cluster.replicas)
 
     def replace_dead(self) -> list[int]:
-        """Replace dead replicas and return their indices, which are empty if all are alive or too many have died."""
+        """Replace dead replicas and return their indices.
+
+        The result is empty if all are alive or too many have died.
+        """
         dead = [number for number, actor in enumerate(self._actors) if not self._answers(actor)]
         self._replaced += len(dead)
         if not dead or self._replaced > MAX_REPLACEMENTS:

@@ -10,7 +10,7 @@ from typing import Any, Self
 from betterbench.errors import BetterError, InvalidInputError, WorkerError
 from betterbench.evaluation.ray_engine.cluster import Cluster
 
-TRY_AGAIN = "Look at Ray's logs, then run the same command again; it resumes the run."
+TRY_AGAIN = "See Ray's logs, then run the same command again to resume the run."
 
 _OBJECT_STORE_BYTES = 128 * 1024 * 1024
 
@@ -36,7 +36,7 @@ def first_line(error: Exception) -> str:
 
 def cluster_lost(error: Exception) -> WorkerError:
     """Return the error for a cluster that does not respond."""
-    return WorkerError(f"The Ray cluster does not answer any more ({first_line(error)}). {TRY_AGAIN}")
+    return WorkerError(f"The Ray cluster no longer answers ({first_line(error)}). {TRY_AGAIN}")
 
 
 def as_better_error(error: Any, what: str) -> BetterError:  # noqa: ANN401 -- an error of Ray

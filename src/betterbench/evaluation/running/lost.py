@@ -1,4 +1,4 @@
-"""Detection of finished trials without a usable record or scene, which a resumed run repeats."""
+"""Detection of finished trials without a usable record or scene. A resumed run repeats them."""
 
 from __future__ import annotations
 

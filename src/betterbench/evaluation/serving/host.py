@@ -40,7 +40,7 @@ PATIENCE_S = 1800.0
 
 
 class Host:
-    """Host of a policy in a separate process, which this context manager starts and ends.
+    """Host of a policy in a separate process. The context manager starts and ends the process.
 
     Attributes:
         takes_batches: Whether one instance serves all environments.

@@ -7,7 +7,7 @@ import gc
 
 
 def return_memory() -> None:
-    """Return freed memory to the system, which glibc's allocator would keep. Other allocators are not affected."""
+    """Return freed memory to the system. By default, glibc's allocator keeps it. Other allocators are not affected."""
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:

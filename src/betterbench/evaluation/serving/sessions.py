@@ -73,7 +73,7 @@ class PolicySession:
 
 
 class Counter:
-    """Counter of a client's control steps, which also detects the start of an episode."""
+    """Counter of a client's control steps. It also detects the start of an episode."""
 
     def __init__(self) -> None:
         self._episode: object = None

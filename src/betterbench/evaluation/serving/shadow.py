@@ -2,8 +2,8 @@
 
 A trial is a pure function of its id: on the same machine, the same task, condition, seed and actions give bit-identical
 states. A shadow simulation therefore needs only the control step from its client. A client that executes only a part of
-a chunk, repeats a request, or reconnects (even to a restarted server) gets the same actions. A client
-that executed other actions is detected by comparing its measurements with the state of the shadow simulation.
+a chunk, repeats a request, or reconnects (even to a restarted server) gets the same actions. The measurements of the
+client are compared with the state of the shadow simulation, to detect a client that executed other actions.
 """
 
 from __future__ import annotations
@@ -37,9 +37,7 @@ from betterbench.tasks.interventions import resolve_condition
 TOLERANCE = 1e-6
 """Maximum difference between client and shadow: joint angles [rad], end effector [m] and gripper width [m]."""
 KEPT = 64
-"""Maximum number of simulations per server, which take 20 MB each. The oldest ones are dropped, and repeated when
-needed.
-"""
+"""Maximum number of simulations per server. Each takes 20 MB. The oldest ones are dropped, and repeated when needed."""
 SPARE = 4
 """Number of simulations kept for clients that reconnect, in addition to one per client."""
 
@@ -227,7 +225,7 @@ class ShadowSimulations:
         self._lock = threading.Lock()
 
     def of(self, trial: TrialId) -> ShadowSimulation:
-        """Return the shadow simulation of a trial, which is created if it does not exist."""
+        """Return the shadow simulation of a trial, and create it if it does not exist."""
         with self._lock:
             shadow = self._kept.get(trial)
             if shadow is None:

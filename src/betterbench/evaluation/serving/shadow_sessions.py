@@ -1,4 +1,4 @@
-"""Sessions of the server for clients of an expert, which uses shadow simulations."""
+"""Sessions of the server for clients of an expert. The expert uses shadow simulations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.tasks import Condition, TrialId, all_tasks
 from betterbench.tasks.interventions import resolve_condition
 
 SAME_STATE = 2e-6
-"""Maximum difference between equal states [m, rad], which may differ slightly because clients send float32."""
+"""Maximum difference between equal states [m, rad]. They may differ slightly because clients send float32."""
 ASTRAY = 1e-3
 """Difference above which the client did not execute the actions it received [m, rad]."""
 

@@ -28,7 +28,7 @@ class Deadline:
 
 
 class SharedPolicy:
-    """Policy for all connections, which processes all pending requests in one batch.
+    """Policy for all connections. It processes all pending requests in one batch.
 
     A single thread calls the policy. A policy without support for batches gets one observation at a time.
     """

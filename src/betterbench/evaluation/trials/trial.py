@@ -117,7 +117,7 @@ class RunSettings:
 
 
 class TrialRunner:
-    """Runner of the trials of a worker, which share policies, observer and world processes."""
+    """Runner of the trials of a worker. They share policies, observer and world processes."""
 
     def __init__(
         self,
@@ -206,7 +206,7 @@ class TrialRunner:
 
     @property
     def _shown_by(self) -> Observer | None:
-        """Return the observer, or None for a privileged policy, which gets the state."""
+        """Return the observer, or None for a privileged policy, because it gets the state."""
         return None if self.policies.needs.state else self._observer
 
     def _run_here(self, scene: TrialScene, trial: Trial, context: TrialContext) -> tuple[EpisodeResult, dict[str, str]]:

@@ -1,1 +1,1 @@
-"""Workers, which interleave several trials in a thread, and a pool of worker processes on this machine."""
+"""Workers that interleave several trials in a thread, and a pool of worker processes on this machine."""

@@ -1,10 +1,10 @@
 """Choice of the number of environments per worker by a warm-up.
 
-A worker with n environments is a closed queue: a chunk takes S seconds of the worker's time and L seconds of the
-policy's time. With fewer environments than the knee, (L + S) / S, the worker has to wait. Near the knee, fluctuations
-still cost a quarter to a third of the throughput. Therefore, more environments than the knee are opened (:data:`KNEES`)
-if this increases the throughput of the policy. If a server processes one request at a time, more environments only
-lengthen its queue, which the measured throughput shows. Records do not depend on the number.
+A worker with n environments is a closed queue. A chunk takes S seconds of the worker's time and L seconds of the
+policy's time. The knee of the queue is at (L + S) / S environments; with fewer, the worker has to wait. Near the knee,
+fluctuations still cost a quarter to a third of the throughput. More environments than the knee are therefore opened
+(:data:`KNEES`) if this increases the throughput of the policy. If a server processes one request at a time, more
+environments only lengthen its queue, which the measured throughput shows. Records do not depend on the number.
 """
 
 from __future__ import annotations

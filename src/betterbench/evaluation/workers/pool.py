@@ -1,4 +1,4 @@
-"""Pool of worker processes on this machine, which get trials over pipes."""
+"""Pool of worker processes on this machine. They get trials over pipes."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ class WorkerPool:
             yield broken_entry(trial, self._ledger.reason(how))
 
     def _handle_failed_start(self, worker: WorkerProcess, how: str) -> None:
-        """Handle a process that died before it was ready, which no trial can have caused."""
+        """Handle a process that died before it was ready. A trial cannot have caused this."""
         self._ledger.put_back(worker.trials.values())
         self._failed_starts += 1
         if self._failed_starts < MAX_FAILED_STARTS:

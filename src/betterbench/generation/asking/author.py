@@ -170,7 +170,7 @@ def _checked(answer: str, request: Request) -> tuple[Scenario | None, Sequence[s
 
 
 def parsed_list(answer: str) -> list[Any]:
-    """Parse an answer, which must be a JSON list of one scenario, without a code fence.
+    """Parse an answer. It must be a JSON list of one scenario; a code fence is removed.
 
     Raises:
         InvalidInputError: If the answer is empty, is not JSON, or is not a list of one object.

@@ -129,5 +129,5 @@ def template_messages(sentence: str, templates: Sequence[Template]) -> list[Mess
 
 
 def _user(text: str) -> Message:
-    """Return a user message with plain text content, which text-only model servers also accept."""
+    """Return a user message with plain text content, so that text-only model servers accept it too."""
     return {"role": "user", "content": text}

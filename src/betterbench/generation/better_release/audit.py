@@ -462,7 +462,7 @@ class _Auditor:
     # --------------------------------------------------------------------------------------------------- our own form
 
     def form(self, variation: Resolved) -> Iterator[Finding]:
-        """List what is missing in our representation of the variation."""
+        """List the parts of the variation that are missing in betterbench's representation."""
         shown = self.built.variations[variation.name]
         if shown.name is None and variation.enabled:
             yield Finding(variation.name, "not_represented", f"{'; '.join(shown.reasons)}.".capitalize())

@@ -1,10 +1,10 @@
 """Transfer of the initial positions of the release to our table.
 
 Both world frames have the robot base at the origin, x away from the robot and y to the left, so positions are used
-unchanged. Positions within 2.5 cm of each other become one slot. Each slot is then moved as little as necessary for it
-to be reachable, visible to the front camera, and free of overlaps of our assets in every scene. The order of two
-objects in a scene from left to right and from near to far is kept. Headings of the release are not used, because our
-assets have other axes. Instead, each slot has a heading at which the gripper can open.
+unchanged. Positions within 2.5 cm of each other become one slot. Each slot is then moved as little as necessary.
+Afterwards it is reachable, visible to the front camera, and free of overlaps of betterbench's assets in every scene.
+The order of two objects in a scene from left to right and from near to far is kept. Headings of the release are not
+used, because our assets have other axes. Instead, each slot has a heading at which the gripper can open.
 """
 
 from __future__ import annotations

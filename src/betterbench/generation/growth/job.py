@@ -1,8 +1,8 @@
 """Resumable job that fills a suite with certified tasks under quotas.
 
 Scenarios are drawn in rounds. Each draw depends on the seed, the accepted tasks of earlier rounds and the earlier draws
-of its round, but not on workers or timing, and is stored before it is built. The same command therefore resumes after
-an interruption, and produces the same files.
+of its round. It does not depend on workers or timing, and is stored before it is built. The same command therefore
+resumes after an interruption, and produces the same files.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
 
 
 class _UnlimitedSupply:
-    """Assumed supply of a model, which is unlimited."""
+    """Supply of a model, assumed to be unlimited."""
 
     def __init__(self, templates: Sequence[str]) -> None:
         self.templates = templates

@@ -237,7 +237,7 @@ def _require_known_to(supply: Supply, quotas: Sequence[Quota]) -> None:
 
 
 def _require_room(kind: Kind, quotas: Sequence[Quota], until: int, supply: Supply) -> None:
-    """Check the totals of a property, whose values are mutually exclusive."""
+    """Check the totals of a property. Its values are mutually exclusive."""
     listed = ", ".join(map(str, quotas))
     if kind == "axis":
         total, unit = 100, "% of the variations"

@@ -55,7 +55,7 @@ class Proposed:
 
 
 class Source(Protocol):
-    """Author of the next scenario, which also declares its supply (see :class:`~.quotas.Supply`)."""
+    """Author of the next scenario. It also declares its supply (see :class:`~.quotas.Supply`)."""
 
     @property
     def templates(self) -> Sequence[str]:

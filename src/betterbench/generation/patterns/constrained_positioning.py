@@ -23,10 +23,10 @@ IN_FRONT = a.Slot("in_front", 0.71, 0.0, yaw=-1.5708)
 ASIDE = a.Slot("aside", 0.72, -0.19)
 
 PLACES = {FAR.name: "top", NEAR.name: "bottom", MIDDLE.name: "middle"}
-"""Words for the slots in the front camera image, in which the far slot is at the top."""
+"""Words for the slots in the front camera image. The far slot is at the top of the image."""
 
 HALF_HAND_M = 0.0325
-"""Half the thickness of the gripper [m], which must stay in front of the head of the fixture."""
+"""Half the thickness of the gripper [m]. The gripper must stay in front of the head of the fixture."""
 MARGIN_M = 0.004
 """Clearance between the head of the fixture and an object or the gripper [m]."""
 LONGEST_M = 0.13
@@ -72,7 +72,7 @@ class _Positioning:
         self.layouts = tuple({**self._in_slots(order), **around} for order in orders)
 
     def _in_slots(self, order: tuple[a.ObjectSpec, ...]) -> dict[a.ObjectSpec, a.Slot]:
-        """Return the slots of the items, which are in this order in the near, the far and the middle slot."""
+        """Return the slots of the items, given in the order of the near, the far and the middle slot."""
         return {item: self.slots[order.index(item)] for item in self.items}
 
     def named(self, item: a.ObjectSpec) -> a.Instruction:
@@ -145,7 +145,10 @@ class _Positioning:
         return in_order(found), tuple(unbuilt)
 
     def _twin(self, training: tuple[Condition, ...], layout: int, asked: a.Instruction) -> str:
-        """Return the first training condition of the layout that requests another item, whose motion is no solution."""
+        """Return the first training condition of the layout that requests another item.
+
+        Its motion does not solve the variation.
+        """
         scene = next(c for c in training if c.layout == _slots_of(self.layouts[layout]))
         right = scene.resolve(asked.subgoals[0].reference)
         for number, condition in enumerate(training, start=1):
@@ -186,7 +189,7 @@ class _Positioning:
         return dict(self.alike) or {"": a.distractor("toy_block", "toy block", "block")}
 
     def _orders(self) -> list[tuple[a.ObjectSpec, ...]]:
-        """Return the cyclic rotations of the items, in which each item is in each slot once."""
+        """Return the cyclic rotations of the items. Each item is in each slot once."""
         n = len(self.items)
         return [tuple(self.items[(i + turn) % n] for i in range(n)) for turn in range(n)]
 

@@ -45,8 +45,7 @@ TURNED = CABINET_BACK.yaw
 [rad].
 """
 CORNER_M = 0.005
-"""Distance by which corners may extend beyond half the length of an object [m], which is the gap that the expert keeps.
-"""
+"""Distance by which corners may extend beyond half the length of an object [m]. The expert keeps this gap."""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 BY_CABINET = "A drawer is found where the cabinet is, not where it was."

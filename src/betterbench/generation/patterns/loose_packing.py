@@ -35,7 +35,7 @@ OPEN_TABLES = tuple(
 with three wider slots.
 """
 LID_TABLES = (Table(_THREE, (_STAND,)),)
-"""Table of fruit_lunch in the suite, for containers with a raised lid, which points away from the arm."""
+"""Table of fruit_lunch in the suite, for containers with a raised lid. The lid points away from the arm."""
 TABLES = (*OPEN_TABLES, *LID_TABLES)
 
 _LID_M = 0.10

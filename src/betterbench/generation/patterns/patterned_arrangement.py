@@ -63,8 +63,9 @@ TABLES = (*_DESKS, _SETTING)
 _FRONT_M = 0.070
 """Maximum radius of an object in a front slot [m]. Longer objects extend beyond the view of the front camera."""
 _NARROW_M = 0.072
-"""Maximum width of an object behind an anchor [m], where there is little room for the gripper and none for the handle
-of a mug.
+"""Maximum width of an object behind an anchor [m].
+
+There is little room for the gripper, and none for the handle of a mug.
 """
 _WIDE_M = 0.115
 """Maximum width of an object at another side [m]."""

@@ -137,7 +137,7 @@ def _stacked(cast: Cast, plates: _Plates) -> GeneratedTask:
 
 
 def _add_look_alike(draft: Draft, cast: Cast, plates: _Plates, near: dict[ObjectSpec, Slot]) -> None:
-    """Add a look-alike in the slot of the middle plate, which stands in the slot of the top one."""
+    """Add a look-alike in the slot of the middle plate. The middle plate moves to the slot of the top plate."""
     for other in look_alikes_of(cast, plates.middle):
         moves = [a.move(plates.top, _RIGHT_FRONT), a.move(plates.middle, near[plates.top])]
         kind = plates.middle.kind

@@ -17,7 +17,7 @@ BYSTANDER_M = 0.10
 _LONGEST_M = 0.14
 """Maximum footprint of a look-alike in a fixture slot [m]."""
 _FALLBACK = "block"
-"""Category with the most colors, whose objects only resemble other objects by color."""
+"""Category with the most colors. Its objects resemble other objects only by color."""
 
 
 def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) -> tuple[ObjectSpec, ...]:

@@ -1,4 +1,4 @@
-"""Direction of cutlery in an instruction, which is the only direction in a goal."""
+"""Direction of cutlery in an instruction. It is the only direction that a goal can contain."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def in_runs(runs: tuple[int, ...], width: int, x: int, y: int) -> bool:
 
 
 def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
-    """Return the visible pixel nearest to the centroid, which may be outside the object, as for a ring."""
+    """Return the visible pixel nearest to the centroid. The centroid may be outside the object, as for a ring."""
     cx, cy = seen.centroid
     best: tuple[float, int, int] | None = None
     start = 0

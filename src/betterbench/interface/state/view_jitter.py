@@ -27,7 +27,7 @@ class CameraOffset:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewJitter:
-    """Jitter of cameras and light, which affects images in addition to model and state.
+    """Jitter of cameras and light. It affects images in addition to model and state.
 
     Attributes:
         cameras: Offset per camera. Cameras that are not listed have their nominal pose.

@@ -68,7 +68,7 @@ class WorldState:
         return Pose(self.positions[i], self.quaternions[i])
 
     def position(self, name: str) -> Vector:
-        """Return the position of a named object in the world [m], which is the center of its bottom face at rest."""
+        """Return the position of a named object in the world [m]: the center of its bottom face at rest."""
         return self.positions[self.info.index(name)]
 
     def quaternion(self, name: str) -> Quaternion:

@@ -43,8 +43,10 @@ DROPPED = 0.5
 CONTRAST = "balanced against confounded"
 """Name of the main contrast on a study page."""
 COVERAGE, DECORRELATION = "diverse-confounded against confounded", "balanced against diverse-confounded"
-"""Names of the contrasts that separate coverage from decorrelation. The arms in the first contrast differ in the number
-of shown conditions; the arms in the second differ in whether each word is tied to its place.
+"""Names of the contrasts that separate coverage from decorrelation.
+
+The arms in the first contrast differ in the number of shown conditions. In the second contrast, words are tied to their
+places in only one of the two arms.
 """
 
 GapVerdict = Literal[
@@ -181,7 +183,7 @@ class StudyFindings:
 def findings_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
 ) -> StudyFindings:
-    """Return the findings of a study, which depend only on the arguments.
+    """Return the findings of a study. They depend only on the arguments.
 
     Args:
         plan: The plan.

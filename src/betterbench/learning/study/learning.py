@@ -50,7 +50,7 @@ class TrainedPolicy:
 
     @classmethod
     def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
-        """Return the policy trained by a recipe, which is evaluated with the camera views of its training."""
+        """Return the policy trained by a recipe. It is evaluated with the camera views of its training."""
         if recipe.sees != "pixels":
             return cls(address, digest)
         return cls(address, digest, recipe.eyes.observation, recipe.eyes.quality)

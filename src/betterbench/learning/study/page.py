@@ -97,7 +97,7 @@ def write_page(outcome: StudyOutcome, out: Path) -> StudyFindings:
 
 
 def document_of(outcome: StudyOutcome, found: StudyFindings) -> dict[str, Any]:
-    """Return all findings as a JSON document, which is the same after interruptions of the study."""
+    """Return all findings as a JSON document. It is the same after interruptions of the study."""
     form: dict[str, Any] = json.loads(json.dumps(asdict(found)))
     return {
         "betterbench": __version__,

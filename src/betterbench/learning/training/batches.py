@@ -1,4 +1,4 @@
-"""Training batches, which depend only on seed and step so that training can be resumed."""
+"""Training batches. They depend only on seed and step, so that training can be resumed."""
 
 from __future__ import annotations
 

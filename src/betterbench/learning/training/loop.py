@@ -1,4 +1,4 @@
-"""Training loop, in which each step depends only on weights, seed and step number so that training can be resumed."""
+"""Training loop. Each step depends only on weights, seed and step number, so that training can be resumed."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _CURES = {
 }
 """Remedy by setting, for a resumed training whose setting (other than recipe and data) has changed."""
 _PATIENCE = timedelta(hours=6)
-"""Maximum time that the other processes wait for the first one, which validates and writes."""
+"""Maximum time that the other processes wait for the first process, because it validates and writes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -392,7 +392,7 @@ def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], whe
 
 
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
-    """Load a checkpoint's weights, which must have the same vocabulary."""
+    """Load a checkpoint's weights. The checkpoint must have the same vocabulary."""
     weights, about = read_tensors(start)
     require_code(about, f"start: {start}")
     known = first_difference(about.get("vocabulary"), data.vocabulary.to_json(), "vocabulary")

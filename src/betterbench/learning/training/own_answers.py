@@ -121,8 +121,8 @@ def ask_about_run(
         on_progress: Called with the number of trials done and planned.
 
     Raises:
-        InvalidInputError: If the learner answers no questions, uses images, is not the run's policy, or no trial
-            is left.
+        InvalidInputError: If the learner does not answer questions, uses images, or is not the run's policy, or if no
+            trial is left.
         RecordError: If a record or its scene is damaged.
     """
     _require_asked(learner, run)
@@ -223,7 +223,7 @@ def _nearest(answer: str, about: NamedObject) -> str:
 
 
 def require_answers(learner: Learner, option: str = "--learner") -> None:
-    """Raise an InvalidInputError that names an option for a learner that answers no questions or uses images."""
+    """Raise an InvalidInputError that names an option for a learner that does not answer questions or uses images."""
     recipe = learner.trained.recipe
     if not learner.trained.vocabulary.answers:
         problem = "the learner was trained without questions, so it cannot answer any"
@@ -234,7 +234,7 @@ def require_answers(learner: Learner, option: str = "--learner") -> None:
 
 
 def _require_asked(learner: Learner, run: RunFolder) -> None:
-    """Raise InvalidInputError for a learner that answers no questions, uses images, or is not a run's policy."""
+    """Raise InvalidInputError for a learner that does not answer questions, uses images, or is not a run's policy."""
     require_answers(learner)
     told = run.context.get("policy")
     metadata = told.get("metadata") if isinstance(told, Mapping) else None

@@ -1,4 +1,4 @@
-"""Check whether loading a LeRobot checkpoint would run its author's code, which the user must allow explicitly.
+"""Check whether loading a LeRobot checkpoint would run its author's code. The user must allow this explicitly.
 
 LeRobot creates its processor steps from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step with a
 ``registry_name`` belongs to LeRobot. A step with a ``class`` can name any function in any module, for example

@@ -44,6 +44,10 @@ def require_short_horizons(config: object, where: str) -> None:
 def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
     """Limit the number of parameters of networks built in this context by the size of the weights file.
 
+    A parameter takes at least one byte in the file, and four in LeRobot's own files. A network with more parameters
+    than the file has bytes therefore cannot be the saved network. PyTorch reserves the memory of a parameter, registers
+    the parameter and then fills it. The limit is checked at registration, before the memory is used.
+
     A parameter takes at least one byte in the file (four in LeRobot's own files), so a network with more parameters
     than the file has bytes cannot be the saved network. PyTorch reserves the memory of a parameter, registers the
     parameter and then fills it. The limit is checked at registration, before the memory is used.

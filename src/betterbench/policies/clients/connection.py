@@ -51,8 +51,7 @@ class ConnectionLimits:
             a timeout, ``timeout_s`` is used.
         retries: Number of times a request is repeated after a broken connection or a timeout.
         patience_s: Time during which connections to an unreachable server are retried [s].
-        seed: Seed for jitter in the pauses, which keeps the clients of a lost server from reconnecting at the same
-            time.
+        seed: Seed for jitter in the pauses, so that the clients of a lost server do not reconnect at the same time.
     """
 
     timeout_s: float = 30.0
@@ -90,7 +89,7 @@ class ConnectionLimits:
 
 
 class PolicyConnection(Generic[Connection]):
-    """Connection to one server, which reopens lost sockets.
+    """Connection to one server that reopens lost sockets.
 
     Only one thread may send requests at a time. Another thread may call :meth:`close`, which ends every wait.
     """
@@ -185,9 +184,7 @@ class PolicyConnection(Generic[Connection]):
                 logger.warning("%s: request failed (%s)", self._where, reason)
                 if attempt == self._limits.retries:
                     times = f"{attempt + 1} times" if attempt else "once"
-                    raise PolicyError(
-                        f"{self._where} failed to answer {times}, most recently because of: {reason}."
-                    ) from problem
+                    raise PolicyError(f"{self._where} failed to answer {times}. Last reason: {reason}.") from problem
                 self._counts["retries"] += 1
                 self._pause(attempt, LONGEST_PAUSE_S)
             else:

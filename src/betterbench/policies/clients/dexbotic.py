@@ -1,4 +1,4 @@
-"""Requests to Dexbotic's inference server at ``http://host:7891/v1/infer``, and its declarations.
+"""Requests to Dexbotic's inference server at ``http://host:7891/v1/infer``, and the declarations of that server.
 
 ``POST /v1/infer`` takes JSON with the prompt, images (by slot number) as PNG files in base64, and a state. The answer
 contains ``actions``. In older releases, ``POST /process_frame`` takes the same data as a form with files and returns

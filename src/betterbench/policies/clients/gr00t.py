@@ -15,8 +15,8 @@ this.
 
 Replies of N1.7 mark arrays and modalities differently from N1.6, but requests are the same.
 
-Servers of the first N1.5 releases pickle with torch. betterbench deliberately does not support them, because unpickling
-an untrusted answer can run arbitrary code.
+Servers of the first N1.5 releases pickle with torch. betterbench does not support them, because unpickling an untrusted
+answer can run arbitrary code.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ FROZEN_TOLERANCE = 0.05
 
 _PICKLES = (b"PK\x03\x04", b"\x80\x02")
 _NO_PICKLES = (
-    "It is an old N1.5 server, which pickles with torch. That is not supported on purpose, because unpickling an "
-    "untrusted answer can run arbitrary code. Update Isaac-GR00T, whose servers use msgpack."
+    "It is an old N1.5 server, which pickles with torch. This is not supported, because unpickling an untrusted "
+    "answer can run arbitrary code. Update Isaac-GR00T, whose servers use msgpack."
 )
 
 
@@ -393,7 +393,7 @@ class Gr00tOverlapClient(Gr00tClient):
 
 
 def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
-    """Return a client for a GR00T server, which supports batches if the server needs no observation history."""
+    """Return a client for a GR00T server. It supports batches if the server needs no observation history."""
     overlap = Overlap.of(address, address.whole("ahead", 0))
     if overlap is not None:
         return Gr00tOverlapClient(address, overlap, seed=seed)

@@ -166,8 +166,8 @@ class HttpActClient(ServerClient[HttpServer]):
         reply = read_form_answer(decode_body(answer.body)) if form else decode_body(answer.body)
         if isinstance(reply, str):
             raise PolicyError(
-                f"{self._where} replies {one_line(reply)!r}, as these servers do after any failure. "
-                "See the server's log, and compare the keys that it reads with the adapter."
+                f"{self._where} replies {one_line(reply)!r}, the answer of these servers to any failure. See the "
+                "server's log, and compare the keys that it reads with the adapter."
             )
         if isinstance(reply, Mapping) and "error" in reply:
             raise PolicyError(f"{self._where} reports an error: {_told(reply)}")

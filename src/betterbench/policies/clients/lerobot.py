@@ -149,7 +149,7 @@ class LerobotStepPolicy(AdaptedPolicy):
 
 
 def load_lerobot(address: PolicyAddress) -> Policy:
-    """Return the policy of a checkpoint, which accepts batches if it predicts chunks from single observations.
+    """Return the policy of a checkpoint. It accepts batches if it predicts chunks from single observations.
 
     Raises the errors of :class:`Checkpoint` and :func:`derive_adapter`, and HandshakeError if the adapter in the
     address does not match the checkpoint.
@@ -192,7 +192,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
         keys = ", ".join(rule.key[0] for rule in views if rule.camera in shared)
         raise InvalidInputError(
             where,
-            f"the camera {min(shared)} would be used for each of {one_line(keys)}",
+            f"the camera {min(shared)} would be used for several inputs: {one_line(keys)}",
             "Give camera.KEY=NAME for each",
         )
     return Adapter(

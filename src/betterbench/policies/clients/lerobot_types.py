@@ -105,4 +105,4 @@ def _release() -> str:
     try:
         return importlib.metadata.version("lerobot")
     except importlib.metadata.PackageNotFoundError:
-        return "(of no release)"
+        return "(unknown release)"

@@ -1,4 +1,4 @@
-"""Real-time chunking, in which the client sends the unexecuted part of an action chunk and the server continues it.
+"""Real-time chunking: the client sends the unexecuted part of an action chunk, and the server continues it.
 
 A flow model's server can keep the first rows of the sent chunk as the first rows of its new chunk, and guide the rows
 after them. The rows must start at the current control step. Their key in a request differs by server

@@ -32,9 +32,10 @@ def describe_remote_policy(
     """Return a client's declaration of its policy for storage with the run.
 
     ``needs_images`` is False if the server declares that it does not use images. If None, this is inferred from the
-    adapter, whose cameras are rendered and sent in any case. ``cameras`` are the cameras that the server declares, or
-    None for all. ``says_actions`` is False if the server does not declare its actions. If the address has neither
-    preset nor adapter, the assumed conventions are then stored in the metadata as "assumed" and reported before a run.
+    adapter. The cameras of the adapter are always rendered and sent. ``cameras`` are the cameras that the server
+    declares, or None for all. ``says_actions`` is False if the server does not declare its actions. If the address has
+    neither preset nor adapter, the assumed conventions are then stored in the metadata as "assumed" and reported before
+    a run.
     """
     named = any(camera != EVERY_CAMERA for camera in adapter.cameras)
     metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
@@ -81,7 +82,7 @@ def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
 
 
 class AdaptedPolicy:
-    """Policy with a fixed adapter, whose conventions are compared with the run."""
+    """Policy with a fixed adapter. Its conventions are compared with the run."""
 
     adapter: Adapter
     server: Declaration

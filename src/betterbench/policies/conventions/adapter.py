@@ -1,4 +1,4 @@
-"""Adapters, which map observations to a policy's inputs and answers to actions. They are stored as data."""
+"""Adapters: mappings from observations to a policy's inputs, and from answers to actions. They are stored as data."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ class Adapter:
         return shown
 
     def state(self, rule: StateRule, observation: Observation) -> np.ndarray | float | int:
-        """Return a state input, which is an array (size,) of the required type, or a number for a scalar."""
+        """Return a state input: an array (size,) of the required type, or a number for a scalar."""
         return rule.read(
             observation,
             ee_offset_m=self.ee_offset_m,

@@ -517,7 +517,7 @@ def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
 
 
 def number_array(given: object) -> np.ndarray:
-    """Return an answer as an array, with dtype object if its lists are ragged or contain booleans."""
+    """Return an answer as an array. Its dtype is object if the lists are ragged or contain booleans."""
     try:
         return np.asarray(None) if _holds_truths(given) else np.asarray(given)
     except ValueError:
@@ -525,7 +525,7 @@ def number_array(given: object) -> np.ndarray:
 
 
 def _holds_truths(given: object) -> bool:
-    """Return whether lists contain a boolean, which NumPy would convert to 0 or 1."""
+    """Return whether lists contain a boolean. NumPy would convert it to 0 or 1."""
     if isinstance(given, list | tuple):
         return any(isinstance(item, bool | np.bool_) or _holds_truths(item) for item in given)
     return isinstance(given, np.ndarray) and given.dtype.kind == "b"

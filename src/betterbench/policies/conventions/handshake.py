@@ -1,4 +1,4 @@
-"""Handshakes, in which both sides declare their conventions and a difference stops the run."""
+"""Handshake: both sides declare their conventions, and a difference stops the run."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ MEASURED_ROTATION_RAD = 0.1
 """Measured end-effector rotation per action unit in one LIBERO control step [rad]."""
 
 TOOL_OFFSET_M = (0.0, 0.0, 0.097 - 0.1034)
-"""LIBERO's tool point in our tool frame, whose z axis points from the hand to the fingertips [m]."""
+"""LIBERO's tool point in betterbench's tool frame [m]. The z axis points from the hand to the fingertips."""
 
 _TABLE, _FLOOR, _STUDY = (-0.66, 0.0, 0.912), (-0.6, 0.0, 0.0), (-0.75, 0.0, 0.912)
 _LIVING_ROOM = (-0.51, 0.0, 0.42)

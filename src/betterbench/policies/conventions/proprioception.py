@@ -1,4 +1,4 @@
-"""Proprioceptive inputs of a policy, which select, format and order parts of the robot's state."""
+"""Proprioceptive inputs of a policy: selected, formatted and ordered parts of the robot's state."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ MotorPart = Literal["so101_degrees", "so101_normalized"]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StateRule:
-    """State input for a policy, which is one vector with parts of the robot's state under a key.
+    """State input for a policy: one vector with parts of the robot's state, under a key.
 
     Attributes:
         dtype: Type of its numbers.
@@ -153,7 +153,7 @@ class StateRule:
         gripper_opening_m: float,
         tool_offset_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray | float | int:
-        """Return the state input for an observation, which is an array (size,) of ``dtype``, or a number for a scalar.
+        """Return the state input for an observation: an array (size,) of ``dtype``, or a number for a scalar.
 
         ``ee_offset_m`` is added to the end-effector position, for policies with another origin.
         ``tool_offset_m`` is the policy's tool point in our tool frame. ``gripper_opening_m`` is treated as fully open.

@@ -1,4 +1,4 @@
-"""Privileged policies, which are the expert and the faulty policies that calibrate the diagnosis.
+"""Privileged policies: the expert, and the faulty policies that calibrate the diagnosis.
 
 Each public name is imported at first use, so an address can be read without a simulator.
 """

@@ -22,7 +22,7 @@ from betterbench.tasks import Label, TrainingDistribution, stream
 from betterbench.tasks.worlds.libero_training import CARRIED, trained_in, word_of_sentence
 
 FINGER_ROOM_M = 0.074
-"""Maximum width of an object grasped between the fingers, which open to 77 mm [m]."""
+"""Maximum width of an object grasped between the fingers [m]. The fingers open to 77 mm."""
 
 TOOL_TIP_M = 0.011
 """Length of the fingers below the tool center point [m]."""

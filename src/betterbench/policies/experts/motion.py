@@ -12,7 +12,7 @@ from betterbench.geometry import Pose, angle_between, distance, straight_way, to
 from betterbench.interface.state import WorldState
 
 Motion = Generator[np.ndarray, WorldState, WorldState]
-"""Generator of a motion, which yields actions, receives the state after each action, and returns the last state."""
+"""Generator of a motion: it yields actions, receives the state after each action, and returns the last state."""
 
 OPEN, CLOSE = -1.0, 1.0
 TRANSLATION_PER_UNIT_M = 0.05
@@ -65,7 +65,7 @@ def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:
 
 
 def _span(a: Pose, b: Pose, pace: Pace) -> float:
-    """Return a segment's length [m] at a pace, which is the translation or the rotation as an equivalent length."""
+    """Return a segment's length [m] at a pace: the translation, or the rotation as an equivalent length."""
     return max(distance(a.position, b.position), angle_between(a.quaternion, b.quaternion) * pace.speed / pace.turning)
 
 

@@ -116,7 +116,7 @@ class Planner:
     def _apart_first(self, plan: Callable[[], _Plan]) -> _Plan:
         """Return a plan that keeps parts of a folded arm apart, or else one in which they may touch.
 
-        A touch can stop the arm while it lifts, but often it does not.
+        Contact between these parts can stop the arm while it lifts, but often does not.
         """
         if self._robot.kept_apart:
             self._clearance.keeps_apart = True
@@ -481,6 +481,6 @@ def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
 
 
 def _approach(T_world_tcp: Pose) -> float:
-    """Return the vertical component of the approach direction, which is -1 straight down."""
+    """Return the vertical component of the approach direction (-1 for straight down)."""
     _, x, y, _ = T_world_tcp.quaternion
     return 1.0 - 2.0 * (x * x + y * y)

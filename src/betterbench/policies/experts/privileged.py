@@ -1,4 +1,4 @@
-"""Privileged policies, which combine a decision rule with motor skills."""
+"""Privileged policies: a decision rule combined with motor skills."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MAX_DECISIONS = 12
 
 @dataclass(frozen=True, slots=True)
 class ExecutionNoise:
-    """Execution noise of a policy, which causes motion errors while it executes decisions.
+    """Execution noise of a policy: motion errors in the execution of decisions.
 
     Attributes:
         grasp_offset: Deliberate grasp error, or None.

@@ -1,9 +1,9 @@
-"""Open-loop probes, which replay the motion of a demonstration and ignore observations.
+"""Open-loop probes. They replay the motion of a demonstration and ignore observations.
 
-If trials can be solved without observations, the benchmark measures memorization. ``probe:replay`` replays a
-demonstration of the twin's condition, usually the same instruction in the same layout. ``probe:no-images`` replays a
-demonstration of the trained instruction closest to the trial's. Both use demonstration seeds, never test seeds, as in
-the training data of a policy. The probes miss objects at other positions.
+If they can solve trials, the benchmark measures memorization. ``probe:replay`` replays a demonstration of the twin's
+condition, usually the same instruction in the same layout. ``probe:no-images`` replays a demonstration of the trained
+instruction closest to the trial's. Both use demonstration seeds, never test seeds, as in the training data of a policy.
+The probes miss objects at other positions.
 """
 
 from __future__ import annotations

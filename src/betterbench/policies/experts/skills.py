@@ -35,7 +35,7 @@ from betterbench.tasks.relations import relation as relation_named
 from betterbench.tasks.relations.placing import foot_offset
 
 SkillRun = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
-"""Generator of a skill, which yields actions, receives states, and returns the last state and whether it succeeded."""
+"""Generator of a skill: it yields actions, receives states, and returns the last state and whether it succeeded."""
 
 SURE = 0.6
 """Share of the certificate's tolerances within which a goal counts as trained. The rest is a margin for position errors
@@ -119,7 +119,7 @@ class Skills:
         return state, grasp
 
     def close_up(self, state: WorldState, plan: PickPlan, grasp: Pose) -> Motion:
-        """Move from a grasp to the pose at which the gripper closes, where a fixed finger touches the object.
+        """Move from a grasp to the pose at which the gripper closes. A fixed finger then touches the object.
 
         Args:
             state: State at the grasp.

@@ -1,7 +1,7 @@
-"""Expert that also records, for each episode, which faulty rules would have made the same decisions.
+"""Expert that also records the faulty rules that would have made the same decisions in an episode.
 
-A rule that always makes the expert's decision would produce a bit-identical episode with the same outcome, so its
-episode need not be simulated.
+A rule that always makes the expert's decisions would produce a bit-identical episode. This episode therefore need not
+be simulated.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from betterbench.tasks.interventions import vary
 
 
 class NoLanguage(BrokenRule):
-    """Follows a random instruction of the task that is possible in this scene, which may be the given one.
+    """Follows a random instruction of the task that is possible in this scene. It may be the given instruction.
 
     If this policy succeeds more often than a random choice among these instructions, the scene reveals the instruction.
     """

@@ -11,10 +11,10 @@ from betterbench.tasks import Label
 class Inertia(BrokenRule):
     """Begins with the most frequent first step of training, and executes the next step even if its object is missing.
 
-    The paper describes two kinds. If demonstrations combine their steps in several ways (A to B, A to C), the policy
-    begins with the first step even if its object is missing. If several kinds are equally frequent, the instruction
-    selects one of them. If demonstrations are one fixed sequence, a finished step triggers the next one, and the policy
-    begins with the first step only if its object is still on the table.
+    The paper describes two kinds of demonstrations. If they combine their steps in several ways (A to B, A to C), the
+    policy begins with the first step even if its object is missing. If several first steps are equally frequent, the
+    instruction selects one of them. If demonstrations are one fixed sequence, a finished step triggers the next one.
+    The policy then begins with the first step only if its object is still on the table.
 
     When nothing is left to do, it executes the next step of training if the object of that step is missing.
     """

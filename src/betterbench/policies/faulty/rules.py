@@ -1,8 +1,8 @@
 """Base class of faulty decision rules, with the ground truth about each episode's first fault.
 
 A faulty policy compares each of its decisions with the decisions that would be right at that time. The first wrong
-decision determines the true label of the trial, independently of the record. The label is written to the run journal,
-never to the record. It therefore serves as ground truth for the diagnosis, which reads only records.
+decision determines the true label of the trial, independently of the record. The label is written to the run journal
+and not to the record. The diagnosis reads only records, so the label can serve as its ground truth.
 """
 
 from __future__ import annotations

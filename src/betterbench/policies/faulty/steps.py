@@ -44,7 +44,7 @@ class Reorder(BrokenRule):
         return right
 
     def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
-        """Return the label, which is behavioral_inertia if most demonstrations began with the later step."""
+        """Return the label. It is behavioral_inertia if most demonstrations began with the later step."""
         label = super()._label_of(state, history, decision)
         if label == self.label and isinstance(decision, Bring):
             is_habit = state.info.object(decision.object).kind == self.trained.habit

@@ -1,7 +1,7 @@
 """Policy kinds, one file each, and the registry of kinds by address scheme.
 
-A new file in this folder is found automatically. ``kind`` is the registry. ``privileged`` and ``remote`` contain the
-common code of built-in policies with access to the state, and of policies behind servers. A file imports simulators and
+A new file in this folder is found automatically. ``kind`` is the registry. ``privileged`` contains the common code of
+built-in policies with access to the state, ``remote`` that of policies behind servers. A file imports simulators and
 server libraries only when a policy is made, because each process that uses a policy imports all kinds.
 """
 

@@ -1,4 +1,4 @@
-"""Policies of the independent family, which are in a separate package (betterbench-calibration)."""
+"""Policies of the independent family. They are in a separate package (betterbench-calibration)."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class PolicyNeeds:
         trial: The identity of the trial. A policy is created for each episode.
         thread: A thread that waits for answers while other trials are simulated. Built-in policies answer at once and
             need no thread.
-        process: A separate process for users' code, in which a crash affects at most its own trial.
+        process: A separate process for users' code, so that a crash affects at most its own trial.
         server: A running server, started by the user.
     """
 
@@ -144,7 +144,7 @@ class PolicyKind:
 
     @property
     def name(self) -> str:
-        """Kind name, which is the prefix of its addresses."""
+        """Kind name, the prefix of its addresses."""
         return self.form.scheme
 
     def parse(self, text: str, *, world: str = "") -> PolicyAddress:
@@ -165,6 +165,8 @@ class PolicyKind:
 
     def entries(self) -> tuple[PolicyEntry, ...]:
         """Return the rows for ``better list policies``.
+
+        A kind without a summary has no rows; it only explains why its addresses are rejected.
 
         A kind without a summary has no rows, because it exists only to explain why its addresses are rejected.
         """

@@ -1,4 +1,4 @@
-"""LeRobot checkpoints, in a separate process. LeRobot's own server is rejected."""
+"""LeRobot checkpoints, in a separate process. LeRobot's own server is not supported."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _refuse(text: str, world: str) -> PolicyAddress:
 def _pickles(text: str) -> InvalidInputError:
     return PolicyAddress(text, _SERVER_FORM, "").error(
         "LeRobot's policy server (lerobot.async_inference, gRPC) pickles observations and actions. Unpickling an "
-        "untrusted answer can run arbitrary code, so betterbench deliberately does not support it",
+        "untrusted answer can run arbitrary code, so betterbench does not support it",
         "Write lerobot:CHECKPOINT, which loads the same checkpoint locally, or run better serve lerobot:CHECKPOINT "
         "where the server runs, and connect with openpi://",
     )

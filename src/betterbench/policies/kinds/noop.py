@@ -1,4 +1,4 @@
-"""Idle policy, which never moves."""
+"""Idle policy that never moves."""
 
 from __future__ import annotations
 

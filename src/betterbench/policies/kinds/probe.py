@@ -1,4 +1,4 @@
-"""Probes, which are privileged policies that lack the instruction, the images or both."""
+"""Probes: privileged policies without the instruction, the images or both."""
 
 from betterbench.policies.experts.address import PROBE_FORM
 from betterbench.policies.kinds.privileged import register_privileged

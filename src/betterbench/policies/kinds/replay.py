@@ -27,7 +27,7 @@ class Replay:
         from betterbench.records import RunFolder
 
         if not folder:
-            raise InvalidInputError("policy replay", "no run is given", "Write replay:RUN with the folder of a run")
+            raise InvalidInputError("policy replay", "no run was given", "Write replay:RUN with the folder of a run")
         run = RunFolder.open(Path(folder))
         self._actions: np.ndarray | None = None
         for name in (condition, base):
@@ -78,7 +78,7 @@ _FORM = AddressForm(scheme="replay", example="replay:RUN")
 def _read(text: str, world: str) -> PolicyAddress:
     folder = text.partition(":")[2]  # everything after the colon: a folder name may contain "?"
     if not folder:
-        raise InvalidInputError("policy replay", "no run is given", "Write replay:RUN with the folder of a run")
+        raise InvalidInputError("policy replay", "no run was given", "Write replay:RUN with the folder of a run")
     return PolicyAddress(text, _FORM, folder, {}, world)
 
 

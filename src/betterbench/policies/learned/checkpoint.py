@@ -1,4 +1,4 @@
-"""Checkpoints, which are safetensors files with the recipe, the vocabulary and a digest in the header."""
+"""Checkpoints: safetensors files with the recipe, the vocabulary and a digest in the header."""
 
 from __future__ import annotations
 

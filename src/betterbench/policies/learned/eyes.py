@@ -1,4 +1,4 @@
-"""Image inputs for a learner of the ``pixels`` family, cropped and scaled from a scene's camera images."""
+"""Image inputs for a learner of the ``pixels`` family: cropped and scaled camera images of a scene."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ def make_seeing(address: PolicyAddress) -> SeeingPolicy:
 
 
 def _executed(address: PolicyAddress, learner: Learner) -> int:
-    """Return the execution horizon, which the address or else the recipe gives.
+    """Return the execution horizon given by the address or else by the recipe.
 
     Raises InvalidInputError if the chunk has fewer actions.
     """

@@ -1,4 +1,4 @@
-"""Learner networks, with the base class, the transformer of both built-in families, and the ``objects`` network."""
+"""Learner networks: base class, transformer of both built-in families, and ``objects`` network."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"}
 
 
 class LearnerNetwork(nn.Module):
-    """Base network of learners, which maps a batch of inputs to a chunk of normalized actions, (B, chunk, 7).
+    """Base network of learners: it maps a batch of inputs to a chunk of normalized actions, (B, chunk, 7).
 
     A family creates its modules in :meth:`build` and reduces the inputs to one vector per sample in :meth:`summary`.
     The head that maps this vector to actions, the losses, and the answers to questions are the same for all families.

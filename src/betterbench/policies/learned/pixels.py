@@ -1,4 +1,4 @@
-"""Network of the ``pixels`` family, a strided convolutional network with FiLM, whose key points become tokens."""
+"""Network of the ``pixels`` family: a strided convolutional network with FiLM. Its key points become tokens."""
 
 from __future__ import annotations
 

@@ -146,7 +146,7 @@ class LearnedPolicy:
 
 
 class SeeingPolicy:
-    """Policy of a ``pixels`` learner, which gets observations like every evaluated policy."""
+    """Policy of a ``pixels`` learner. It gets observations like every evaluated policy."""
 
     def __init__(self, address: str, learner: Learner, *, execute: int) -> None:
         """Prepare the policy. Raises InvalidInputError if its history stride is not a multiple of ``execute``."""

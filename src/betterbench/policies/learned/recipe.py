@@ -1,4 +1,4 @@
-"""Training recipes, which contain all settings that determine a learner's weights."""
+"""Training recipes: all settings that determine a learner's weights."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Augmentation:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class View:
-    """Image input of a learner in the ``pixels`` family, which is a camera image or part of it.
+    """Image input of a learner in the ``pixels`` family: a camera image or part of it.
 
     Attributes:
         camera: Camera name.
@@ -276,7 +276,7 @@ class TrainingRecipe:
 
     @property
     def sees(self) -> Sees:
-        """Learner input, which is the state as objects, or images."""
+        """Learner input: the state as objects, or images."""
         return learner_family(self.family).sees
 
     @property

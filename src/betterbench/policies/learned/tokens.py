@@ -1,4 +1,4 @@
-"""Inputs for a learner of the ``objects`` family, which are the tool state and visible properties of each object.
+"""Inputs for a learner of the ``objects`` family: the tool state and visible properties of each object.
 
 Names, roles and slots of objects, the held object and the task's goal are excluded, because they would reveal the task.
 """
@@ -21,7 +21,7 @@ POSE_NUMBERS = 9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Things:
-    """Inputs that are constant during an episode, which are the instruction and the appearance of n objects.
+    """Inputs that are constant during an episode: the instruction and the appearance of n objects.
 
     Attributes:
         words: (w,) indices of the instruction's words.

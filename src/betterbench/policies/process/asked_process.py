@@ -1,4 +1,4 @@
-"""Main function of a user policy's process, which loads the policy and answers a run's requests over a socket.
+"""Main function of a user policy's process. It loads the policy and answers the run's requests over a socket.
 
 This module imports no simulator, so the process starts fast and leaves memory to the policy.
 """

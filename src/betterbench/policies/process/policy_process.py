@@ -64,8 +64,8 @@ class PolicyProcess:
     """Client side of a policy in a separate process.
 
     If the process has ended, the next request starts a new process with a new policy. A new process is also started
-    after a failed episode, so that the failure cannot affect later episodes, unless the policy has large weights. The
-    process has its own session, so that signals to the run do not reach it.
+    after a failed episode, so that the failure cannot affect later episodes. A policy with large weights keeps its
+    process. The process has its own session, so that signals to the run do not reach it.
 
     Attributes:
         info: Policy declarations.
@@ -257,7 +257,7 @@ def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared
 
 
 class _Started(AskedProcess):
-    """Started process, which loads its policy and then answers requests."""
+    """Started process. It loads its policy and then answers requests."""
 
     def __init__(self, address: str, world: str) -> None:
         self._address, self._mark = address, uuid.uuid4().hex
@@ -301,7 +301,7 @@ class _Started(AskedProcess):
             ) from error
         if answer.error is None and answer.declared is not None:
             return answer.declared
-        raised = _error(answer.error or "", answer.texts or ("it declares nothing",))
+        raised = _error(answer.error or "", answer.texts or ("it does not declare anything",))
         if type(raised) is not PolicyError:
             raise raised  # errors of betterbench need no prefix
         raise PolicyProcessError(f"{self._address}: it cannot be loaded ({raised}).")

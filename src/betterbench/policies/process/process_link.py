@@ -57,7 +57,7 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class ProcessAnswer:
-    """Message of a policy's process, which is an answer or an error.
+    """Message of a policy's process: an answer or an error.
 
     Attributes:
         error: Class of the raised betterbench error. It is empty for another exception, None without an error.

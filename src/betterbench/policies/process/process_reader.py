@@ -1,4 +1,4 @@
-"""Validation of messages from a policy's process, which can send anything."""
+"""Validation of messages from a policy's process. The process is untrusted."""
 
 from __future__ import annotations
 

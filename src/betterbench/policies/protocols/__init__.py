@@ -1,1 +1,1 @@
-"""Codecs and sockets of policy protocols, for msgpack, JSON, torch tensors and websockets."""
+"""Codecs and sockets of policy protocols: msgpack, JSON, torch tensors and websockets."""

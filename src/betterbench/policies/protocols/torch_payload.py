@@ -1,4 +1,4 @@
-"""Reader of payloads written by torch, which runs no code in them.
+"""Reader of payloads written by torch. It does not run code contained in them.
 
 Being-H servers write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code named by
 the sender. Here, ``torch.load(weights_only=True)`` reads answers and calls only allowed functions. In the list

@@ -1,4 +1,4 @@
-"""Wire formats, which convert between values and bytes in the msgpack variants of policy servers.
+"""Wire formats: conversion between values and bytes in the msgpack variants of policy servers.
 
 All variants send maps of strings, numbers and arrays, but they mark arrays differently. Arrays are marked as in
 openpi's client, as in vla-evaluation-harness, as a .npy file (GR00T up to N1.6), or as in the package msgpack-numpy.
@@ -179,7 +179,7 @@ def _read_nd(form: Mapping[Any, Any]) -> object:
 
 
 def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
-    """Encode a value as a frame in the vla-evaluation-harness dialect, which does not support string arrays.
+    """Encode a value as a frame in the vla-evaluation-harness dialect. This dialect does not support string arrays.
 
     ``images`` selects the encoding of uint8 arrays with shape (height, width, 3 or 4). Raises the errors of
     :func:`encode_openpi`.
@@ -269,7 +269,7 @@ def _image(form: dict[Any, Any]) -> np.ndarray:
 
 
 def encode_gr00t(value: object) -> bytes:
-    """Return the frame of a value in GR00T's dialect, which has modality configs too (see :func:`encode_openpi`)."""
+    """Return the frame of a value in GR00T's dialect, including modality configs (see :func:`encode_openpi`)."""
     return _encode(value, _mark_gr00t)
 
 

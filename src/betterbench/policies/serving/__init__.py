@@ -1,1 +1,1 @@
-"""Server side of the openpi protocol, with connections, access control and a memory budget for frames."""
+"""Server side of the openpi protocol: connections, access control, and a memory budget for frames."""

@@ -1,7 +1,8 @@
 """Access control for local servers. Programs and the server's own pages may connect, but pages of other sites may not.
 
-It is needed because a browser lets any page connect to this machine. The browser sends the page's site (``Origin``) and
-the host name of the server (``Host``), which differs from this machine's names if a foreign name resolves to it.
+This is necessary because a browser lets any page connect to this machine. With each request, the browser sends the site
+of the page (``Origin``) and the host name of the server (``Host``). If a foreign name resolves to this machine, the
+host name differs from the names of this machine.
 """
 
 from __future__ import annotations

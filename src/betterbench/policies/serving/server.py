@@ -1,4 +1,4 @@
-"""Server of the openpi protocol, which sends metadata and then a reply to each request, with errors as text frames.
+"""Server of the openpi protocol. It sends metadata and then a reply to each request. Errors are sent as text frames.
 
 The server is independent of policies: a function makes a :class:`Session` for each connection. Each connection has its
 own thread, so a client that is slow, disconnects or sends garbage does not affect the others. Source of the protocol:

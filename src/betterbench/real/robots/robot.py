@@ -13,7 +13,7 @@ from betterbench.real.plan import PlannedTrial
 
 
 class RobotError(BetterError):
-    """Error for a robot that cannot be reached or read, which aborts the trial.
+    """Error for a robot that cannot be reached or read. It aborts the trial.
 
     The message names the part and what to check.
     """

@@ -275,7 +275,7 @@ def _trusted(
         raise InvalidInputError("sheet", problem, cure)
     if camera.error_px > MOST_ERROR_PX * shape[1] / WIDTH_PX:
         worst = max(residuals, key=lambda marker: residuals[marker])
-        problem = f"the markers are off by {camera.error_px:.1f} pixels, and marker {worst} is off the most"
+        problem = f"the markers deviate by {camera.error_px:.1f} pixels, marker {worst} the most"
         cure = (
             "Lay the pages edge to edge and flat, as on the overview, check both rulers of each page, and give the "
             "camera's whole image"

@@ -94,7 +94,7 @@ class _Sink(io.RawIOBase):
 
 
 class ModalityWriter:
-    """Writer of a modality file, which is moved to its path only when complete.
+    """Writer of a modality file. The file is moved to its path only when it is complete.
 
     As a context manager, it removes an incomplete file. Equal rows give equal bytes on one installation. Raises OSError
     if the disk is full or not writable.
@@ -221,7 +221,7 @@ class ModalityFile:
             yield self.read(row, columns)
 
     def check(self) -> int:
-        """Read the complete file, which verifies all checksums, and return the number of rows."""
+        """Read the complete file, verify all checksums, and return the number of rows."""
         for group in range(self._file.metadata.num_row_groups):
             self._group(group, tuple(c.name for c in self.columns))
         return len(self)

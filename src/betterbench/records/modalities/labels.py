@@ -19,7 +19,7 @@ FIRST_OBJECT = 10
 """Instance id of a scene's first object; the others follow in the order of ``scene.objects``."""
 
 FIRST_OWN = 1024
-"""First semantic id of user-defined categories, whose ids are computed from their names."""
+"""First semantic id of user-defined categories. Their ids are computed from their names."""
 
 _LAST = 0xFFFF
 

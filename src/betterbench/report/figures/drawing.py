@@ -73,7 +73,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class BarGroup:
-    """Rows of a chart under one title, which may be empty."""
+    """Rows of a chart under one title. The title may be empty."""
 
     title: str
     rows: tuple[Bar, ...]
@@ -94,7 +94,7 @@ class Stack:
 
 @dataclass(frozen=True, slots=True)
 class StackGroup:
-    """Stacked rows under one title, which may be empty."""
+    """Stacked rows under one title. The title may be empty."""
 
     title: str
     rows: tuple[Stack, ...]
@@ -181,7 +181,7 @@ def _patterns(name: str) -> str:
 
 
 def _margins(chart: Chart) -> tuple[float, float]:
-    """Return the left and right end of the bars in a wide drawing, which leave room for names and numbers."""
+    """Return the left and right end of the bars in a wide drawing. They leave room for names and numbers."""
     rows = [row for group in chart.groups for row in group.rows]
     name = max((len(row.name) for row in rows), default=0) * _CHARACTER_PX + 10
     words = max((len(reading(row.figure)) for row in rows if isinstance(row, Bar)), default=0) * _CHARACTER_PX + 14

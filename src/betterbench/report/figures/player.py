@@ -68,7 +68,7 @@ class PlayedTrial:
 
 
 def write_player(trial: PlayedTrial, path: Path) -> Path:
-    """Write the self-contained page of a trial, which works offline, and return its path.
+    """Write the page of a trial and return its path. The page is self-contained and works offline.
 
     Raises:
         InvalidInputError: If a view does not have one frame per time.

@@ -219,8 +219,9 @@ def _ceilings(matrix: PowerMatrix) -> Table:
 def _limits(matrix: PowerMatrix) -> Table:
     rows = [(_name(key), not_shown(matrix, key)) for key in matrix.variations if _axis(key) is not None]
     caption = (
-        f"A pass does not prove an ability if a policy without it passes more than {100 * FAILS_AT:.0f} % of the "
-        f"trials, or more than {100 * REPLAY_LIMIT:.0f} % if the policy moves without looking."
+        f"A policy without an ability passes a variation if it solves more than {100 * FAILS_AT:.0f} % of the "
+        f"trials, or more than {100 * REPLAY_LIMIT:.0f} % if it moves without looking. The variation is then no "
+        "evidence of the ability."
     )
     return Table("Abilities that a pass does not show", caption, ("variation", "limits"), tuple(rows))
 

@@ -1,4 +1,4 @@
-"""Report section that compares each policy with pretenders, which lack the tested abilities."""
+"""Report section that compares each policy with pretenders: policies that lack the tested abilities."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ScoreRow:
 
 @dataclass(frozen=True, slots=True)
 class ScoreTable:
-    """The policies above the pretenders, which are listed once.
+    """Table with the policies, followed by the pretenders, which are listed once.
 
     Attributes:
         columns: Headings of the success rates.

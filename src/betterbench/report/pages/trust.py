@@ -104,6 +104,7 @@ def _certified(trials: set[tuple[str, int]], looks: Sequence[str]) -> str:
     seeds = {name: parse_ranges(s.certified) for name, s in coverage.conditions.items()}
     covered = Rate(sum(seed in seeds.get(name, ()) for name, seed in trials), len(trials))
     return (
-        f"{rate_text(covered)} of the trials are covered by the certificate of the suite: solved by the expert with "
-        "trained motions only, at rest, reachable, and consistent with the premise of the instruction."
+        f"{rate_text(covered)} of the trials are covered by the certificate of the suite: the expert solved them "
+        "with trained motions only, and their scenes are at rest, reachable, and consistent with the premise of the "
+        "instruction."
     )

@@ -12,7 +12,7 @@ from betterbench.report.wording import Figure
 from betterbench.statistics import round_half_up
 
 _LONG_TABLE = 40
-"""Number of rows at which a table becomes a longtable, which can break across pages."""
+"""Number of rows from which a table is a longtable, so that it can break across pages."""
 
 
 def table_to_latex(table: Table) -> str:

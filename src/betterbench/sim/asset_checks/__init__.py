@@ -1,4 +1,4 @@
-"""Asset certificate, with checks that every imported or generated asset should pass before use in a task.
+"""Asset certificate: checks that every imported or generated asset should pass before it is used in a task.
 
 - ``certificate``: all checks of one asset. ``result``: the results and their JSON.
 - ``check``, ``subject``: the registry of checks, and the measurements that they share.

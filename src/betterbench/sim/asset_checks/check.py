@@ -48,7 +48,7 @@ def check(function: CheckFunction) -> CheckFunction:
     """
     name = function.__name__
     if name in _CHECKS:
-        raise InvalidInputError(f"check {name!r}", "the name is taken", "Rename the function")
+        raise InvalidInputError(f"check {name!r}", "a check with this name already exists", "Rename the function")
     _CHECKS[name] = function
     return function
 

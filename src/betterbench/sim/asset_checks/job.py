@@ -29,7 +29,7 @@ OnCertificate = Callable[[JobProgress[tuple[str, AssetCertificate]]], None]
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Asset to certify, which is a mesh file with import options or a registered asset.
+    """Asset to certify: a mesh file with import options, or a registered asset.
 
     Attributes:
         name: Name in the certificate.
@@ -86,7 +86,7 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
             files = sorted(f for f in path.rglob("*") if f.suffix.lower() in MESH_FORMATS and f.is_file())
             if not files:
                 raise InvalidInputError(
-                    text, "this folder has no mesh file", f"Give files of {', '.join(MESH_FORMATS)}"
+                    text, "this folder contains no mesh file", f"Give files of {', '.join(MESH_FORMATS)}"
                 )
             found += [Target(str(file.relative_to(path)), file, wishes, color) for file in files]
         elif path.is_file() or path.suffix.lower() in FORMATS:

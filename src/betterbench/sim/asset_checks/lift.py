@@ -19,7 +19,7 @@ from betterbench.sim.scenes.gripper_bench import GripperBench, table_model
 _CLOSE_S = 0.9
 """Time to close from fully open at 0.1 m/s onto the thinnest object, plus time for the force to build up [s]."""
 _APPROACH_M = 0.10
-"""Distance over which the open jaw approaches before closing [m], which reveals obstructed grasps."""
+"""Distance over which the open jaw approaches before closing [m], to reveal obstructed grasps."""
 _APPROACH_SPEED = 0.12
 _TIPS_ABOVE_M = 0.001
 _PUSHED_M = 0.012
@@ -96,6 +96,6 @@ def try_grasp(asset: Asset, grasp: Grasp, rest: Pose) -> LiftTrial:
 
 
 def _slip(before: Pose, after: Pose) -> float:
-    """Return the displacement [m] of the point of the asset between the pads, which excludes swinging."""
+    """Return the displacement [m] of the point of the asset between the pads. Swinging does not move this point."""
     between = before.inverse().position
     return math.dist(before.apply(between), after.apply(between))

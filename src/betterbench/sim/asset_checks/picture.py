@@ -1,4 +1,4 @@
-"""Certificate images of one asset, which show its visual shape, its collision shape and its pose at rest."""
+"""Certificate images of one asset: visual shape, collision shape, and pose at rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulation of one asset that settles on a table, which gives its pose at rest and its residual movement."""
+"""Simulation of one asset that settles on a table: pose at rest, and residual movement."""
 
 from __future__ import annotations
 

@@ -90,6 +90,9 @@ class Subject:
 
     @property
     def is_open(self) -> bool:
-        """Whether the kind is hollow and open at the top, unless a tag or the name says that it is full or covered."""
+        """Whether objects of this kind are hollow and open at the top.
+
+        False if a tag or the name says that it is full or covered.
+        """
         words = " ".join((self.asset.description, *self.asset.tags)).lower()
         return self.kind is not None and self.kind.is_open and not any(word in words for word in CLOSED_WORDS)

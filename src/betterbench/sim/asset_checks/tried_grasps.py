@@ -1,4 +1,4 @@
-"""Import of an object with a simulation test of its proposed grasps, which runs in the import's child process."""
+"""Import of an object with a simulation test of its proposed grasps. It runs in the child process of the import."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def import_for_parent() -> None:
 
 
 def with_tried_grasps(imported: Imported) -> Imported:
-    """Return an object with only the grasps that lift and carry it in simulation, firmest first, and a note about them.
+    """Return an object with only the grasps that lift and carry it in simulation, most stable first, and a note.
 
     Failed grasps are removed. An object heavier than the payload keeps its proposed grasps without a test.
     """

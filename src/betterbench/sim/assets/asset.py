@@ -1,4 +1,4 @@
-"""Asset, which describes one 3-D object for scenes, experts and predicates."""
+"""Asset: description of one 3-D object for scenes, experts and predicates."""
 
 import hashlib
 from collections.abc import Mapping

@@ -35,7 +35,7 @@ def description_of(file: BinaryIO, where: str, *, binary: bool) -> dict[str, Any
             raise InvalidInputError(where, "it does not have the header of a GLB file", _CURE)
         _, version, total, length, kind = _HEAD.unpack(head)
         if version != 2 or kind != b"JSON":
-            raise InvalidInputError(where, f"it is GLB version {version}, and version 2 is expected", _CURE)
+            raise InvalidInputError(where, f"it is GLB version {version}, expected version 2", _CURE)
         if total > size or length > size - _HEAD.size:
             raise InvalidInputError(where, f"it ends after {size:,} of {total:,} bytes", "Copy the file again")
     if length > MAX_JSON_BYTES:

@@ -1,8 +1,8 @@
-"""Rendering setup of the processes on this machine, with OpenGL back end, devices and environment variables.
+"""Rendering setup of this machine: OpenGL back end, devices and environment variables.
 
 ``back_ends`` chooses the back end, ``devices`` finds the EGL devices and distributes processes over them, ``probe`` is
-the program that examines each device, and ``checks`` reports problems in the environment. This package imports no
-simulator, so another simulator's process and our own workers get the same answer.
+the program that examines each device, and ``checks`` reports problems in the environment. This package does not import
+a simulator. The workers and the process of another simulator therefore get the same result.
 """
 
 from betterbench.sim.graphics.back_ends import INSTALL_HINT, gl_backend

@@ -23,7 +23,7 @@ from betterbench.sim.graphics.devices import require_device
 
 
 def require_engine() -> None:
-    """Check the variables that MuJoCo reads at its import. Its own error would not name a remedy.
+    """Check the variables that MuJoCo reads when it is imported. MuJoCo's own error would not name a remedy.
 
     Raises:
         GraphicsError: If a variable has an invalid value.
@@ -63,7 +63,7 @@ def require_drawing() -> str:
     if backend == "glfw" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise _wrong(
             "MUJOCO_GL",
-            "'glfw' needs a window, but DISPLAY names no display",
+            "'glfw' needs a window, but DISPLAY does not name a display",
             f"Unset it, or set it to {_working()}",
         )
     if backend in PLATFORMS:

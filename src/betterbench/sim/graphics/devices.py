@@ -1,8 +1,8 @@
 """EGL devices on this machine, and distribution of processes over the devices.
 
-Processes are distributed over devices that render identically, so that no image depends on the process that rendered
-it. These devices have the same OpenGL vendor, renderer and version as the first working device. A process passes the
-list on to its child processes, in an order that begins with the device of each.
+Processes are distributed over devices that render identically, so that an image does not depend on the process that
+rendered it. These devices have the same OpenGL vendor, renderer and version as the first working device. A process
+passes the list to its child processes. The list for each child begins with the device of this child.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def next_device_variables() -> dict[str, str]:
 def take_device(turn: int) -> None:
     """Assign a device to this process by its index among the processes. Call this before anything is rendered.
 
-    An invalid variable is reported only with the first image, because a run may render no images.
+    An invalid variable is reported only at the first image, because a run may not render any images.
     """
     with contextlib.suppress(GraphicsError):
         os.environ.update(device_variables(turn))

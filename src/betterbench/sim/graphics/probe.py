@@ -1,4 +1,4 @@
-"""Probe of every EGL device, run in a separate process, which prints the capabilities as one JSON list.
+"""Probe of every EGL device, run in a separate process. It prints the capabilities as one JSON list.
 
 A crashing driver then ends only this process, and no display of an unused device stays open. The file is run as a
 script and imports only the standard library.

@@ -43,7 +43,7 @@ class FolderCheck:
         files: Number of files that were checked.
         rows: Number of rows in the intact files.
         of_run: Number of files made from the run's records, whatever other faults they have.
-        strangers: Trials of the other readable files, each with its policy.
+        strangers: Trials of readable files that do not belong to the run, each with its policy.
     """
 
     wanted: Wanted
@@ -68,8 +68,8 @@ def check_folder(
 ) -> FolderCheck:
     """Read all files in a modality folder, and compare them with the run's records. This writes nothing.
 
-    One file is expected for each view in the folder's settings and each recorded trial, of all or of ``trials``.
-    Each header must match, and the checksums must be right. With ``trials``, files of other trials are ignored.
+    One file is expected for each view in the folder's settings and each recorded trial (or each of ``trials``). Each
+    header must match, and the checksums must be right. With ``trials``, files of other trials are ignored.
     ``on_progress`` gets the numbers of checked and known files.
 
     Raises RecordError if the folder has no settings, or one of ``trials`` is not recorded.

@@ -36,7 +36,7 @@ class ExpectedFile:
         trial = one_line(f"{header.task}/{header.condition}/{header.seed}", most=_MOST)
         wanted = tuple(name for name in MODALITIES if name in self.modalities)
         if (header.task, header.condition, header.seed) != (self.trial.task, self.trial.condition, self.trial.seed):
-            return f"is of {trial}"
+            return f"belongs to {trial}"
         if header.record_sha256 != self.record_sha256:
             return f"was rendered from another record of the trial (by {one_line(header.policy, most=_MOST)})"
         if header.view != self.view:

@@ -1,4 +1,4 @@
-"""Optical flow from known poses and depth, as the displacement of each visible point in the next image [pixel]."""
+"""Optical flow from known poses and depth: displacement of each visible point in the next image [pixel]."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from betterbench.sim.modalities.poses import matrices
 def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: float) -> np.ndarray:
     """Return (height, width, 2) float16, the motion of the point at each pixel to the right and down [pixel].
 
-    The point is located by the depth, moves with the body shown in its pixel, and is projected into the camera in the
-    next state, whether or not it is occluded there. The sky is infinitely far away. NaN in the last state, where
-    ``following`` is None, and if the point moves behind the camera.
+    The point is located by the depth and moves with the body shown in its pixel. It is then projected into the camera
+    in the next state, whether or not it is occluded there. The sky is infinitely far away. The result is NaN in the
+    last state, where ``following`` is None, and if the point moves behind the camera.
 
     Args:
         sight: Sight of one state, from :func:`betterbench.sim.scenes.sights.sight_type` with depth and bodies.

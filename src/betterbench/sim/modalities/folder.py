@@ -40,7 +40,7 @@ _MAX_BYTES = 1 << 20
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Settings of a modality folder (views, modalities and renderer), which are the same for all its trials.
+    """Settings of a modality folder (views, modalities and renderer). They are the same for all its trials.
 
     Attributes:
         quality: Render preset for the colors, or None for the preset of each record's policy.
@@ -108,9 +108,8 @@ class ModalityFolder:
         if difference is not None:
             where, there, here = difference
             raise RunConflictError(
-                f"{self.path}: was rendered with another OpenGL: {where} is {there} there and {here} here, so pixels "
-                "may "
-                "differ. Continue on the same kind of machine, or choose another --out."
+                f"{self.path}: was rendered with another OpenGL. Its {where} is {there} there and {here} here, so "
+                "pixels may differ. Continue on the same kind of machine, or choose another --out."
             )
 
 

@@ -1,4 +1,4 @@
-"""Export of a recorded trial as a Rerun file, with film, masks, boxes, depth, contacts and subgoals on one timeline."""
+"""Export of a recorded trial as a Rerun file: film, masks, boxes, depth, contacts and subgoals on one timeline."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def write_rerun(
 
 @contextlib.contextmanager
 def _disconnected(stream: Any) -> Iterator[None]:  # noqa: ANN401 - Rerun's
-    """Close a stream in any case, including its buffer."""
+    """Disconnect a stream even after an error, so that its buffer is freed."""
     try:
         yield
     finally:
@@ -96,7 +96,7 @@ def is_rerun_file(path: Path) -> bool:
 
 
 def _rerun() -> tuple[Any, Any]:
-    """Return Rerun and its blueprints, which are imported here because Rerun is an extra."""
+    """Return Rerun and its blueprints. They are imported here because Rerun is an extra."""
     try:
         modules: tuple[ModuleType, ...] = tuple(map(importlib.import_module, ("rerun", "rerun.blueprint")))
     except ImportError as error:
@@ -121,7 +121,7 @@ def _layout(blueprint: Any, views: tuple[ViewSpec, ...]) -> Any:  # noqa: ANN401
 
 
 def _log_names(rerun: Any, stream: Any, record: Record, colors: Sequence[tuple[int, int, int]]) -> None:  # noqa: ANN401
-    """Log the constant data, which are names and colors of instances and the trial's description."""
+    """Log the constant data: names and colors of instances, and the trial's description."""
     meta = record.metadata
     names: list[tuple[Any, ...]] = [(0, "nothing"), *((number, name) for name, number in stage_ids().items())]
     names += [(instance_of_object(i), o.name, colors[i]) for i, o in enumerate(meta.scene.objects)]

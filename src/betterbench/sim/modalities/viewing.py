@@ -1,4 +1,4 @@
-"""A recorded trial for a viewer, with views row by row, and time spans of subgoals, grasps and contacts."""
+"""Recorded trial for a viewer: views row by row, and time spans of subgoals, grasps and contacts."""
 
 from __future__ import annotations
 

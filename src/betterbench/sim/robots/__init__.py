@@ -1,4 +1,4 @@
-"""Robots, with descriptions, inverse kinematics, and the controller that turns actions into motion.
+"""Robots: descriptions, inverse kinematics, and the controller that turns actions into motion.
 
 Each robot is a folder next to this file, whose ``__init__`` registers it. A new folder is found automatically. The
 controller and the inverse kinematics are imported at first use, because rendering needs neither.
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from betterbench.lazy_names import lazy_names
 from betterbench.sim.graphics import require_engine
 
-require_engine()  # MuJoCo reads these variables at its import, and its error would not name a remedy
+require_engine()  # MuJoCo reads these variables when it is imported, and its own error would not name a remedy
 
 from betterbench.sim.robots.panda import PANDA  # noqa: E402
 from betterbench.sim.robots.spec import (  # noqa: E402

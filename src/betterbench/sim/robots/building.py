@@ -1,4 +1,4 @@
-"""Parts of robot models, with links of primitive collision shapes and joint servos that follow a moving reference."""
+"""Parts of robot models: links with primitive collision shapes, and joint servos that follow a moving reference."""
 
 from __future__ import annotations
 

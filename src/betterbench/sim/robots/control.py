@@ -1,9 +1,9 @@
-"""Arm controller, which converts an action into the references of all servos.
+"""Arm controller: conversion of an action into the references of all servos.
 
 Every action space ends in a joint reference that the position servos integrate evenly over the control step (see
 :mod:`betterbench.sim.robots.panda`). In Cartesian action spaces the controller keeps a **commanded pose**. This pose is
-constant for a zero action, and may lead the measured pose by at most :data:`POSITION_LEAD_M` and
-:data:`ROTATION_LEAD_RAD`, so a blocked arm causes no windup.
+constant for a zero action. It may lead the measured pose by at most :data:`POSITION_LEAD_M` and
+:data:`ROTATION_LEAD_RAD`, which prevents windup of a blocked arm.
 
 The controller's memory between actions is small and can be saved and restored (:meth:`ArmController.state`), so an
 episode can be continued from any recorded state.
@@ -66,8 +66,10 @@ POSE_STEP_RAD = 0.1
 """Largest rotation toward an absolute pose per step [rad]: 2 rad/s, below the velocity limit of every joint."""
 
 JOINT_LEAD_RAD = 0.3
-"""Largest distance between a joint reference and the measured angle [rad]: the largest joint motion for 5 cm and 0.5
-rad at the tool, so the bound is active only if the arm is blocked or far from its reference.
+"""Largest distance between a joint reference and the measured angle [rad].
+
+It is the largest joint motion for 5 cm and 0.5 rad at the tool. The bound is therefore active only if the arm is
+blocked or far from its reference.
 """
 
 
@@ -165,7 +167,7 @@ class ArmController:
 
     @property
     def commanded_width_m(self) -> float:
-        """Commanded opening width [m], which may be above or below the measured one."""
+        """Commanded opening width [m]. It may differ from the measured width."""
         return self._width
 
     def measured_pose(self, data: mujoco.MjData) -> Pose:
@@ -228,9 +230,9 @@ class ArmController:
     def gripper_command(self, applied: np.ndarray, last: float) -> float:
         """Return the gripper command of an applied action, -1 to open and 1 to close.
 
-        In an action space that sets the opening itself, the gripper closes while the commanded width is smaller than
-        the measured one by :data:`CLOSING_LEAD_M`, also while it presses on an object. It opens while the width is
-        larger, and otherwise keeps its ``last`` command.
+        In an action space that sets the opening itself, the command is inferred from the widths. The gripper closes
+        while the commanded width is smaller than the measured one by :data:`CLOSING_LEAD_M`, also while it presses on
+        an object. It opens while the commanded width is larger. Otherwise the ``last`` command is kept.
         """
         if not self._sets_width:
             command: float = applied.item(-1)
@@ -357,7 +359,7 @@ class ArmController:
         return self._jaw.width_at_share(self._scale[-1] * command)
 
     def _check_base(self, model: mujoco.MjModel, prefix: str) -> None:
-        """Check that the robot is at the pose assumed by its kinematics, which is the world origin without rotation."""
+        """Check that the robot is at the pose assumed by its kinematics: the world origin without rotation."""
         body = model.body(prefix + self.spec.arm_bodies[0]).id
         base = Pose()
         while body:

@@ -1,4 +1,4 @@
-"""Dynamics of a robot that vary by trial, such as servo gains, friction, rotor inertia and backlash.
+"""Dynamics of a robot that vary by trial: servo gains, friction, rotor inertia and backlash.
 
 If values are taken from another robot or differ between copies of the robot, the robot declares a range and a source
 for each such quantity. A trial draws one value per joint and applies the values to a copy of the compiled model. A
@@ -7,7 +7,7 @@ robot without ranges keeps the model itself.
 **Backlash** is the free play of a joint's gears. It is modeled as a play between the reference of the position servo
 and the position to which the servo holds the joint. The joint follows only after the reference has moved through the
 play. Its error is therefore up to half of the play, with a sign that depends on the direction of the last motion. Dry
-friction keeps the joint where it stopped. The model leaves out that a load can move it within the play.
+friction keeps the joint where it stopped. In reality, a load can move the joint within the play; this is not modeled.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Gripper of a robot without the arm, carried by three stiff slides, to try grasps on a single object."""
+"""Gripper of a robot without the arm, carried by three stiff slides. It is used to try grasps on a single object."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ _REACH_STEP_RAD = 0.3
 """Largest joint step of one iteration of :meth:`ArmIK.reach` [rad]."""
 
 _Window = tuple[Sequence[float], Sequence[float], float]
-"""Joint angles at the beginning of a control step, and the center and size of the allowed lead range [rad]."""
+"""Joint angles at the beginning of a control step, and the center and half width of the allowed lead range [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -423,7 +423,8 @@ class _FrameProblem:
 def _loaded_when_used(name: str, *, annotation: str) -> Iterator[None]:
     """Context manager in which an import of a module gives a stand-in that loads the module at its first use.
 
-    ``annotation`` is an attribute that importing code reads for an annotation of a function, which is no use.
+    ``annotation`` is an attribute that importing code reads for the annotation of a function; this does not count as a
+    use.
 
     mink imports qpsolvers, which imports scipy.sparse: 0.2 s of CPU in each worker, and twice as much where Python
     writes no bytecode. Only mink's own solver, which is not called here, uses qpsolvers.

@@ -1,4 +1,4 @@
-"""Gripper jaws, which relate the finger joints to the opening width."""
+"""Gripper jaws: relation between the finger joints and the opening width."""
 
 from __future__ import annotations
 
@@ -89,11 +89,11 @@ class ParallelJaw:
 
 @dataclass(frozen=True, slots=True)
 class HingedJaw:
-    """One finger on a hinge, which closes against a fixed finger. The servo takes the angle of the hinge.
+    """One finger on a hinge that closes against a fixed finger. The servo takes the angle of the hinge.
 
     The opening width at angle ``a`` is ``offset_m + radius_m sin(a - phase_rad)``. This is the distance, along the
-    opening direction, between the fixed finger and the point of the moving finger that is level with the tool center
-    point when the jaw is closed.
+    opening direction, between the fixed finger and a point of the moving finger. In the closed jaw, this point is level
+    with the tool center point.
 
     Attributes:
         offset_m: Distance of the hinge from the fixed finger [m].

@@ -4,9 +4,9 @@ The STL files come with the ``gymnasium-robotics`` wheel and contain 134,000 tri
 software rendering. Each file is split into its connected parts, the parts are sorted by paint, and all parts together
 are decimated to a fixed triangle budget, distributed by need (:mod:`~betterbench.sim.robots.decimation`).
 
-The cache file is named after the bytes of the sources, the budget and the recipe. The file is written under another
-name and renamed, so two simultaneous processes both succeed with the same file. The first line is the SHA-256 of the
-name and the rest. A changed or unreadable file is generated again.
+The cache file is named after the bytes of the sources, the budget and the recipe. The file is written under a temporary
+name and then renamed, so that two processes can write it at the same time. Its first line is the SHA-256 of its name
+and the rest of its content. A changed or unreadable file is generated again.
 """
 
 from __future__ import annotations
@@ -208,7 +208,7 @@ _LEFTOVER_S = 3600.0
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Delete unfinished files of killed processes, which are older than an hour."""
+    """Delete unfinished files of killed processes if they are older than an hour."""
     for part in folder.glob(f"tmp*{_CACHE_SUFFIX}.part"):
         if time.time() - part.stat().st_mtime > _LEFTOVER_S:
             part.unlink(missing_ok=True)

@@ -95,7 +95,7 @@ def number_writer(array: np.ndarray) -> Callable[..., None]:
 
 
 def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _Made]:
-    """Return a function for a value derived from memory, which is recomputed only if a byte has changed."""
+    """Return a function for a value derived from memory. The value is recomputed only if a byte has changed."""
     last = memory.tobytes()
     made = make(last)
 

@@ -250,7 +250,9 @@ _ROBOTS: dict[str, tuple[RobotSpec, RobotBuilder]] = {}
 def register_robot(spec: RobotSpec, builder: RobotBuilder) -> None:
     """Register a robot by name. Raises InvalidInputError if the name is taken."""
     if spec.name in _ROBOTS:
-        raise InvalidInputError(f"robot {spec.name!r}", "the name is taken", "Register each robot once")
+        raise InvalidInputError(
+            f"robot {spec.name!r}", "a robot with this name is already registered", "Register each robot once"
+        )
     _ROBOTS[spec.name] = (spec, builder)
 
 

@@ -36,7 +36,7 @@ class VariedQuantity:
         """Raise InvalidInputError for an unknown quantity or an impossible range."""
         where = f"dynamics of a robot: {self.quantity}"
         if self.quantity not in get_args(Quantity):
-            raise InvalidInputError(where, "it is unknown", f"Use one of {', '.join(get_args(Quantity))}")
+            raise InvalidInputError(where, "the quantity is unknown", f"Use one of {', '.join(get_args(Quantity))}")
         least = 0.0 if self.quantity == BACKLASH else 1e-3
         if not least <= self.low <= self.high < math.inf:
             problem = f"the range {self.low:g} to {self.high:g} is not possible"

@@ -1,4 +1,4 @@
-"""Scenes, which combine assets, robot and furniture in one compiled MuJoCo model.
+"""Scenes: assets, robot and furniture, combined in one compiled MuJoCo model.
 
 - ``builder``, ``appearance``, ``objects``, ``stage``, ``rooms``, ``surfaces``: construction of a model from a condition
   and a seed.
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from betterbench.sim.scenes.stage import quality_preset
     from betterbench.sim.scenes.stored import StoredView, load_model
 
-require_engine()  # MuJoCo reads these variables at its import, and its error would not name a remedy
+require_engine()  # MuJoCo reads these variables when it is imported, and its own error would not name a remedy
 
 __all__ = [
     "CONTROL_RATE_HZ",

@@ -1,4 +1,4 @@
-"""Seeded variation that does not depend on slots, such as looks, room, camera poses, light and arm start.
+"""Seeded variation that does not depend on slots: looks, room, camera poses, light and arm start.
 
 A trial and its twin share this variation, because it does not depend on the condition. Looks and room change the
 compiled model, so a trial draws one of a limited number of sets of looks and rooms. The rest does not change the model.
@@ -99,7 +99,7 @@ def view_jitter_of(task: str, seed: int) -> ViewJitter:
 
 @functools.lru_cache(maxsize=1024)
 def start_joints_of(task: str, seed: int, robot: RobotSpec) -> tuple[float, ...]:
-    """Return the joint angles at the start of a trial [rad], which are near home and within the limits.
+    """Return the joint angles at the start of a trial [rad]. They are near home and within the limits.
 
     The end effector is off its home by up to 2 cm along each world axis and up to 5 degrees about the tool axis.
 

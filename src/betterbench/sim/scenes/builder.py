@@ -44,7 +44,7 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Constant pose in the model, which is the pose of a fixed object or of a closed drawer."""
+        """Constant pose in the model: the pose of a fixed object or of a closed drawer."""
         return self.pose if self.spec.fixed else self.shut
 
 
@@ -139,7 +139,7 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
 
 
 def _below(condition: Condition, place: TargetRegion) -> str:
-    """Return the object below a pre-placed one, which is the next lower layer of a stack or else the target itself."""
+    """Return the object below a pre-placed one: the next lower layer of a stack, or else the target itself."""
     for name, other in condition.preplaced.items():
         if other.target == place.target and place.region in LAYERS[1:] and other.region == _under(place.region):
             return name
@@ -155,14 +155,15 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
     relation = relation_named(task.template.relation)
     if relation.surface is None:
         problem = f"no object can start {relation.name!r} its target"
-        raise InvalidInputError(f"{task.id} preplace", problem, "Give the relation a surface function")
+        raise InvalidInputError(f"{task.id} preplace", problem, "Define a surface function for the relation")
     return relation.surface({r.name: r for r in target.regions}, region)
 
 
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
     """Return the pose of a pre-placed object at its target, drawn from the demonstrations by the trial's stream.
 
-    In a container, the object is moved away from the walls if necessary (never with the assets of a demonstration).
+    In a container, the object is moved away from the walls if necessary. This is never necessary with the assets of the
+    demonstration.
 
     Raises InvalidInputError if no demonstration was measured, or none brings an object there.
     """
@@ -173,8 +174,12 @@ def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: 
     assets = (asset.identity, on.identity)
     poses = known.final_poses_at(target, relation.name, place.region, kind=kind, assets=assets)
     if not poses:
-        problem = f"no demonstration puts anything {relation.name} {target}{'.' if place.region else ''}{place.region}"
-        raise InvalidInputError(f"{task.id} preplace {name}", problem, "Pre-place objects where training does")
+        problem = (
+            f"no demonstration places an object {relation.name} {target}{'.' if place.region else ''}{place.region}"
+        )
+        raise InvalidInputError(
+            f"{task.id} preplace {name}", problem, ("Pre-place the object at a target where training places objects")
+        )
     flat = final_pose(task, seed, kind=kind, region=place.region, poses=poses)
     if not relation.falls or known.shows(target, relation.name, place.region, assets=assets):
         return flat
@@ -214,8 +219,8 @@ def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mappin
 
     This applies where no demonstration left the same assets together (see :func:`_drawn_together`).
 
-    Each pose comes from a demonstration, but from two different ones. The objects keep their headings and their line,
-    and rest on both sides of the container's center. Layers of a stack are regions of their own and do not move.
+    Their two poses come from two different demonstrations. The objects keep their headings and their line, and rest on
+    both sides of the container's center. Layers of a stack are regions of their own and do not move.
     """
     for first, second in itertools.combinations(flats, 2):
         if condition.preplaced[first] != condition.preplaced[second]:

@@ -1,4 +1,4 @@
-"""Camera poses and projections in a model, with pinhole cameras in OpenCV conventions."""
+"""Camera poses and projections in a model: pinhole cameras in OpenCV conventions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collision checks for planners, which find the contacts in a configuration on a private copy of the scene."""
+"""Collision checks for planners: contacts in a configuration, computed on a private copy of the scene."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Clearance:
             self._data.qpos[address + 3 : address + 7] = pose.quaternion
 
     def _let_look(self, i: int, *, looks: bool) -> None:
-        """Set whether a labeled body collides with everything else, or only with bodies for which this is set."""
+        """Set whether a labeled body is checked against all other bodies, or only against the selected ones."""
         geoms, (of_geoms, of_bodies) = self._geoms[i], self._looks
         bodies = self._model.geom_bodyid[geoms]
         self._model.geom_contype[geoms] = of_geoms[geoms] if looks else 0

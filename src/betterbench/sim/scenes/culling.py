@@ -2,8 +2,8 @@
 
 MuJoCo passes every visible geom and the sky to OpenGL, which discards geometry outside the view or behind other
 geometry. A software renderer has already transformed the vertices and painted the pixels by then. A wrist camera, which
-has most of the robot behind it, spends a third of its time on geoms outside its view. Neither a geom whose bounding
-sphere is beyond one side of the view nor a sky behind a floor that fills the view changes any pixel.
+has most of the robot behind it, spends a third of its time on geoms outside its view. A geom can be removed if its
+bounding sphere is beyond one side of the view, and the sky if the floor fills the view. Neither changes any pixel.
 """
 
 from __future__ import annotations

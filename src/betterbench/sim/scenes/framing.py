@@ -1,6 +1,6 @@
-"""Framing checks for the front camera, with gripper pixels, size and visibility of named objects, and margins.
+"""Framing checks for the front camera: gripper pixels, size and visibility of named objects, and margins.
 
-The limits for every task are constants of this file. No verdict depends on them.
+The limits for every task are constants of this file. They do not affect the judgment of trials.
 """
 
 from __future__ import annotations
@@ -165,18 +165,18 @@ def framing_faults(scene: Scene) -> tuple[str, ...]:
         view.close()
     found = []
     if shown.gripper_px < GRIPPER_PX:
-        found.append(f"the gripper covers {shown.gripper_px} px, and {GRIPPER_PX:g} are needed")
+        found.append(f"the gripper covers {shown.gripper_px} px, expected at least {GRIPPER_PX:g}")
     if shown.background > BACKGROUND:
-        found.append(f"{shown.background:.0%} of the image is background, and {BACKGROUND:.0%} are allowed")
+        found.append(f"{shown.background:.0%} of the image is background, expected at most {BACKGROUND:.0%}")
     for asked in shown.asked:
         if asked.visible < VISIBLE:
-            found.append(f"{asked.visible:.0%} of {asked.name} is visible, and {VISIBLE:.0%} are needed")
+            found.append(f"{asked.visible:.0%} of {asked.name} is visible, expected at least {VISIBLE:.0%}")
         elif asked.side_px < SIDE_PX:
-            found.append(f"{asked.name} is {asked.side_px:.0f} px long in the image, and {SIDE_PX:g} are needed")
+            found.append(f"{asked.name} is {asked.side_px:.0f} px long in the image, expected at least {SIDE_PX:g}")
     margin = least_margin_m(scene)
     if margin < MARGIN_M:
-        needed = f"{1e3 * MARGIN_M:g} are needed"
-        found.append(f"a slot or target is {1e3 * margin:.0f} mm from the edge of the image, and {needed}")
+        needed = f"expected at least {1e3 * MARGIN_M:g}"
+        found.append(f"a slot or target is {1e3 * margin:.0f} mm from the edge of the image, {needed}")
     return tuple(found)
 
 

@@ -1,4 +1,4 @@
-"""OpenGL context of this process, with its back end, its thread, and the reading of pixels.
+"""OpenGL context of this process: back end, thread, and reading of pixels.
 
 A process has one context, made at first use and shared by all its renderers. Only the first renderer's thread may
 render. Worker processes must be started with the ``spawn`` method, because a forked copy of a context is rejected.
@@ -138,7 +138,7 @@ _PACK_INVERT_MESA = 0x8758
 
 
 def read_from_top(*, wanted: bool) -> bool:
-    """Try to read pixels with the top row first, which avoids flipping each image, and return whether this works.
+    """Try to read pixels with the top row first, so that images need not be flipped. Return whether this works.
 
     Mesa supports this. With another OpenGL, rows are always read from the bottom, and images are flipped afterward.
     """

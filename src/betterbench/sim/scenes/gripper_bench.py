@@ -1,4 +1,4 @@
-"""Test bench for grasps without the arm, with an asset at rest on a table and the robot's gripper above it."""
+"""Test bench for grasps without the arm: an asset at rest on a table, and the robot's gripper above it."""
 
 from __future__ import annotations
 

@@ -286,7 +286,7 @@ class LimitedView:
             raise _EndedError(str(self._refused(str(problem)))) from None
         except ProcessLateError as problem:
             raise self._refused(
-                str(problem), "The machine is too busy, or the scene's file is damaged or forged"
+                str(problem), "The machine may be too busy, or the file of the scene damaged or forged"
             ) from None
         except LimitedProcessError as problem:
             raise self._refused(str(problem)) from None
@@ -308,7 +308,7 @@ class LimitedView:
             views, modalities, gripper = self._prepared[0]
             self._prepare(views, modalities, gripper=gripper)
 
-    def _refused(self, what: str, cause: str = "The scene's file is damaged or forged") -> RecordError:
+    def _refused(self, what: str, cause: str = "The file of the scene may be damaged or forged") -> RecordError:
         self.close()
         return RecordError(
             f"stored scene: {what}. {cause}. Run the trial again to store the scene, or leave out films."
@@ -332,7 +332,7 @@ class _Drawer:
             yield b""
             return
         if self._model is None:
-            raise RecordError("stored scene: none is open. Run the trial again to store it.")
+            raise RecordError("stored scene: no scene is open. Run the trial again to store it.")
         if "views" in request:
             yield self._prepare(request["views"], request["modalities"], gripper=request["gripper"])
         elif "sights" in request:

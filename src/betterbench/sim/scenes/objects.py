@@ -1,4 +1,4 @@
-"""Assets in MuJoCo, with their addition to a model and their resting pose on a flat surface."""
+"""Assets in MuJoCo: addition to a model, and resting pose on a flat surface."""
 
 from __future__ import annotations
 

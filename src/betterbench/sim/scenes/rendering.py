@@ -1,9 +1,10 @@
-"""Scene images with color, depth and instance masks from MuJoCo's classic off-screen renderer.
+"""Scene images from MuJoCo's classic off-screen renderer: color, depth and instance masks.
 
 A *color pass* renders lights, textures and shadows into the multisampled buffer. A *geometry pass* renders every
 visible shape in a flat color that encodes its index into the plain buffer, with one sample at each pixel's center, and
-gives both depth and masks. Ids are never blended with neighbors. Color with depth takes one pass if that gives the same
-depth (no multisampling, nothing transparent), otherwise two. Depth and masks therefore never depend on the quality.
+gives both depth and masks. Ids are never blended with neighbors. Color with depth takes one pass if there is no
+multisampling and no transparency, because the depth is then the same. Otherwise it takes two passes. Depth and masks
+therefore never depend on the quality.
 
 All images are upright: row 0 is the top. Every returned array belongs to the caller.
 """

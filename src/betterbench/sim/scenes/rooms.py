@@ -1,4 +1,4 @@
-"""Rooms, which are the table top, wall, floor and light of a scene, drawn by a trial's seed.
+"""Rooms: the table top, wall, floor and light of a scene, drawn by a trial's seed.
 
 No table top has a color that instructions use, so reds, blues, yellows, bright greens, white, black and the browns of
 food are visible on all of them. Ambient, key and fill light add up to at most 1 on any surface, so that no color is
@@ -77,7 +77,7 @@ UNSEEN_ROOMS: tuple[Room, ...] = (
     Room("pale blue stripes", "stripes", (0.58, 0.65, 0.71), (0.84, 0.78, 0.68), (0.55, 0.48, 0.40), _EVENING),
     Room("plum terrazzo", "terrazzo", (0.45, 0.38, 0.44), (0.70, 0.76, 0.72), (0.60, 0.60, 0.58), _DAYLIGHT),
 )
-"""The held-out rooms, which no demonstration shows."""
+"""The held-out rooms. They do not occur in demonstrations."""
 
 
 CLOTHS: Mapping[str, Vector] = {"blue": (0.24, 0.36, 0.60), "green": (0.27, 0.48, 0.31)}

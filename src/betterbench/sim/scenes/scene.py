@@ -1,4 +1,4 @@
-"""Scene, which is a compiled model with its state. The state changes only by reset and step."""
+"""Scene: a compiled model with its state. Only reset and step change the state."""
 
 from __future__ import annotations
 
@@ -300,8 +300,9 @@ class Scene:
                 text = "; ".join(problems)
                 msg = (
                     f"{self.condition.id} seed {self.seed}: the scene contradicts the premise of the instruction "
-                    f"({text}). A changed asset or physics library (MuJoCo {mujoco.__version__}) can do this. The run "
-                    f"stops instead of lowering a score."
+                    f"({text}). A changed asset or a new version of the physics library (MuJoCo "
+                    f"{mujoco.__version__}) can cause this. The run stops, so that the trial is not counted as a "
+                    "failure."
                 )
                 raise PremiseError(msg)
         return state

@@ -1,4 +1,4 @@
-"""Sights, which are rendered views of a state with ground truth (images, body masks, camera pose and image boxes).
+"""Sights: rendered views of a state with ground truth (images, body masks, camera pose and image boxes).
 
 The same class renders live scenes and recorded states, which therefore give the same numbers.
 """

@@ -1,4 +1,4 @@
-"""Stage, which is the empty base scene of every task, and the quality presets of its images.
+"""Stage: the empty base scene of every task, and the quality presets of its images.
 
 World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z = 0``.
 The robot stands on the table at the origin, over a pedestal, and the floor is at ``z = -0.75``.
@@ -16,7 +16,7 @@ name                 position [m]               purpose
 ===================  =========================  ==========================================================
 
 The physical part of the base scene (bodies, collision shapes, solver options) is always the same. A room changes only
-colors and light, and a quality only the rendering, so the physics is the same under all of them.
+colors and light, and a quality changes only the rendering. The physics is always the same.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Stored scenes, which are compiled models as written by MuJoCo, and images of recorded states."""
+"""Stored scenes (compiled models as written by MuJoCo), and images of recorded states."""
 
 from __future__ import annotations
 

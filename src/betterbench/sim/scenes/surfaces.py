@@ -1,4 +1,4 @@
-"""Textures of table tops, whose materials differ in pattern, not only in color.
+"""Textures of table tops. The materials differ in pattern, not only in color.
 
 Strong patterns are coarse and fine patterns are faint. At 256 pixels, a front camera image has about 2.7 mm of table
 per pixel, and high-contrast stripes or grains of that size would cause moire.

@@ -1,4 +1,4 @@
-"""Short trials of one asset for its human reviewer, which drop it on a table or lift it by a grasp.
+"""Short trials of one asset for its human reviewer: a drop on a table, and a lift by a grasp.
 
 Each trial returns the motion, for display, and a sentence with the result.
 """

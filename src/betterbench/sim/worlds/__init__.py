@@ -1,4 +1,4 @@
-"""Worlds, which are the simulated environments for trials, both ours and those of other benchmarks.
+"""Worlds: the simulated environments of trials, both betterbench's own scenes and those of other benchmarks.
 
 - ``world``: interfaces of worlds and scenes.
 - ``registry``: all worlds by name.

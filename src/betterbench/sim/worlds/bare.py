@@ -75,11 +75,11 @@ class BareScene(ABC):
 
     @abstractmethod
     def start(self) -> None:
-        """Place the hand and objects for the start of the trial, which may depend only on the seed."""
+        """Place the hand and objects for the start of the trial. Their positions may depend only on the seed."""
 
     @abstractmethod
     def move(self, action: np.ndarray) -> None:
-        """Update the hand and objects by one action, which is within the bounds of the action space."""
+        """Update the hand and objects by one action. The action is within the bounds of the action space."""
 
     @abstractmethod
     def relations(self) -> Mapping[str, bool]:

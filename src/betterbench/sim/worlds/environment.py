@@ -1,8 +1,8 @@
 """Environment variables for a simulator's process, without user variables that would affect it.
 
 robosuite 1.4.0 interprets ``CUDA_VISIBLE_DEVICES`` as the number of an EGL device, and asserts that it contains
-``MUJOCO_EGL_DEVICE_ID`` (``utils/binding_utils.py``, ``renderers/context/egl_context.py``), so both together cannot be
-right under SLURM. Python's own variables would change the imports and results of its interpreter.
+``MUJOCO_EGL_DEVICE_ID`` (``utils/binding_utils.py``, ``renderers/context/egl_context.py``). Under SLURM, both
+conditions cannot hold together. Python's own variables would change the imports and results of its interpreter.
 """
 
 from __future__ import annotations

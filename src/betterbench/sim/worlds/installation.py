@@ -32,8 +32,9 @@ _START = (
     "from {module} import main\n"
     "main()\n"
 )
-"""Program that runs a module of betterbench in an environment without betterbench, with path-only stand-ins for its
-packages.
+"""Program that runs a module of betterbench in an environment without betterbench.
+
+Its packages are replaced by stand-ins that only have a path.
 """
 _STAND_INS = (
     "betterbench",
@@ -57,8 +58,9 @@ class Installation:
         module: Module that the simulator's process runs.
         size: Size of the packages for messages, such as "270 MB (0.9 GB unpacked)".
         summary: Description in a few words.
-        beside: Installation whose Python runs the simulator, or None for a separate one. With another installation, the
-            simulator's packages are read but not imported, so their dependencies are not installed.
+        beside: Installation whose Python runs the simulator, or None for a separate one. In the environment of another
+            installation, the simulator's packages are only read and not imported, so their dependencies are not
+            installed.
     """
 
     name: str
@@ -76,7 +78,7 @@ class Installation:
 
     @property
     def folder(self) -> Path:
-        """Environment folder, which depends on the lock. `make bench` uses LIBERO's folder."""
+        """Environment folder. Its name depends on the lock. `make bench` uses LIBERO's folder."""
         digest = hashlib.sha256(self.lock_path.read_bytes()).hexdigest()[:16]
         return platformdirs.user_cache_path("betterbench") / "peers" / f"{self.name}-{digest}"
 
@@ -155,7 +157,7 @@ class Installation:
         (target / _COMPLETE).touch()
 
     def _run(self, command: list[str], lock: int) -> None:
-        """Run a step, which keeps the lock and continues if this process is killed."""
+        """Run a step. It keeps the lock and continues if this process is killed."""
         try:
             done = subprocess.run(  # noqa: S603 - uv or pip with our own lock
                 command,

@@ -1,4 +1,4 @@
-"""Premise checks for LIBERO: the scenes must fulfill their instructions' premises in the installed simulator."""
+"""Premise checks for LIBERO: do the scenes in the installed simulator fulfill the premises of their instructions?"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Worker side of a simulator process, whose failure costs at most its own trial."""
+"""Worker side of a simulator process. If the process fails, at most its own trial is lost."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
 
 
 class WorldProcess(AskedProcess):
-    """Simulator process, which ends when its socket is closed. A context manager that ends the process."""
+    """Simulator process that ends when its socket is closed. A context manager that ends the process."""
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
         """Start the process. Raises WorldError if this fails.
@@ -158,10 +158,10 @@ class WorldProcess(AskedProcess):
 
 
 class WorldProcesses:
-    """Processes of one worker, one per running trial, which are reused for the next trial of the same task.
+    """Processes of one worker, one per running trial. They are reused for the next trial of the same task.
 
-    With the key None, a process runs one trial and ends. Its successor is started early, to be loaded when the next
-    trial begins.
+    With the key None, a process runs one trial and ends. The next process is started early, so that it has loaded when
+    the next trial begins.
     """
 
     def __init__(self, command: Sequence[str]) -> None:

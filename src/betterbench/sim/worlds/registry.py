@@ -32,7 +32,7 @@ def register_world(world: AnyWorld) -> AnyWorld:
     """
     registered("world", world.name, type(world), {**_WORLDS, **dict.fromkeys(_built_in())})
     if world.name in _WORLDS:
-        raise InvalidInputError(f"world {world.name!r}", "the name is taken", "Register each world once")
+        raise InvalidInputError(f"world {world.name!r}", "this name is already registered", "Register each world once")
     register_facts(world.facts)
     copyreg.pickle(type(world), _by_name)  # type: ignore[arg-type]
     _WORLDS[world.name] = world
@@ -79,7 +79,7 @@ def world_of_suite(suite: str) -> World:
 
 
 def _built_in() -> list[str]:
-    """Return the names of the built-in worlds, which are folders."""
+    """Return the names of the built-in worlds. Each is a folder."""
     package = importlib.import_module(_PACKAGE)
     return [module.name for module in pkgutil.iter_modules(package.__path__) if module.ispkg]
 

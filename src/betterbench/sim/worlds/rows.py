@@ -1,4 +1,4 @@
-"""Rows: all numbers of a control step in one array, whose layout is sent once at the start of an episode.
+"""Rows: all numbers of a control step in one array. The layout is sent once at the start of an episode.
 
 Between two control steps the CPU's caches are cold, and sending and receiving twenty arrays takes twenty times as long
 as one array. Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.

@@ -271,7 +271,7 @@ class ProcessScene:
 
     @property
     def info(self) -> SceneInfo:
-        """Constant properties of the scene in the episode, which are known after the reset."""
+        """Constant properties of the scene in the episode, known after the reset."""
         return self._info
 
     @property
@@ -345,10 +345,11 @@ class ProcessScene:
         if self.broken_premises and self.settings.refuse_broken:
             raise PremiseError(
                 f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} is false after "
-                f"settling, but the instruction is {self.task.instruction!r}. An update of the engine can break "
-                f"scenes: this is MuJoCo {self.engine.get('mujoco', 'of an unknown version')}. Run `better worlds "
-                f"install {self.settings.name}` for the one that is pinned, or give --broken-premises run to continue "
-                "as LIBERO does."
+                f"settling, but the instruction is {self.task.instruction!r}. An update of the physics engine can "
+                "break scenes; the installed version is MuJoCo "
+                f"{self.engine.get('mujoco', 'of an unknown version')}. Run `better worlds install "
+                f"{self.settings.name}` for the one that is pinned, or give --broken-premises run to continue as "
+                "LIBERO does."
             )
         return self.state()
 
@@ -427,7 +428,7 @@ class ProcessScene:
         )
 
     def tracker(self) -> ProcessTracker:
-        """Return the judge of an episode after the reset, which uses the world's own verdict."""
+        """Return the judge of an episode after the reset. It uses the world's own verdict."""
         return ProcessTracker(self)
 
     def described(self, *, images: bool) -> SceneDescription:
@@ -481,7 +482,10 @@ class ProcessScene:
         }
 
     def _take_process(self) -> WorldProcess:
-        """Return a process for a new episode, after giving back the process of an episode ended by its policy."""
+        """Return a process for a new episode.
+
+        A process whose last episode was ended by its policy is given back first.
+        """
         self.close(well=True)
         self._process = self._processes.take(self._process_key)
         return self._process

@@ -1,4 +1,4 @@
-"""Main loop of a simulator process, which answers requests until the run closes the connection.
+"""Main loop of a simulator process. It answers requests until the run closes the connection.
 
 Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.
 """

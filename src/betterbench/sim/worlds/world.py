@@ -346,7 +346,7 @@ class World(ABC):
         return () if self.installation is None else self.installation.command()
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict for plans, which allows reading a run without the world's code."""
+        """Return a JSON-serializable dict for plans, so that a run can be read without the world's code."""
         return {"name": self.name, "facts": self.facts.to_json()}
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
@@ -384,7 +384,7 @@ class World(ABC):
         return {}
 
     def in_order(self, trials: Sequence[Trial], *, last: int) -> list[Trial]:
-        """Return the trials in execution order, which does not affect results.
+        """Return the trials in execution order. The order does not affect results.
 
         Workers wait for the ``last`` trials at the end of a run.
         """
@@ -414,6 +414,6 @@ class World(ABC):
         del stored, size, where
         if wanted:
             raise MissingDependencyError(
-                f"trials in {self.facts.title} have no images: this world cannot render recorded states"
+                f"trials in {self.facts.title} have no images, because this world cannot render recorded states"
             )
         return iter(())

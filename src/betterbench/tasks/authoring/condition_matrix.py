@@ -66,7 +66,7 @@ class ConditionMatrix:
         names = [name for cell in self.cells for name in cell.conditions]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise InvalidInputError(where, f"the condition {twice!r} is in two cells", "Name each condition once")
+            raise InvalidInputError(where, f"the condition {twice!r} is in two cells", "Give each condition once")
 
     def cell_of(self, condition: str) -> MatrixCell | None:
         """Return the cell of a condition, or None if the condition is in no cell."""

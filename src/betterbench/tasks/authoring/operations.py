@@ -122,7 +122,7 @@ def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, regio
 def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Result:
     """Open a drawer by ``distance_m`` at the start. A distance of 0 closes it."""
     if condition.object(drawer.name).mount is None:
-        raise _refused(condition, drawer, "it is not a drawer", "Name an object with a mount")
+        raise _refused(condition, drawer, "it is not a drawer", "Give an object with a mount")
     if not distance_m >= 0.0:
         raise InvalidInputError(f"{condition.id} distance_m", f"{distance_m} m", "Give 0 or more (0 closes the drawer)")
     return condition.with_(opened={**condition.opened, drawer.name: distance_m}), Changes(frozenset({drawer.name}))
@@ -135,7 +135,7 @@ def remove(condition: Condition, object: ObjectSpec) -> Result:  # noqa: A002
     guests = [o.name for o in condition.objects if o.mount is not None and o.mount.target == name]
     guests += [guest for guest, place in condition.preplaced.items() if place.target == name]
     if guests:
-        raise _refused(condition, object, f"it holds {guests[0]}", "Remove that first")
+        raise _refused(condition, object, f"it holds {guests[0]}", "Remove that object first")
     changed = condition.with_(
         objects=tuple(o for o in condition.objects if o.name != name),
         layout={n: slot for n, slot in condition.layout.items() if n != name},
@@ -185,7 +185,7 @@ def chain(condition: Condition, instruction: Instruction) -> Result:
 def _added(condition: Condition, spec: ObjectSpec, slot: str) -> Result:
     _require_free(condition, slot)
     if any(o.name == spec.name for o in condition.objects):
-        raise _refused(condition, spec, "the name is in use", "Choose another name")
+        raise _refused(condition, spec, "an object with this name already exists", "Choose another name")
     layout = {**condition.layout, spec.name: slot}
     return condition.with_(objects=(*condition.objects, spec), layout=layout), Changes(frozenset({spec.name}))
 
@@ -200,7 +200,7 @@ def _require_free(condition: Condition, slot: str) -> None:
 def _require_slot(condition: Condition, spec: ObjectSpec) -> None:
     condition.object(spec.name)
     if spec.name not in condition.layout:
-        raise _refused(condition, spec, "it does not start in a slot", "Name an object that starts in a slot")
+        raise _refused(condition, spec, "it does not start in a slot", "Give an object that starts in a slot")
 
 
 def _refused(condition: Condition, spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:

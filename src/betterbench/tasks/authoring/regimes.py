@@ -1,4 +1,4 @@
-"""Listed regimes of a task, which are further sets of conditions for demonstrations, such as one without confounds."""
+"""Listed regimes of a task: further sets of conditions for demonstrations, such as one without confounds."""
 
 from __future__ import annotations
 

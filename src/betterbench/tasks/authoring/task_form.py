@@ -303,7 +303,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
 
 
 class _Names:
-    """Reader of a task's JSON, with objects and slots by name, whose errors name the path of the field."""
+    """Reader of a task's JSON, with objects and slots by name. Its errors name the path of the field."""
 
     def __init__(self, where: str, form: _Form) -> None:
         self.where, self.task = where, form.id
@@ -362,7 +362,7 @@ def _instruction(form: _Instruction, names: _Names, path: str) -> Instruction:
         names.find(f"{at}.relation", "relation", goal.relation, RELATIONS)
         names.object(f"{at}.target", goal.target)
         if (goal.reference.kind is None) == (goal.reference.slot is None):
-            raise names.wrong(f"{at}.reference", "names both a kind and a slot, or neither", "Name one of the two")
+            raise names.wrong(f"{at}.reference", "must contain either a kind or a slot", "Give one of the two")
         if goal.reference.slot is not None:
             names.slot(f"{at}.reference.slot", goal.reference.slot)
         reference = Reference(goal.reference.kind, goal.reference.slot)
@@ -387,7 +387,9 @@ def _condition(form: _Condition, names: _Names, path: str, *, name: str) -> Cond
         starts = (spec.name in form.layout) + (spec.name in form.preplaced) + (spec.mount is not None)
         if starts != 1:
             problem = f"{spec.name!r} starts in {starts} places"
-            raise names.wrong(path, problem, "Name one for it: a slot in layout, a target in preplaced, or its mount")
+            raise names.wrong(
+                path, problem, "Give exactly one start: a slot in layout, a target in preplaced, or its mount"
+            )
     return Condition(
         task=names.task,
         name=name,
@@ -421,7 +423,7 @@ def _regimes(form: Mapping[str, _Regime], names: _Names) -> dict[str, ListedRegi
 
 
 def _matrices(form: _Form, names: _Names) -> tuple[ConditionMatrix, ...]:
-    """Return the diagnostic matrices, whose conditions must exist."""
+    """Return the diagnostic matrices. Their conditions must exist."""
     known = {f"train{i + 1}": None for i in range(len(form.training))} | {v.name: None for v in form.variations}
     found = []
     for i, matrix in enumerate(form.matrices):

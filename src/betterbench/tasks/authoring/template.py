@@ -1,4 +1,4 @@
-"""Constraint templates, which are the interaction patterns of tasks."""
+"""Constraint templates: the interaction patterns of tasks."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -14,7 +14,7 @@ Order = Literal["free", "named", "built"]
 
 @dataclass(frozen=True, slots=True)
 class ObjectGroup:
-    """Group of objects in a template, which a scenario fills.
+    """Group of objects in a template. A scenario fills the group.
 
     Attributes:
         description: Meaning of the group.

@@ -1,4 +1,4 @@
-"""Application of interventions, which gives the condition of a variation."""
+"""Application of interventions to a training condition. The result is the condition of a variation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Regimes, which are sets of conditions for demonstrations in training and in control experiments."""
+"""Regimes: sets of conditions for demonstrations in training and in control experiments."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
         return tuple(vary(task, variation)[0] for variation in task.variations)
     if regime not in task.regimes:
         problem = f"{task.id} has no {regime} conditions"
-        cure = f"Choose training or covered for it, or name tasks that have them: {', '.join(listed_tasks(regime))}"
+        cure = f"Choose training or covered for it, or give tasks that have them: {', '.join(listed_tasks(regime))}"
         raise InvalidInputError("--regime", problem, cure)
     return task.regimes[regime].conditions
 

@@ -9,7 +9,7 @@ from betterbench.tasks.judging.picked_slots import PickedSlot
 
 
 class Aftermath:
-    """Tracker of an episode after its goal is met. It must be passed every state in order, starting at reset."""
+    """Tracker of an episode after its goal is met. Pass it every state in order, starting at reset."""
 
     def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
         """Prepare for an episode.

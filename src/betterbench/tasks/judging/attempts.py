@@ -1,4 +1,4 @@
-"""Grasp attempts, in which the gripper closes within reach of an object or an empty slot."""
+"""Grasp attempts: the gripper closes within reach of an object or an empty slot."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class GraspAttempt:
 def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return all grasp attempts of an episode, in order.
 
-    It is not an attempt if the gripper closes at home or far from all objects, without finger travel, or again on an
+    The gripper does not make an attempt if it closes at home or far from all objects, without finger travel, or on an
     object that it already holds. If the gripper opens only briefly (chatter), it is still the same attempt. An object
     that is lifted between the fingers was attempted, regardless of the gripper command. An object on which a finger
     presses was attempted too, regardless of other objects nearby. Without contact, distances decide.

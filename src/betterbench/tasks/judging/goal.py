@@ -1,4 +1,4 @@
-"""Tracker of a condition's goal over time, with subgoals, order, harm, dwell time and forbidden interactions."""
+"""Tracker of a condition's goal over time: subgoals, order, harm, dwell time and forbidden interactions."""
 
 from betterbench.interface.state import SceneInfo, WorldState
 from betterbench.tasks.authoring.template import Template
@@ -16,7 +16,7 @@ from betterbench.tasks.thresholds import THRESHOLDS
 
 
 class GoalTracker:
-    """Goal tracker for an episode, live or offline. It must be passed every state in order, starting at reset."""
+    """Goal tracker for an episode, live or offline. Pass it every state in order, starting at reset."""
 
     def __init__(self, condition: Condition, info: SceneInfo, *, template: Template, control_rate_hz: float) -> None:
         """Prepare for an episode. The dwell time is counted at the control rate."""
@@ -121,7 +121,7 @@ class GoalTracker:
         return there
 
     def _what_is_done(self, state: WorldState, at: Places) -> tuple[bool, ...]:
-        """Return a mask of the completed subgoals, whose objects are all at the target, at rest and released."""
+        """Return a mask of the completed subgoals. All their objects are at the target, at rest and released."""
         settled: dict[str, bool] = {}
         self._settling = False
         done: list[bool] = []

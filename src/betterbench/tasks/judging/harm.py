@@ -1,4 +1,4 @@
-"""Harm, which is an unwanted side effect such as knocking over another object. It rules out success in every task."""
+"""Harm: unwanted side effects, such as knocking over another object. It rules out success in every task."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def shut_drawers(asked: Sequence[Asked], state: WorldState) -> tuple[str, ...]:
 
 
 class HarmWatch:
-    """Harm detector for an episode, which must be passed every state in order, starting at reset."""
+    """Harm detector for an episode. Pass it every state in order, starting at reset."""
 
     def __init__(self, asked: Sequence[Asked], targets: Targets, info: SceneInfo, *, exclusive: bool) -> None:
         """Prepare for an episode. If a template is not ``exclusive``, other objects may be at its targets."""

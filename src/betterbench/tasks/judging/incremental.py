@@ -1,4 +1,4 @@
-"""Incremental judging, in which a predicate is evaluated again only if the state that it reads has changed.
+"""Incremental judging: a predicate is evaluated again only if the state that it reads has changed.
 
 At most control steps, at most one object moves. Incremental judging lets ``GoalTracker.update`` take 10.0 µs per state
 instead of 21.4 µs, on the expert's states in all ten tasks (2026-11-28: 40 recorded episodes, minimum CPU time of five
@@ -88,7 +88,10 @@ class JudgingMemory:
 
 
 class _NotingState(WorldState):
-    """State proxy that records which bodies' poses or contacts a predicate reads.
+    """State proxy that records the poses and contacts that a predicate reads.
+
+    A predicate that calls an unlisted method or reads a complete field is evaluated more often than necessary. It is
+    never evaluated too rarely.
 
     A predicate that calls an unlisted method or reads a complete field is evaluated more often than necessary, but
     never too rarely.

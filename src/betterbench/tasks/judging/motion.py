@@ -1,4 +1,4 @@
-"""Motion of gripper and objects so far, as arrays, for the detection of grasp attempts live and in records."""
+"""Motion of gripper and objects so far, as arrays. It is used to detect grasp attempts, live and in records."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Motion:
 
     @property
     def items(self) -> tuple[int, ...]:
-        """Indices of graspable objects, which are items, distractors and drawers."""
+        """Indices of graspable objects: items, distractors and drawers."""
         return graspable(self.info)
 
     @property
@@ -113,7 +113,7 @@ class Motion:
         return self.slot_near(self.positions[row, i], reach)
 
     def place_of(self, slot: str) -> str:
-        """Return the representative of a slot, which is the first slot that the same motion would reach."""
+        """Return the representative of a slot: the first slot that the same motion would reach."""
         at = {s.name: s.position[:2] for s in self.info.slots}
         return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)
 
@@ -157,7 +157,7 @@ class Motion:
 
 
 def graspable(info: SceneInfo) -> tuple[int, ...]:
-    """Return the indices of graspable objects, which are items, distractors and drawers that are not fixed."""
+    """Return the indices of graspable objects: items, distractors and drawers that are not fixed."""
     roles = ("item", "distractor", "drawer")
     return tuple(i for i, o in enumerate(info.objects) if o.role in roles and not o.fixed)
 
@@ -240,7 +240,7 @@ def _most_told(told: Bools, window: int) -> Bools:
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:
-    """Return the first row of each run of true flags, and the row after the run's last row."""
+    """Return the first row of each run of true flags, and the row after its last row."""
     starts, stops = (np.flatnonzero(np.diff(flags, prepend=False, append=False))[k::2].tolist() for k in (0, 1))
     return list(zip(starts, stops, strict=True))
 

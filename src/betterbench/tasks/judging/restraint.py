@@ -16,7 +16,7 @@ from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 
 
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
-    """Return the indices of the objects that must not be touched in a refusal, which the instruction does not name.
+    """Return the indices of the objects that must not be touched in a refusal: those that are not in the instruction.
 
     Drawers and targets may be touched, because the policy may put away requested objects that exist.
     """
@@ -24,7 +24,7 @@ def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
 
 
 def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int, ...]) -> int | None:
-    """Return the forbidden object of a grasp attempt, which was touched, missed, or absent from its attempted slot."""
+    """Return the forbidden object of a grasp attempt: it was touched, missed, or absent from its attempted slot."""
     at = grasp.object if grasp.object is not None else grasp.aim
     if at is not None:
         return at if at in forbidden else None
@@ -100,7 +100,7 @@ _ROWS_BETWEEN = 5
 
 
 class Restraint:
-    """Tracker for an episode with forbidden objects, which must be passed every state in order, starting at reset."""
+    """Tracker for an episode with forbidden objects. Pass it every state in order, starting at reset."""
 
     def __init__(
         self,
@@ -180,7 +180,7 @@ class Restraint:
         )
 
     def _has_to_look(self, state: WorldState) -> bool:
-        """Return whether to check the complete motion now, which takes too long for every control step.
+        """Return whether to check the complete motion now. A check at every control step would take too long.
 
         The motion is checked at the last step, at the end of a closing (including chatter), after the time to resolve
         an attempt, and regularly while the gripper stays near an object.

@@ -1,4 +1,4 @@
-"""Objects at a condition's targets, which are requested objects and intruders."""
+"""Objects at a condition's targets: requested objects and intruders."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Watch:
 
 
 class Due(NamedTuple):
-    """Requirement of a subgoal, which is a minimum number of candidate objects in a region of a watched target.
+    """Requirement of a subgoal: a minimum number of candidate objects in a region of a watched target.
 
     Attributes:
         watch: Index of the watched target.
@@ -70,7 +70,7 @@ class Intruder(NamedTuple):
 
 
 class Targets:
-    """Watched targets, which are the requested targets and other targets of the same kind in the scene."""
+    """Watched targets: the requested targets, and other targets of the same kind in the scene."""
 
     def __init__(self, asked: Sequence[Asked], info: SceneInfo, *, placing: str) -> None:
         """Prepare the check. ``placing`` is the relation for which uninstructed objects at the target are intruders."""

@@ -25,7 +25,7 @@ CLOSE_TO = {
     "behind": "right behind {}",
     "upper_right": "next to {} at the upper right",
 }
-"""Words for the same sides in place-setting instructions, whose pieces are close to the plate."""
+"""Words for the same sides in place-setting instructions. The pieces of a place setting are close to the plate."""
 
 CUTLERY = frozenset({"fork", "spoon", "knife", "teaspoon", "spork"})
 """Nouns of objects whose handle points to the front when they lie at a plate."""
@@ -182,7 +182,7 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def is_laid(thing: ObjectInfo, anchor: ObjectInfo) -> bool:
-    """Return whether an object is cutlery in a place setting around an anchor, whose handle must point to the front."""
+    """Return whether an object is cutlery in a place setting around an anchor. Its handle must point to the front."""
     return _is_round(anchor) and _is_long(thing) and is_cutlery(thing.kind, thing.category)
 
 
@@ -281,7 +281,7 @@ def _lies_on_cutlery(state: WorldState, name: str) -> bool:
 
 
 def _points_to_front(state: WorldState, name: str, anchor: str) -> bool:
-    """Return whether the handle of cutlery points to the front, where the eater sits."""
+    """Return whether the handle of cutlery points to the front, toward the eater."""
     turn = yaw_of(state.pose(name).quaternion) - yaw_of(state.pose(anchor).quaternion)
     return abs(math.remainder(turn, 2.0 * math.pi)) <= TURN
 

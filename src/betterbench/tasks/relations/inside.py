@@ -59,7 +59,7 @@ def _loosely(state: WorldState, name: str, container: str) -> str | None:
 
 
 def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals over the floor of a container, which are low, in free space and with room for the fingers.
+    """Return goals over the floor of a container. They are low, in free space and with room for the fingers.
 
     Equally good goals are marked as alike, so that demonstrations release objects all over the floor.
     """

@@ -1,4 +1,4 @@
-"""Relation "layer" of a stack, whose layers are counted from the base."""
+"""Relation "layer" of a stack. Layers are counted from the base."""
 
 import math
 

@@ -1,7 +1,7 @@
 """Loose variants of relations, for objects at a target in any posture, such as leaning, jammed, upside down or held.
 
-A strict relation requires the instructed posture. An object in another posture may still be at the target, so the rule
-"no other object is at the target" uses loose variants, which the relations build from these functions.
+A strict relation requires the instructed posture. An object in another posture may still be at the target. The rule "no
+other object is at the target" therefore uses loose variants of the relations, which are built from these functions.
 """
 
 import itertools

@@ -86,7 +86,7 @@ OURS = WorldFacts(
     reading="conditions",
     measured=True,
 )
-"""Facts about our own scenes, whose tasks are in :mod:`betterbench.tasks.suite` or defined by users."""
+"""Facts about betterbench's own scenes. Their tasks are in :mod:`betterbench.tasks.suite` or defined by users."""
 
 _FACTS: dict[str, WorldFacts] = {OURS.name: OURS}
 _STORED = TypeAdapter(WorldFacts)
@@ -162,6 +162,6 @@ def facts_of_plan(plan: Mapping[str, Any], *, where: str) -> WorldFacts:
     if isinstance(name, str) and name in known:
         return known[name]
     stored = world.get("facts") if isinstance(world, dict) else None
-    cure = f"Restore the file, or name one of the worlds {', '.join(known)}"
+    cure = f"Restore the file, or give one of the worlds {', '.join(known)}"
     found = read_form(_STORED, stored, where=f"{where}: plan.world.facts", cure=cure, raises=RecordError)
     return register_facts(found)

@@ -121,9 +121,9 @@ def read_variant(name: str) -> Variant:
     axes = [axis for axis, what in changed.items() if what]
     if len(axes) != 1:
         what = f"changes {' and '.join(axes)}" if axes else "changes nothing"
-        raise ValueError(f"{name[:200]!r} {what}, and a variant of LIBERO-Plus changes one axis")
+        raise ValueError(f"{name[:200]!r} {what}, but a variant of LIBERO-Plus changes one axis")
     if numbers["noise"] > 10 * len(NOISES):
-        raise ValueError(f"{name[:200]!r} has the noise {numbers['noise']}, and there are {10 * len(NOISES)}")
+        raise ValueError(f"{name[:200]!r} has the noise {numbers['noise']}, expected at most {10 * len(NOISES)}")
     (axis,) = axes
     own = axis == "layout"
     detail = f"add_{said['added']}" if said["added"] else str(changed[axis])

@@ -1,4 +1,4 @@
-"""Regularities of the training tasks in a LIBERO suite, which are object positions by word and targets by object.
+"""Regularities of the training tasks in a LIBERO suite: object positions by word, and targets by object.
 
 The regularities are read from the base suite's task files, on which policies are trained. The initial states of
 a task vary by a few centimeters around the positions in its file.

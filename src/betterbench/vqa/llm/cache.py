@@ -44,7 +44,7 @@ class ReplyCache:
         """Return the key of a request: the SHA-256 of its address and its complete body.
 
         The body contains the model, the prompt, the bytes of the images as they are sent, the sampling settings and the
-        processor arguments, so that requests with the same key cannot have different answers.
+        processor arguments. Requests with the same key are therefore identical.
         """
         digest = hashlib.sha256(f"{_FORM}\n{address}\n".encode())
         digest.update(body)

@@ -277,7 +277,7 @@ def _content_of(form: Any) -> Any:  # noqa: ANN401 - any JSON
 
 
 def _text_of(content: Any) -> str:  # noqa: ANN401 - any JSON
-    """Return the text of an answer, which some servers send in parts; raise TypeError if it is of another type."""
+    """Return the text of an answer. Some servers send it in parts. Raises TypeError if it is of another type."""
     if content is None or isinstance(content, str):
         return content or ""
     if isinstance(content, list) and all(isinstance(part, dict) for part in content):

@@ -1,6 +1,6 @@
-"""Answer extraction by a language model, which may only copy parts of the text.
+"""Answer extraction by a language model. The model may only copy parts of the text.
 
-The extractor gets the text and, for a choice, the options. It gets neither the question nor the image nor the correct
+The extractor gets the text and, for a choice, the options. It does not get the question, the image or the correct
 answer, so it cannot answer the question itself. Each copied part must occur in the text word for word, and each number
 must be a complete number of the text. Otherwise, the extraction is "none". The copied parts are then read by the same
 parser as every other answer, in the declared convention of coordinates. The extractor neither scales nor swaps numbers.

@@ -156,7 +156,10 @@ def _of_json(text: str) -> list[Numbers]:
 
 
 def _exactly(text: str) -> Fraction:
-    """Convert a JSON number exactly; raise ValueError for exponents of more than two digits, which would take hours."""
+    """Convert a JSON number exactly.
+
+    Raises ValueError for exponents of more than two digits, because these would take hours.
+    """
     if not _EXPONENT.fullmatch(text.lower().partition("e")[2]):
         msg = f"{text[:20]} is out of range"
         raise ValueError(msg)

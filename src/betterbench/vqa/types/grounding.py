@@ -53,7 +53,7 @@ def cell_of(seen: SeenObject, width: int, cells: int) -> str:
 
 
 def chunks(kinds: Sequence[str]) -> list[tuple[str, ...]]:
-    """Divide kinds into groups of two to four, which are the same for all questions about them."""
+    """Divide kinds into groups of two to four. The groups are the same for all questions about them."""
     if len(kinds) < 2:
         return []
     count = -(-len(kinds) // MOST_OPTIONS)

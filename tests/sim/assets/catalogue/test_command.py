@@ -86,9 +86,9 @@ def test_licenses_and_one_asset_are_shown(indexed, place, capsys):
         (("show", "kitchen/red"), "Unknown asset 'kitchen/red'"),
         (("show",), "0 ids are given"),
         (("search", "mug", "--out", "sheet.gif"), "ends with '.gif'"),
-        (("search", "mug", "--num", "50"), "2 assets of the catalogue fit 'mug', and 50 are requested"),
+        (("search", "mug", "--num", "50"), "2 assets of the catalogue fit 'mug', but 50 are requested"),
         (("index", "nowhere"), "Unknown source of assets 'nowhere'"),
-        (("index", "procedural", "--license", "mit"), "it takes no target, license, author or name"),
+        (("index", "procedural", "--license", "mit"), "it does not take a target, license, author or name"),
     ],
 )
 def test_what_is_wrong_is_one_line_with_a_cure(indexed, capsys, words, text):

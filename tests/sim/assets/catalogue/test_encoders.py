@@ -49,7 +49,7 @@ def test_other_weights_are_refused(tmp_path):
 def test_an_unknown_encoder_is_answered_with_the_known_ones():
     with pytest.raises(UnknownNameError, match="minilm, sentence-transformers"):
         open_encoder("bert")
-    with pytest.raises(InvalidInputError, match="no model is named"):
+    with pytest.raises(InvalidInputError, match="the model name is missing"):
         open_encoder("sentence-transformers")
 
 

@@ -178,7 +178,7 @@ def test_several_assets_for_one_description_differ(catalogue):
         chosen = choose_different(catalogue, "an apple", 2, seed=seed)
         assert {one.hit.entry.name for one in chosen} == {"red apple", "green apple"}
     assert [one.id for one in choose_different(catalogue, "a red apple", 1)] == ["things/red_apple"]
-    with pytest.raises(InvalidInputError, match="1 assets of the catalogue fit 'a red apple', and 2 are requested"):
+    with pytest.raises(InvalidInputError, match="1 assets of the catalogue fit 'a red apple', but 2 are requested"):
         choose_different(catalogue, "a red apple", 2)
 
 
@@ -223,7 +223,7 @@ def test_a_killed_job_goes_on_where_it_stopped(tmp_path, monkeypatch):
 
     with pytest.raises(KeyboardInterrupt):
         index(tmp_path / "killed", source, encoder=Dies())
-    with pytest.raises(InvalidInputError, match=r"its indexing has not ended.*Run better assets index again"):
+    with pytest.raises(InvalidInputError, match=r"its indexing is still running.*Run better assets index again"):
         Catalogue(tmp_path / "killed")
     with (tmp_path / "killed" / JOURNAL).open("ab") as journal:
         journal.write(b"half a line")
@@ -254,7 +254,7 @@ def test_sources_keep_to_themselves(tmp_path):
         assert names(opened.search("spoon", filters=Filters(source="others"))) == ["spoon"]
     elsewhere = Listed("things")
     elsewhere.address = "folder:/elsewhere"
-    with pytest.raises(InvalidInputError, match=r"the catalogue has it as folder:/things.*--name"):
+    with pytest.raises(InvalidInputError, match=r"the catalogue has this name for folder:/things.*--name"):
         index(tmp_path, elsewhere)
 
 
@@ -288,13 +288,16 @@ def spoil_tables(folder):
 SPOILT = {
     "text": (lambda folder: (folder / FILE).write_bytes(b"no database" * 99), "not a catalogue of assets"),
     "foreign": (spoil_application, "is not a catalogue of assets"),
-    "version": (spoil_version, "is a catalogue of version 99, and version 3 is expected"),
+    "version": (spoil_version, "is a catalogue of version 99, expected version 3"),
     "tables": (spoil_tables, "is damaged"),
     "cut": (lambda folder: (folder / "vectors.npy").write_bytes(b"\x93NUMPY\x01\x00"), "vectors.npy: "),
-    "other": (lambda folder: np.save(folder / "faces.npy", np.zeros(3)), "faces.npy: does not hold"),
+    "other": (lambda folder: np.save(folder / "faces.npy", np.zeros(3)), "faces.npy: does not contain"),
     "kinds cut": (lambda folder: np.save(folder / "kinds.npy", np.zeros(3, np.int16)), "kinds.npy: has 3 rows"),
-    "kinds unknown": (lambda folder: np.save(folder / "kinds.npy", np.full(7, 999, np.int16)), "without texts"),
-    "kind texts": (lambda folder: np.save(folder / "kind_texts.npy", np.zeros(3)), "kind_texts.npy: does not hold"),
+    "kinds unknown": (
+        lambda folder: np.save(folder / "kinds.npy", np.full(7, 999, np.int16)),
+        "kinds that have no texts",
+    ),
+    "kind texts": (lambda folder: np.save(folder / "kind_texts.npy", np.zeros(3)), "kind_texts.npy: does not contain"),
     "missing": (lambda folder: (folder / "sketches.npy").unlink(), "sketches.npy: cannot be read"),
 }
 
@@ -307,7 +310,7 @@ def test_a_damaged_catalogue_is_one_clear_error(tmp_path, kind):
     spoil(tmp_path)
     with pytest.raises(RecordError, match=text) as caught:
         Catalogue(tmp_path, encoder=lambda _: bag)
-    assert "index the sources again" in str(caught.value) or "Name another folder" in str(caught.value)
+    assert "index the sources again" in str(caught.value) or "Give another folder" in str(caught.value)
 
 
 def test_without_a_catalogue_the_command_is_named(tmp_path):

@@ -182,9 +182,9 @@ def test_grasps_and_frames_are_added_moved_and_removed(block):
     ("change", "text"),
     [
         (PoseChange(QUARTER, IDENTITY_QUATERNION), "rotation"),
-        (ScaleChange(0.3, 0.1), "longest side to be 0.3 m, and here it is 0.09"),
-        (MassChange(0.9, 0.1), "mass to be 0.9 kg, and here it is 0.2 kg"),
-        (NameChange("teapot", "cup"), "name to be 'teapot', and here it is 'object'"),
+        (ScaleChange(0.3, 0.1), "longest side was 0.3 m in the review, but is 0.09"),
+        (MassChange(0.9, 0.1), "mass was 0.9 kg in the review, but is 0.2 kg here"),
+        (NameChange("teapot", "cup"), "name was 'teapot' in the review, but is 'object' here"),
         (SupportChange(Plane((0.0, 1.0, 0.0)), Plane()), "support plane"),
     ],
 )
@@ -348,7 +348,7 @@ def test_only_what_was_accepted_is_used(tmp_path, block, block_mesh):
     found = history(tmp_path, content, Verdict("fix"), size=size)
     used = accepted(block, found, asset="tumbler.stl", content=content)
     assert np.ptp(points(used), axis=0) == pytest.approx((SIDE, 0.09, SIDE), abs=1e-5)
-    with pytest.raises(InvalidInputError, match=f"content {content[:16]}, and the file has {'b' * 16}"):
+    with pytest.raises(InvalidInputError, match=f"content {content[:16]}, but the file has {'b' * 16}"):
         accepted(block, found, asset="tumbler.stl", content="b" * 64)
     small = import_mesh(block_mesh, Wishes(name="object", size_m=0.05, up="z"))
     with pytest.raises(InvalidInputError, match="accepted with a size of"):
@@ -387,7 +387,7 @@ def test_a_task_gets_the_reviewed_object_and_no_rejected_one(tmp_path, monkeypat
         built()
     other = tmp_path / "tumbler.stl"
     other.write_bytes(block_mesh.read_bytes() + b" ")
-    with pytest.raises(InvalidInputError, match=f"{content[:16]}, and the file has {content_hash(other)[:16]} now"):
+    with pytest.raises(InvalidInputError, match=f"{content[:16]}, but the file now has {content_hash(other)[:16]}"):
         history_of(path, content_hash(other), "tumbler.stl")
     with pytest.raises(RecordError, match="does not exist"):
         read_reviews(tmp_path / "none.jsonl")

@@ -238,7 +238,7 @@ def _given_tokens(given: Iterable[str], known: dict[str, float]) -> dict[str, fl
         try:
             found[name] = float(value)
         except ValueError:
-            raise InvalidInputError("--tokens", f"{text!r} is not NAME=NUMBER", "Write DROID=220") from None
+            raise InvalidInputError("--tokens", f"expected NAME=NUMBER, got {text!r}", "Write DROID=220") from None
     return found
 
 

@@ -139,7 +139,7 @@ class Body:
         return False
 
     def _standing_room(self, goal: Subgoal) -> frozenset[str]:
-        """Return the objects that the gripper may approach at a target, which are the target and its contents."""
+        """Return the objects that the gripper may approach at a target: the target and its contents."""
         if goal.relation == "beside":
             return frozenset()
         near = {goal.target}

@@ -1,4 +1,4 @@
-"""Cartesian controller for the independent family, which executes tool paths as ``ee_delta`` actions.
+"""Cartesian controller for the independent family. It executes tool paths as ``ee_delta`` actions.
 
 A motion is a generator that yields one action per control step, is sent the resulting state, and returns its outcome.
 Motions are combined with ``yield from``. There is no joint-space planning. A path is a line or an arc between two tool
@@ -59,7 +59,7 @@ def tool_down(yaw: float) -> Quaternion:
 
 
 class Arm:
-    """Arm in one episode, which moves its tool in one motion style.
+    """Arm in one episode. It moves its tool in one motion style.
 
     Attributes:
         tempo: Factor on all tool speeds, in addition to the motion style and the pace of a single path.

@@ -1,4 +1,4 @@
-"""Base classes for habits, which are systematic wrong decisions, manipulation failures or unusual correct behavior."""
+"""Base classes for habits: systematic wrong decisions, manipulation failures or unusual correct behavior."""
 
 from __future__ import annotations
 

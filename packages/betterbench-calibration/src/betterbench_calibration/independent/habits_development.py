@@ -149,7 +149,7 @@ class SkipStep(Habit):
 
 
 class RepeatDone(Habit):
-    """Repeatedly takes an object out of its target, where it was from the start, and puts it back.
+    """Repeatedly takes an object, which was at its target from the start, out of the target and puts it back.
 
     True label: causal_confusion, because it repeats a finished subgoal.
     """
@@ -322,7 +322,7 @@ class FreezeAfterFirst(Habit):
 
 
 class MissBeside(PlainHabit):
-    """Repeatedly closes the gripper fully 7 to 11 cm next to the right object, where nothing else is.
+    """Repeatedly closes the gripper fully at an empty position 7 to 11 cm next to the right object.
 
     True label: execution_failure, because the target and the time are right, but the pose is wrong.
     """

@@ -968,7 +968,7 @@ class ShovesLookAlike(Listed):
 
 
 class BringsATrinket(Listed):
-    """Picks the nearest decorative object, which is unlike any requested one, and brings it.
+    """Picks the nearest decorative object, although it does not resemble any requested object, and brings it.
 
     True label: semantic_feature_collapse, because its grasp attempt is at an object that no instruction of the task
     means and that shares no feature with a requested one (blind grasp).

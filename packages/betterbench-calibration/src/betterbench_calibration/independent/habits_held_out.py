@@ -124,7 +124,7 @@ class MissedAlike(Habit):
 
 
 class RightThenOtherDemonstration(Habit):
-    """Does the first step, and then another demonstration's second step, which is not requested here.
+    """Does the first step, and then the second step of another demonstration, although it is not requested here.
 
     True label: behavioral_inertia, because it begins an action that was frequent in training but is not requested. The
     first attempt is right.

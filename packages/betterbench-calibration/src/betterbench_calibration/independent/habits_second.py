@@ -132,7 +132,7 @@ class CorrectsPlacement(Habit):
 
 
 class Stutters(PlainHabit):
-    """Does everything right, but sometimes sends zero actions, which stop the arm and leave the gripper unchanged.
+    """Makes no mistake, but sometimes sends zero actions. They stop the arm and leave the gripper unchanged.
 
     True label: success, because the behavior is not a fault. If such a trial fails, the label is timeout or
     execution_failure (rule 3 in ``truth.py``).

@@ -1030,7 +1030,7 @@ class ShutsItByTheKnob(Listed):
 
 
 class TakesItOutAndBack(Listed):
-    """Takes an object out of its target, where it was from the start, carries it home, puts it back, and rests.
+    """Takes out an object that was at its target from the start, carries it home, puts it back, and rests.
 
     True label: causal_confusion, because it repeats a finished subgoal.
     """

@@ -664,7 +664,7 @@ class PassesOverFirst(Habit):
 
 
 class BelievesFirstDone(Habit):
-    """Skips the first of two ordered steps, which may look half done, does the second, and halts.
+    """Skips the first of two ordered steps, even if it looks half done, does the second, and halts.
 
     True label: causal_confusion, because it skips a required subgoal, although the object is present, and attempts a
     later one.

@@ -1,4 +1,4 @@
-"""Motion styles of the independent family, which do not affect its decisions."""
+"""Motion styles of the independent family. They do not affect its decisions."""
 
 from __future__ import annotations
 

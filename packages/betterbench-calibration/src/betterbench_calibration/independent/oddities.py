@@ -194,7 +194,7 @@ def hold_at_goal(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def approach_ever_slower(body: Body, target: Vector) -> Actions[None]:
-    """Move toward a point by a fixed share of the remaining path per step, which halves the speed every second."""
+    """Move toward a point by a fixed share of the remaining path per step, so that the speed halves every second."""
     part = 1.0 - 0.5 ** (1.0 / RATE_HZ)
     begin = body.arm.here
     left = 1.0
@@ -219,7 +219,7 @@ def carry_into(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def stuttering(body: Body, script: Actions[None]) -> Actions[None]:
-    """Play a script, and sometimes insert one or several zero actions, which leave the gripper unchanged."""
+    """Play a script, and sometimes insert one or several zero actions. They leave the gripper unchanged."""
     action = next(script)
     while True:
         if body.rng.random() < 0.12:

@@ -1,4 +1,4 @@
-"""True labels in the independent family, which are stated before the first action and corrected by only three rules.
+"""True labels in the independent family. They are stated before the first action and corrected by only three rules.
 
 A habit states its truth from the condition alone, before it has seen how anything moves. Three rules, and no others,
 turn the stated truth into the final truth. They read the family's own event log and never a diagnosis:
@@ -9,10 +9,10 @@ turn the stated truth into the final truth. They read the family's own event log
 2. **A lasting mishap came first.** If a right act fails for good before the wrong act begins, the first evidence in
    time is this mishap, and the label is ``execution_failure``. For example, the object fell to the floor or lies where
    it cannot be picked.
-3. **A policy without a fault does not succeed.** If a mishap was never corrected, the label is ``execution_failure``. A
-   mishap is a closing without the object, an object that left the gripper although it was not opened, an object that
-   was released away from its target, or an object that was not requested and was displaced by more than 5 cm. If every
-   mishap was corrected, or none happened, the time was too short, and the label is ``timeout``.
+3. **A policy without a fault does not succeed.** If a mishap was never corrected, the label is ``execution_failure``.
+   There are four kinds of mishap: the gripper closes without the object; an object leaves the gripper although it was
+   not opened; an object is released away from its target; an object that was not requested is displaced by more than 5
+   cm. If every mishap was corrected, or none happened, the time was too short, and the label is ``timeout``.
 
 A trial whose goal is met is a success regardless of the stated label. Code that reads the truth must check this.
 """

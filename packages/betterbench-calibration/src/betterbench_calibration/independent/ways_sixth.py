@@ -1,4 +1,4 @@
-"""Arm motions for the habits of the sixth part, which resemble failures of learned policies."""
+"""Arm motions for the habits of the sixth part. They resemble failures of learned policies."""
 
 from __future__ import annotations
 
@@ -399,7 +399,7 @@ def close_too_late(body: Body, name: str) -> Actions[None]:
 
 
 def pinch_edge(body: Body, name: str) -> Actions[None]:
-    """Close the gripper at the edge of an object, lift, and release whatever came along."""
+    """Close the gripper at the edge of an object, lift, and release the object if it was lifted."""
     hold = body.do.choose_hold(name)
     ux, uy, _ = rotate(hold.tool.quaternion, (1.0, 0.0, 0.0))
     flat = max(math.hypot(ux, uy), 0.01)

@@ -1,4 +1,4 @@
-"""Sampler of a mixture, in which each draw depends only on the seed and the number of the draw.
+"""Sampler of a mixture. Each draw depends only on the seed and the number of the draw.
 
 Draw *n* is the point ``(offset + n * GOLDEN) mod 2**64`` of the unit interval, which the data sets divide by their
 shares. Multiples of the golden ratio are spread very evenly, because no number is approximated worse by fractions
@@ -34,7 +34,7 @@ _MIX = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 """Multipliers of splitmix64 (Steele, Lea and Flood, OOPSLA 2014)."""
 
 _NEAR = 512
-"""Maximum number of draws counted one by one instead of by formula, which is faster for few draws."""
+"""Maximum number of draws that are counted one by one. For more draws, a formula is faster."""
 
 MOST_DRAWS = 1 << 48
 """Maximum number of draws of a sampler, far above any training."""
@@ -116,7 +116,7 @@ class MixtureSampler:
         return {part.name: self._before(index, draws) for index, part in enumerate(self._parts)}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state, which contains the number of draws so far over all shards, the mixture and the seed.
+        """Return the state: the number of draws so far over all shards, the mixture and the seed.
 
         The state is valid for every shard, and for any other number of shards if all shards have drawn equally often.
         """

@@ -41,7 +41,7 @@ class MixturePart:
 
 @dataclass(frozen=True, slots=True)
 class WeightedGroup:
-    """Data sets with a common weight, whose draws are divided among them by the rule ``within``."""
+    """Data sets with a common weight. Their draws are divided among them by the rule ``within``."""
 
     name: str
     weight: float
@@ -50,7 +50,7 @@ class WeightedGroup:
 
 
 def shares_of(groups: Sequence[WeightedGroup]) -> tuple[MixturePart, ...]:
-    """Return the data sets of all groups with their shares, which add up to 1.
+    """Return the data sets of all groups with their shares. The shares add up to 1.
 
     Raises:
         InvalidInputError: If there are no data sets, a name occurs twice, a data set is empty, or weights are negative,

@@ -1,4 +1,4 @@
-"""Sources for a mixture, which are LeRobot data sets (2.1 and 3.0), sets from ``better vqa``, and question files.
+"""Sources for a mixture: LeRobot data sets (2.1 and 3.0), sets from ``better vqa``, and question files.
 
 An item in a LeRobot data set is a frame, by its index in the complete set as in ``LeRobotDataset``. Frames of
 validation episodes are not drawn. An item in a question set is a line.
@@ -60,7 +60,7 @@ class ItemSource(Protocol):
         """Return the location of an item: ``episode``, ``frame`` and ``index``, or the first ``byte`` of a question."""
 
     def item(self, number: int) -> dict[str, Any]:
-        """Return an item, which is a question as written or the location of a frame."""
+        """Return an item: a question as written, or the location of a frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,8 +139,8 @@ def open_source(path: Path) -> ItemSource:
     """Return the source for a folder or file.
 
     Raises:
-        InvalidInputError: If the path is neither a LeRobot data set nor a question set or file, is damaged, or contains
-            questions about test trials, which must not be used for training.
+        InvalidInputError: If the path is not a LeRobot data set, a question set or a question file; if it is damaged;
+            or if it contains questions about test trials. Such questions must not be used for training.
     """
     if (path / "meta/info.json").is_file():
         return _lerobot(path)

@@ -8,7 +8,7 @@ _DESK = ("computer_mouse", "mug", "speaker", "stapler", "tape_roll", "tumbler", 
 
 
 def _laid(*vessels: str) -> Group:
-    """Return a fork, a spoon and a vessel, where fork and spoon match."""
+    """Return a matching fork and spoon, and a vessel."""
     return Group((Pool(("fork",), colors=("silver",)), Pool(vessels), Pool(("spoon",), colors=("silver",))))
 
 

@@ -183,7 +183,7 @@ def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -
 
 
 def _whole(value: object) -> int | None:
-    """Return a number, which may be given as an array of one element, or None."""
+    """Return a number or None. The number may be given as an array of one element."""
     if value is None or isinstance(value, str):
         return None
     array = np.asarray(value)

@@ -6,7 +6,7 @@ from betterbench.sim.asset_checks import limits
 from betterbench.sim.asset_checks.check import Finding, at_least, at_most, check, not_applicable
 from betterbench.sim.asset_checks.subject import Subject
 
-_CURE = "Add or move collision parts; of an imported mesh close holes and remove inner surfaces first"
+_CURE = "Add or move collision parts. For an imported mesh, first close holes and remove inner surfaces"
 
 
 @check
@@ -14,7 +14,7 @@ def collision_outside(subject: Subject) -> Finding:
     """Check that collision parts do not extend beyond the visible surface."""
     found = 1000.0 * subject.distances.outside_m
     limit = max(limits.OUTSIDE_MM, 1000.0 * limits.OUTSIDE_SHARE * subject.middle_m)
-    return at_most(found, limit, "mm", f"contacts up to {found:.2g} mm off the visible surface", _CURE)
+    return at_most(found, limit, "mm", f"collision shape up to {found:.2g} mm away from the visible surface", _CURE)
 
 
 @check
@@ -22,7 +22,7 @@ def collision_inside(subject: Subject) -> Finding:
     """Check that collision parts cover the whole visible surface."""
     found = 1000.0 * subject.distances.inside_m
     limit = max(limits.INSIDE_MM, 1000.0 * limits.INSIDE_SHARE * subject.middle_m)
-    return at_most(found, limit, "mm", f"visible surface up to {found:.2g} mm without contact", _CURE)
+    return at_most(found, limit, "mm", f"visible surface up to {found:.2g} mm away from the collision shape", _CURE)
 
 
 @check

@@ -44,7 +44,7 @@ def holds_ball(subject: Subject) -> Finding:
 
 
 def _judged(height: float, aside: float, radius: float, depth: float) -> Finding:
-    cure = "Look at its collision parts: the floor is open or the opening is closed"
+    cure = "Check its collision parts: the floor may be open, or the opening closed"
     if aside > 0.0 or height < -limits.BALL_BELOW_M:
         where = "beside it" if aside > 0.0 else f"{-1000 * height:.2g} mm below its floor"
         return Finding(1000 * height, -1000 * limits.BALL_BELOW_M, "mm", True, f"a dropped ball lies {where}", cure)
@@ -90,13 +90,13 @@ def carries_block(subject: Subject) -> Finding:
     """Check that a block placed on top of a support stays there."""
     top = next((region for region in subject.asset.regions if region.name == "top"), None)
     if top is None:
-        return not_applicable("it declares no top")
+        return not_applicable("it does not declare a top")
     half = min(limits.BLOCK_M, 0.7 * min(top.half_size[:2]))
     pose = _put(subject, top, half)
     x, y, z = pose.position
     moved = 1000.0 * math.dist((x, y, z), (top.position[0], top.position[1], top.position[2] + half))
     turned = math.degrees(tilt_of(pose.quaternion))
-    cure = "Its top is not level, or its collision parts end elsewhere: look at them"
+    cure = "Check that its top is level, and that its collision parts end at the visible top"
     if turned > limits.CARRY_TILT_DEGREES:
         said = f"a block on its top tips by {turned:.2g} degrees"
         return Finding(turned, limits.CARRY_TILT_DEGREES, "degrees", True, said, cure)

@@ -8,7 +8,7 @@ from betterbench.sim.asset_checks.lift import LiftTrial, try_grasp
 from betterbench.sim.asset_checks.opening import gripper_opening_m, needed_opening_m
 from betterbench.sim.asset_checks.subject import Subject
 
-_CURE = "Move a grasp to where the jaw finds two firm sides, or check mass and friction"
+_CURE = "Move a grasp to a part with two parallel sides, or check mass and friction"
 
 
 @check
@@ -28,7 +28,7 @@ def grasp_width(subject: Subject) -> Finding:
         elif max(needed, stated) > jaw:
             problems.append(f"{grasp.name}: {max(needed, stated):.3g} mm, and the gripper opens {jaw:.3g} mm")
         elif needed > open_to:
-            problems.append(f"{grasp.name}: states {stated:.2g} mm, and its part needs {needed:.3g} mm")
+            problems.append(f"{grasp.name}: its stated width is {stated:.2g} mm, but the part needs {needed:.3g} mm")
         else:
             said = f"grasp {grasp.name!r} needs an opening of {needed:.2g} mm, the gripper opens {jaw:.3g} mm"
             return Finding(needed, jaw, "mm", False, said)
@@ -45,10 +45,10 @@ def lift(subject: Subject) -> Finding:
         return not_applicable(f"{asset.mass_kg:.3g} kg are more than the payload of {limits.PAYLOAD_KG:g} kg")
     thick = float(subject.size_m[2])
     if thick < limits.LEAST_THICK_M:
-        return not_applicable(f"it is {1000 * thick:.2g} mm thick, too flat to be taken from a table")
+        return not_applicable(f"it is {1000 * thick:.2g} mm thick, too flat to be grasped from a table")
     if not asset.grasps:
         if must:
-            said = "it has no grasp, though the jaw takes every usual object of its kind"
+            said = "it has no grasp, although every usual object of its kind fits into the gripper"
             return Finding(0.0, 1.0, "grasps", True, said, _CURE)
         return not_applicable("it has no grasp for a parallel jaw")
     grasps = sorted(asset.grasps, key=lambda grasp: grasp.preference)[: limits.GRASPS_TRIED]

@@ -41,7 +41,7 @@ def rest_jitter(subject: Subject) -> Finding:
 @check
 def rest_depth(subject: Subject) -> Finding:
     """Check that the asset neither sinks into the table nor floats above it."""
-    cure = "Its collision parts end elsewhere than its visible surface: import it again"
+    cure = "Its collision parts do not end at its visible surface; import it again"
     vertices, faces = subject.surface
     lowest = min(float(corners[:, 2].min()) for corners in subject.hulls)
     below = 1000.0 * (float(vertices[faces.ravel(), 2].min()) - lowest)

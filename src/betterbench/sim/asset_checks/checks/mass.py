@@ -44,8 +44,8 @@ def friction(subject: Subject) -> Finding:
     for value in values:
         if not limits.LEAST_FRICTION <= value <= limits.MOST_FRICTION:
             nearest = limits.MOST_FRICTION if value > limits.MOST_FRICTION else limits.LEAST_FRICTION
-            return Finding(value, nearest, "ratio", True, f"sliding friction {value:.3g}, usual are {usual}", cure)
+            return Finding(value, nearest, "ratio", True, f"sliding friction {value:.3g}, expected {usual}", cure)
     low, high = min(values), max(values)
     return Finding(
-        high, limits.MOST_FRICTION, "ratio", False, f"sliding friction {low:.2g} to {high:.2g}, usual are {usual}"
+        high, limits.MOST_FRICTION, "ratio", False, f"sliding friction {low:.2g} to {high:.2g}, expected {usual}"
     )

@@ -35,7 +35,8 @@ def mass(subject: Subject) -> Finding:
         ratio = max(asset.mass_kg / usual, usual / asset.mass_kg) if asset.mass_kg > 0.0 else float("inf")
         if not ratio <= limits.MASS_FACTOR:
             said = (
-                f"mass {1000 * asset.mass_kg:.3g} g, {ratio:.3g} times off the {1000 * usual:.3g} g usual for its kind"
+                f"mass {1000 * asset.mass_kg:.3g} g, a factor of {ratio:.3g} from the {1000 * usual:.3g} g usual for "
+                "its kind"
             )
             return Finding(ratio, limits.MASS_FACTOR, "ratio", True, said, "Give its mass with --mass-kg")
     solid = subject.solid

@@ -28,13 +28,13 @@ def triangles(subject: Subject) -> Finding:
 
 @check
 def faces_outward(subject: Subject) -> Finding:
-    """Check that triangles do not face inward, which would make a surface invisible from outside."""
+    """Check that triangles do not face inward. Such a surface would be invisible from outside."""
     share = share_from_behind(*subject.surface)
     return at_most(
         share,
         limits.BEHIND_SHARE,
         "share",
-        f"{100 * share:.2g} % of its image is a surface seen from behind",
+        f"back faces cover {100 * share:.2g} % of its image",
         "Recalculate the normals to the outside in a mesh editor, or give thin sheets a thickness",
     )
 
@@ -65,7 +65,7 @@ def _problem(part: VisualPart) -> str:
     if magenta > limits.PLACEHOLDER_SHARE:
         return f"shows the magenta of a missing texture on {100 * magenta:.0f} % of its surface"
     if np.ptp(part.texture.uv, axis=0).max() < _SAME_UV and len(part.faces) > 1:
-        return "shows one point of its texture everywhere: its texture coordinates are all the same"
+        return "has the same texture coordinates everywhere, so it shows a single point of its texture"
     return ""
 
 

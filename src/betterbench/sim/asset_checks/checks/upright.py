@@ -45,19 +45,21 @@ def _open(subject: Subject) -> Finding:
     if broad < (limits.NECK_AREA_SHARE if is_neck else limits.OPEN_AREA_SHARE):
         share = 0.0
     said = f"a hollow that is open at the top takes {100 * share:.2g} % of its height"
-    return at_least(share, limits.OPEN_DEPTH_SHARE, "share", said, f"A {_name(subject)} is open at the top. {_CURE}")
+    return at_least(
+        share, limits.OPEN_DEPTH_SHARE, "share", said, f"A {_name(subject)} should be open at the top. {_CURE}"
+    )
 
 
 def _tall(subject: Subject) -> Finding:
     share = float(subject.size_m[2]) / subject.longest_m
     said = f"its height is {100 * share:.3g} % of its longest side"
-    return at_least(share, TALL_SHARE, "share", said, f"A {_name(subject)} stands. {_CURE}")
+    return at_least(share, TALL_SHARE, "share", said, f"A {_name(subject)} should stand upright. {_CURE}")
 
 
 def _flat(subject: Subject) -> Finding:
     share = float(subject.size_m[2] / max(subject.size_m[:2].min(), 1e-9))
     said = f"its height is {100 * share:.3g} % of its smaller side"
-    return at_most(share, FLAT_SHARE, "share", said, f"A {_name(subject)} lies flat. {_CURE}")
+    return at_most(share, FLAT_SHARE, "share", said, f"A {_name(subject)} should lie flat. {_CURE}")
 
 
 def _round(subject: Subject) -> Finding:
@@ -70,7 +72,7 @@ def _round(subject: Subject) -> Finding:
     ratio = vertical / lying if lying < limits.ROUND_RATIO else 1.0
     across = [f"{100 * (each - 1):.2g} %" for each in (vertical, lying)]
     said = f"its widths across the vertical differ by {across[0]}, across a horizontal axis by {across[1]}"
-    return at_most(ratio, limits.LYING_RATIO, "ratio", said, f"A {_name(subject)} stands on its base. {_CURE}")
+    return at_most(ratio, limits.LYING_RATIO, "ratio", said, f"A {_name(subject)} should stand on its base. {_CURE}")
 
 
 def _uneven(points: np.ndarray, axis: np.ndarray) -> float:
@@ -88,25 +90,30 @@ def _footed(subject: Subject) -> Finding:
     solid = subject.solid
     foot, top = footing(solid), footing(solid, upside_down=True)
     ratio = top / max(foot, 1e-6)
-    said = f"upside down it would stand {ratio:.2g} times as firmly"
-    return at_most(ratio, limits.FOOTING_RATIO, "ratio", said, f"A {_name(subject)} stands on its broader end. {_CURE}")
+    said = f"it would be {ratio:.2g} times as stable upside down"
+    return at_most(
+        ratio, limits.FOOTING_RATIO, "ratio", said, f"A {_name(subject)} should stand on its broader end. {_CURE}"
+    )
 
 
 def _narrow_top(subject: Subject) -> Finding:
     bottom, top = end_areas(subject.solid, limits.END_SHARE)
     ratio = top / max(bottom, 1e-9)
     said = f"its upper end has {100 * ratio:.3g} % of the area of its lower end"
-    cure = f"A {_name(subject)} is narrower at the top. {_CURE}"
+    cure = f"A {_name(subject)} should be narrower at the top. {_CURE}"
     return at_most(ratio, limits.END_AREA_RATIO, "ratio", said, cure)
 
 
 def _hollow_top(subject: Subject) -> Finding:
-    """Compare the hollows above and below, which also applies to filled bowls and to plates without a rim."""
+    """Compare the hollows of the upper and the lower side.
+
+    This also works for filled bowls and for plates without a rim.
+    """
     vertices, faces = subject.surface
     above, below = subject.cavity, cavity_of(solid_of(vertices * (1.0, -1.0, -1.0), faces))
     up, down = (0.0 if hollow is None else 1e6 * hollow.volume_m3 for hollow in (above, below))
-    said = f"its hollow above holds {up:.3g} ml, and the one below would hold {down:.3g} ml upside down"
-    return at_least(up - down, 0.0, "ml", said, f"A {_name(subject)} is hollow at the top. {_CURE}")
+    said = f"its upper hollow holds {up:.3g} ml; upside down, its lower hollow would hold {down:.3g} ml"
+    return at_least(up - down, 0.0, "ml", said, f"A {_name(subject)} should be hollow at the top. {_CURE}")
 
 
 def _name(subject: Subject) -> str:

@@ -1,4 +1,4 @@
-"""Asset drafts, which generators return, and helpers for their parts, grasps and regions."""
+"""Asset drafts (the results of generators), and helpers for their parts, grasps and regions."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -144,7 +144,7 @@ def grip(
 def grip_across(height: float, radius: float, *, clearance: float | None = None) -> Grasp:
     """Return a top-down grasp at ``height`` across a body with this ``radius`` there [m]. The yaw is free.
 
-    By default, the clearance on each side is 12 mm, limited by a jaw opening of 79 mm.
+    By default, the clearance on each side is 12 mm, or less if the jaw would otherwise open wider than 79 mm.
     """
     free = min(0.012, 0.0395 - radius) if clearance is None else clearance
     return grip("body", height, 2.0 * radius, clearance=free, symmetric_yaw=True)

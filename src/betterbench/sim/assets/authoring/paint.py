@@ -20,7 +20,10 @@ _unpainted: ContextVar[bool] = ContextVar("unpainted", default=False)
 
 @contextmanager
 def unpainted() -> Iterator[None]:
-    """Context manager in which canvases have one pixel, with the same random draws but a tenth of the time."""
+    """Context manager in which canvases have one pixel.
+
+    The random draws stay the same, but take a tenth of the time.
+    """
     token = _unpainted.set(True)
     try:
         yield

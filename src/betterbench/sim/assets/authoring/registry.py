@@ -1,4 +1,4 @@
-"""Registry of asset generators. A category is one decorated function, from which all other data are derived."""
+"""Registry of asset generators. A category is one decorated function; all other data are derived from it."""
 
 import functools
 import hashlib
@@ -64,19 +64,19 @@ def generator(
 ) -> Callable[[Generator], Generator]:
     """Register a function as the generator of a category, from any file that is imported.
 
-    The function takes a random generator, the source of all differences between looks, and a color word. The first
-    color is the default. It must draw the same numbers for each color, so that the color never changes the shape. The
-    first ``looks`` numbers are the looks for training and test, the following ``unseen_looks`` are held out. Categories
-    of one ``family`` draw the same random numbers for a look, so that related objects (a cabinet and its drawers, the
-    plates of a set) match. Objects that ``keeps_upright`` marks, such as drinks, are inside a container only if they do
-    not lie on their side.
+    The function takes a random generator and a color word. All differences between looks come from the random
+    generator. The first color is the default. The function must draw the same numbers for each color, so that the color
+    never changes the shape. The first ``looks`` numbers are the looks for training and test, the following
+    ``unseen_looks`` are held out. Categories of one ``family`` draw the same random numbers for a look, so that related
+    objects (a cabinet and its drawers, the plates of a set) match. Objects that ``keeps_upright`` marks, such as
+    drinks, are inside a container only if they do not lie on their side.
 
     Raises:
         InvalidInputError: If there is no color, no seen look or no unseen look, or if another function has registered
             the category.
     """
     if not category or not colors or looks < 1 or unseen_looks < 1:
-        problem = "it needs a name, a color, a look and a held-out look"
+        problem = "it needs a name, and at least one color, one look and one unseen look"
         raise InvalidInputError(f"asset category {category!r}", problem, 'Write @generator("kite", ...)')
 
     def register(make: Generator) -> Generator:
@@ -84,7 +84,7 @@ def generator(
         known = _REGISTER.get(category)
         # a file that is loaded again may register the same function again
         if known is not None and _origin(known.make) != _origin(make):
-            both = f"{_origin(make)} registers it, and so does {_origin(known.make)}"
+            both = f"it is registered by both {_origin(make)} and {_origin(known.make)}"
             raise InvalidInputError(f"asset category {category!r}", both, "Rename one of them")
         _REGISTER[category] = _Entry(named, tuple(colors), looks, unseen_looks, family or category, keeps_upright)
         _forget_built()
@@ -154,7 +154,7 @@ def looks(category: str) -> range:
 
 
 def unseen_looks(category: str) -> range:
-    """Return the indices of the category's held-out looks, which occur in no demonstration.
+    """Return the indices of the category's held-out looks. They do not occur in demonstrations.
 
     Raises:
         UnknownNameError: If no such category exists.

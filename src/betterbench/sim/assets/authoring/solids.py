@@ -24,8 +24,8 @@ def surfaced(solids: Iterable[CollisionPart], name: str, *, only_plain: bool = F
 def foot_square(half: float, *, height: float = 0.004, x: float = 0.0) -> CollisionPart:
     """Return the flat square base at ``x`` of a round object, with half a side [m].
 
-    It is needed because a cylinder touches a box in one or two points that change at every step. Four fixed corners,
-    which must be inside the round footprint, keep the object at rest. The round part of the body should start 0.5 mm
+    A cylinder touches a box in one or two points that change at every step, so it does not rest. Four fixed corners
+    keep the object at rest. They must be inside the round footprint. The round part of the body should start 0.5 mm
     above the ground, so that the round part touches the ground only when the object tips.
     """
     return CollisionPart("box", (half, half, 0.5 * height), (x, 0.0, 0.5 * height))
@@ -78,7 +78,7 @@ def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float
 
 
 def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean: float = 0.0) -> list[CollisionPart]:
-    """Return eight equal boxes around a vertical axis at ``x``, which are the wall of a hollow round object.
+    """Return the wall of a hollow round object: eight equal boxes around a vertical axis at ``x``.
 
     The half sizes are along the radius, along the circumference and upward. The centers of the boards are at height
     ``z`` and ``away`` from the axis [m]. A positive ``lean`` [rad] tilts their upper ends outward.

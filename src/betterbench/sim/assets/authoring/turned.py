@@ -37,7 +37,7 @@ class Turned:
 
     @property
     def rows(self) -> list[float]:
-        """Distance [m] along the profile from its first point to each point, which is the texture row of the point."""
+        """Distance [m] along the profile from its first point to each point. It is the texture row of the point."""
         return [float(e) for e in profile_length(self.profile)]
 
     def mesh(self) -> Mesh:

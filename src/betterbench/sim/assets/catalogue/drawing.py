@@ -59,13 +59,13 @@ def mesh_picture(path: Path, *, pixels: int) -> np.ndarray:
     Raises:
         InvalidInputError: If the file is too large, damaged or empty, or trimesh cannot read it.
     """
-    data = read_bounded(path, max_bytes=MAX_BYTES, cure="Name a smaller mesh")
+    data = read_bounded(path, max_bytes=MAX_BYTES, cure="Give a smaller mesh")
     try:
         kind = path.suffix.lower().removeprefix(".")
         loaded: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=_SameFolder(path.parent))
         points, normals, colors = _surface(loaded.dump())
     except Exception as error:  # mesh readers may raise any exception for damaged files
-        raise InvalidInputError(str(path), f"cannot be drawn ({error})", "Open it in a program for meshes") from error
+        raise InvalidInputError(str(path), f"cannot be drawn ({error})", "Check it in a mesh editor") from error
     if kind in ("glb", "gltf"):
         points, normals = (values[:, [2, 0, 1]] for values in (points, normals))
     return _drawn(points, normals, colors, pixels)

@@ -22,7 +22,8 @@ class CatalogueEntry:
         description: Free text.
         category: Object kind, empty if the source does not give it.
         color: Color word, empty if it is not known.
-        size_m: Extents in the unit of the file, interpreted as meters; None if unknown. Few collections use meters.
+        size_m: Extents in the unit of the file, interpreted as meters, although few collections use meters; None if
+            unknown.
         faces: Number of triangles, None if unknown.
         license: License name, empty if unknown.
         author: Asset author.

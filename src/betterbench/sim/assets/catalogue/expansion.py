@@ -27,7 +27,7 @@ _BEFORE_THE_VERB = """
 anything everything he how i it nothing one she something that they thing things this we what which who you
 """
 _ASKS = frozenset(_BEFORE_THE_VERB.split())
-"""Words before "can" that show that it is a verb, or after it, including "be": "that can hold", "what can I use"."""
+"""Words before or after "can" that show that "can" is a verb: "that can hold", "what can I use", "can be"."""
 _ENDS_THE_HEAD = "of with for in on without that to from which used made holding containing like"
 AFTER_THE_HEAD = frozenset(_ENDS_THE_HEAD.split())
 """Words that end the head noun phrase of a description, such as "with" in "a blue mug with a handle"."""
@@ -72,7 +72,7 @@ class Query:
         text: The original query.
         concepts: Concepts for the search by words.
         readings: Sentences for the search by meaning; the first is the query.
-        asked: The query and the expander's descriptions, which are compared with the descriptions of kinds.
+        asked: The query and the descriptions by the expander. They are compared with the descriptions of kinds.
         head: Part of the query that names the object: "a bowl" in "a bowl for fruit".
         words: Terms of the query, without ignored words.
         colors: Colors that the query names.
@@ -137,7 +137,7 @@ _NEGATED = re.compile(
 
 
 def _affirmed(text: str) -> str:
-    """Return a description without what the object does not have: "a jar" for "a jar without a label"."""
+    """Return a description without its negated parts: "a jar" for "a jar without a label"."""
     kept = " ".join(_NEGATED.sub(" ", text).split())
     return kept if any(word not in SAYS_LITTLE for word in terms(kept)) else text
 
@@ -206,7 +206,7 @@ def _beside(words: Sequence[str], head: int) -> tuple[str, ...]:
 
 
 def _without_verb(words: Sequence[str]) -> list[str]:
-    """Remove the verb "can" from words, but keep the noun, as in "a trash can"."""
+    """Remove the verb "can" from words. The noun is kept, as in "a trash can"."""
     kept = []
     for before, word, after in zip(["", *words], words, [*words[1:], ""], strict=False):
         if word != "can" or (before not in _ASKS and after not in _ASKS | {"be"}):
@@ -215,7 +215,10 @@ def _without_verb(words: Sequence[str]) -> list[str]:
 
 
 def _head_part(text: str) -> str:
-    """Return the text before the object's first use or attribute; "of" does not start one ("a slice of cheese")."""
+    """Return the text before the first use or attribute of the object.
+
+    The word "of" does not start one ("a slice of cheese").
+    """
     words = text.split()
     named = False
     for place, word in enumerate(words):

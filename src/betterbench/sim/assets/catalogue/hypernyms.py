@@ -36,7 +36,7 @@ _MANY = frozenset(
 )
 """Nouns before "of" that do not name an object: "a set of cutlery"."""
 _ANYTHING = frozenset(["anything", "it", "object", "one", "place", "something", "thing", "tool", "what"])
-"""Nouns that name no kind of object, after which a use follows: "a place to throw garbage"."""
+"""Nouns that do not name a kind of object and are followed by a use: "a place to throw garbage"."""
 _ENDS = (AFTER_THE_HEAD - {"of"}) | frozenset(
     [
         "a",
@@ -95,7 +95,7 @@ def _longest() -> int:
 
 
 def members_named(text: str) -> frozenset[int]:
-    """Return the kinds that a description includes by a broader word for the object, or none.
+    """Return the kinds included in the broader word by which a description names the object, or none.
 
     The word is the last noun before the first use or attribute: "vegetables" in "fresh vegetables for a soup", but not
     in "a vegetable knife". If the words before it and the word are the name of a kind ("egg holder"), this kind is also

@@ -1,4 +1,4 @@
-"""Resumable indexing job, which writes source rows and text vectors."""
+"""Resumable indexing job. It writes source rows and text vectors."""
 
 from __future__ import annotations
 
@@ -234,7 +234,7 @@ class _Vectors:
 
 
 def _known_vectors(folder: Path, store: Store, encoder: TextEncoder | None) -> _Vectors:
-    """Return the reusable vectors, which are those of the same encoder."""
+    """Return the reusable vectors: those of the same encoder."""
     known = _Vectors(folder, 0 if encoder is None else encoder.dimension)
     if encoder is None:
         return known

@@ -27,7 +27,7 @@ VARIETY_SHARE = 0.6
 """Increase in similarity of a kind whose variety or brand is in the query, as a fraction of the distance to the
 maximum."""
 HYPERNYM_LOSS = 0.25
-"""Penalty for everything that is not a member of the broader word that names the object ("cutlery")."""
+"""Penalty for kinds that are not included in the broader word that names the object ("cutlery")."""
 BESIDE_LOSS = 0.05
 """Penalty for a kind that the query mentions only as used with the object: steak in "you serve a steak on it"."""
 _COUNTED = 2
@@ -77,12 +77,12 @@ class KindIndex:
         self.table = _load(folder / _TEXTS)
         for array, kind, name in ((self.rows, np.dtype("<i2"), _ROWS), (self.table, _line(dimension), _TEXTS)):
             if array.dtype != kind or array.ndim != 1:
-                raise _damaged(folder / name, f"does not hold a list of the type {kind}")
+                raise _damaged(folder / name, f"does not contain a one-dimensional array of type {kind}")
         if len(self.rows) != count:
-            raise _damaged(folder / _ROWS, f"has {len(self.rows)} rows, and the catalogue has {count}")
+            raise _damaged(folder / _ROWS, f"has {len(self.rows)} rows, but the catalogue has {count}")
         listed = np.unique(self.table["kind"])
         if not np.isin(np.unique(self.rows), [-1, *listed]).all() or (listed < 0).any():
-            raise _damaged(folder / _ROWS, "names kinds without texts")
+            raise _damaged(folder / _ROWS, "refers to kinds that have no texts")
         order = np.argsort(self.table["kind"], kind="stable")
         self._vectors = self.table["vector"][order].astype(np.float32) * self.table["scale"][order, None]
         self._kinds, starts, self._totals = np.unique(self.table["kind"][order], return_index=True, return_counts=True)

@@ -101,7 +101,7 @@ def named_last(words: Sequence[str], *, longer_than: int = 0) -> frozenset[int]:
 
 
 def _named(words: Sequence[str]) -> Iterator[tuple[bool, bool, int, int, int]]:
-    """Yield, for each name of a kind, a sort key (in the head, not only a color, length, end) and the kind's number."""
+    """Yield the kind number and a sort key for each kind name: (in the head, not only a color, length, end)."""
     head = next((at for at, word in enumerate(words) if at and word in AFTER_THE_HEAD), len(words))
     known, longest = _numbers(), _longest()
     for start in range(len(words)):

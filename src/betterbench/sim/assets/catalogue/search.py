@@ -335,7 +335,7 @@ def _word_scores(by_words: Sequence[tuple[int, float]]) -> dict[int, float]:
 
 
 def _fused(by_words: Sequence[tuple[int, float]], by_meaning: Mapping[int, _Near]) -> dict[int, float]:
-    """Return a score in [0, 1] for each row, which combines meaning and words."""
+    """Return a score in [0, 1] for each row, combined from meaning and words."""
     words = _word_scores(by_words)
     largest = _KIND_SHARE * (1.0 + WORDS_SHARE) + _OWN_SHARE + _WORDS_SHARE
 
@@ -350,7 +350,7 @@ def _sealed(store: Store, folder: Path) -> str:
     """Return the contents of an indexed catalogue, "words" or "vectors"; raise InvalidInputError if unfinished."""
     sealed = store.fact("sealed")
     if sealed not in ("words", "vectors"):
-        problem = "its indexing has not ended, or was interrupted"
+        problem = "its indexing is still running or was interrupted"
         raise InvalidInputError(str(folder), problem, "Run better assets index again")
     return sealed
 

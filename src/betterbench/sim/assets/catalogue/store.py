@@ -98,10 +98,10 @@ class Store:
             return
         self._database.close()
         if application != _APPLICATION:
-            raise RecordError(f"{self.path}: is not a catalogue of assets. Name another folder.")
+            raise RecordError(f"{self.path}: is not a catalogue of assets. Give another folder.")
         raise RecordError(
-            f"{self.path}: is a catalogue of version {version}, and version {VERSION} is expected. Remove the folder "
-            "and index the sources again."
+            f"{self.path}: is a catalogue of version {version}, expected version {VERSION}. Remove the folder and "
+            "index the sources again."
         )
 
     @contextlib.contextmanager
@@ -111,7 +111,9 @@ class Store:
             yield
         except sqlite3.OperationalError as error:
             if "full" in str(error):
-                raise StorageError(f"{self.path}: {error}. Make room, then run the same command again.") from error
+                raise StorageError(
+                    f"{self.path}: {error}. Free disk space, then run the same command again."
+                ) from error
             raise self._damaged(error) from error
         except sqlite3.DatabaseError as error:
             raise self._damaged(error) from error
@@ -156,10 +158,12 @@ class Store:
         """
         known = self.sources()
         if name in known and known[name][1] != address:
-            both = f"the catalogue has it as {known[name][1]}, and the given address is {address}"
+            both = f"the catalogue has this name for {known[name][1]}, but the given address is {address}"
             raise InvalidInputError(f"source {name}", both, "Give the new source another name with --name")
         if name not in known and len(known) >= 255:
-            raise InvalidInputError("sources", "the catalogue has 255 of them", "Use another catalogue")
+            raise InvalidInputError(
+                "sources", "the catalogue already has the maximum of 255 sources", "Use another catalogue"
+            )
         with self.checked():
             self._database.execute("INSERT OR IGNORE INTO sources (name, address) VALUES (?, ?)", (name, address))
             self._database.commit()

@@ -60,8 +60,10 @@ def choose_different(
     hits = _of_one_kind(catalogue.search(description, limit=_SEARCHED, filters=filters), description)
     left = [Chosen(one, hit) for hit in hits for one in _looks(hit.entry)]
     if len(left) < count:
-        problem = f"{len(left)} assets of the catalogue fit {description!r}, and {count} are requested"
-        raise InvalidInputError("num", problem, "Ask for fewer, admit more with --license any, or index more sources")
+        problem = f"only {len(left)} assets of the catalogue fit {description!r}, but {count} are requested"
+        raise InvalidInputError(
+            "num", problem, "Request fewer assets, allow more licenses with --license any, or index more sources"
+        )
     # a hash of the seed breaks ties, so that different seeds give different choices
     draw = {one.id: hashlib.sha256(f"{seed} {one.id}".encode()).digest() for one in left}
     chosen: list[Chosen] = []

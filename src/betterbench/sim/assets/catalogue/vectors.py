@@ -138,7 +138,7 @@ class VectorIndex:
             except (OSError, ValueError, EOFError) as error:
                 raise _damaged(path, f"cannot be read ({error})") from error
             if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != np.dtype(kind):
-                raise _damaged(path, f"does not hold {shape} numbers of the type {kind}")
+                raise _damaged(path, f"does not contain an array of shape {shape} and type {kind}")
             return array
 
         self._vectors = load("vectors", (count, dimension), "int8", mapped=True)

@@ -28,7 +28,7 @@ from betterbench.tasks.user_files import ASSET_MANIFEST
 
 VERB = "assets"
 """Command that writes asset folders."""
-LICENSE_OPTIONS = "Give --license with its name, or add --any-license to import it all the same"
+LICENSE_OPTIONS = "Give its license with --license, or add --any-license to import it anyway"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,15 +163,17 @@ class _Folder:
 
     def _require_name(self, name: str, request: ImportRequest, found: dict[ImportRequest, str]) -> None:
         if not is_asset_name(name):
-            problem = f"{one_line(repr(name), most=80)} cannot name an asset"
+            problem = f"{one_line(repr(name), most=80)} is not a valid asset name"
             raise InvalidInputError(
                 "--name", problem, "Use lower-case letters, digits and underscores, and begin with a letter"
             )
         if name in found.values():
-            raise InvalidInputError("--name", f"{name!r} is given to two files", "Import them one after the other")
+            raise InvalidInputError("--name", f"{name!r} is the name of two files", "Import them one after the other")
         there = self._assets.get(name)
         if there is None and name in categories():
-            raise InvalidInputError("--name", f"{name!r} is an asset already", f"Choose another, such as my_{name}")
+            raise InvalidInputError(
+                "--name", f"an asset named {name!r} already exists", f"Choose another name, such as my_{name}"
+            )
         if there is not None and next(iter(there.source_files), "") != request.path.name:
             problem = f"{name!r} in {self._path} was made from another file"
             raise InvalidInputError("--name", problem, "Choose another name, or another folder")

@@ -66,7 +66,7 @@ class FolderAsset:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """Manifest of a folder, which lists its assets by their names in tasks."""
+    """Manifest of a folder: its assets, by their names in tasks."""
 
     format: int
     assets: dict[str, FolderAsset]
@@ -86,7 +86,7 @@ def read_manifest(text: bytes | str, where: str) -> Manifest:
         raise InvalidInputError(where, f"it has the format {found.format}, expected {FORMAT}", CURE)
     for name, asset in found.assets.items():
         if not _NAME.fullmatch(name):
-            problem = f"{one_line(repr(name), most=80)} cannot name an asset"
+            problem = f"{one_line(repr(name), most=80)} is not a valid asset name"
             raise InvalidInputError(
                 where, problem, "Use lower-case letters, digits and underscores, and begin with a letter"
             )
@@ -115,5 +115,5 @@ def manifest_bytes(assets: Mapping[str, FolderAsset]) -> bytes:
 
 
 def is_asset_name(name: str) -> bool:
-    """Return whether an asset's name has only lower-case letters, digits and underscores and begins with a letter."""
+    """Return whether a name has only lower-case letters, digits and underscores, and begins with a letter."""
     return _NAME.fullmatch(name) is not None

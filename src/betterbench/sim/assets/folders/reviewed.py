@@ -58,7 +58,7 @@ def write_reviewed_folder(
         InvalidInputError: If a change does not match an asset, or ``out`` is the folder itself.
     """
     if out.resolve() == folder.resolve():
-        raise InvalidInputError("--out", f"{out} is the reviewed folder", "Name another folder")
+        raise InvalidInputError("--out", f"{out} is the reviewed folder", "Give another folder")
     listed: dict[str, FolderAsset] = {}
     for name, asset in manifest_of(folder).assets.items():
         if name in rejected:

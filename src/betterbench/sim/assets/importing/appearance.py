@@ -17,7 +17,7 @@ from betterbench.sim.assets.importing.solid import spread
 FACE_BUDGET = 600
 """Maximum number of triangles per asset, limited because of the cost in software rendering."""
 THIN_FACE_BUDGET = 1_200
-"""Maximum number of triangles of a thin-walled asset, which would have dents with only 600."""
+"""Maximum number of triangles of a thin-walled asset. With only 600, it would have dents."""
 WIRES_FACE_BUDGET = 2_400
 """Maximum number of triangles of an object that would lose parts with 1,200, such as the hoops of a basket."""
 DENT_SHARE = 0.006
@@ -79,7 +79,7 @@ def reduced(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.nda
 
 
 def _without_needles(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Remove needle triangles, which are thinner than a thousandth of their length."""
+    """Remove needle triangles: those thinner than a thousandth of their length."""
     corners = vertices[faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

@@ -32,8 +32,10 @@ MAX_S = 900.0
 """Wall-clock time limit of an import [s], well above the CPU time limit because machines may be busy."""
 
 _MAIN = "betterbench.sim.asset_checks.tried_grasps:import_for_parent"
-"""Main function of the child process, given by name because asset packages must not import the simulator, which tests
-the grasps."""
+"""Main function of the child process.
+
+It is given by name, because it tests grasps in the simulator, which asset packages must not import.
+"""
 MOST_STORED_BYTES = 64 << 20
 """Maximum size of an imported object's file [byte]."""
 _MOST_NOTE_BYTES = 1 << 20
@@ -97,7 +99,7 @@ def _digest(path: Path, where: str) -> str:
 
 
 def cache_folder() -> Path:
-    """Return the folder of cached imports, which can be deleted at any time."""
+    """Return the folder of cached imports. It can be deleted at any time."""
     return platformdirs.user_cache_path("betterbench") / "imported"
 
 
@@ -139,7 +141,7 @@ def _in_child(path: Path, wishes: Wishes, where: str) -> Made:
     except RefusedError as error:
         raise InvalidInputError(where, str(error), "Export the object again, or leave out this file") from error
     except LimitedProcessError as error:
-        problem = f"its import takes more than {MAX_CPU_S:g} s or {MAX_MEMORY_BYTES >> 30} GB, or breaks off ({error})"
+        problem = f"its import takes more than {MAX_CPU_S:g} s or {MAX_MEMORY_BYTES >> 30} GB, or fails ({error})"
         raise InvalidInputError(where, problem, "Reduce the mesh in a mesh editor, or export it again") from error
     finally:
         process.close()

@@ -16,8 +16,10 @@ _LEAST_LEVER = 0.02
 """Minimum horizontal distance between the center of mass and the contact point of a leaning object, relative to the
 height of the center of mass. It is 0 for a sphere."""
 _WIDTH = math.tan(math.radians(16.0))
-"""Half the side of a foot relative to the height of the center of mass, which determines the lean from which the object
-returns."""
+"""Half the side of a foot relative to the height of the center of mass.
+
+It determines the lean from which the object returns.
+"""
 _HEIGHT_M = 0.006
 _BELOW_M = 0.0003
 """Depth of the foot below the lowest point, so that only the foot touches the ground [m]."""

@@ -90,9 +90,9 @@ def convex_hulls(
 def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
     """Return the hulls of a hollow object, as bands of floor and walls or another division that fits better.
 
-    A base with walls is tried if the floor is thick (a plate with a foot, or a bowl of soup, whose hollow begins at the
-    soup), or if the bands fill the hollow (a wide shallow tray). Rings are tried if the bands reach beyond the surface
-    (a vase with a waist).
+    A base with walls is tried if the floor is thick, as in a plate with a foot or a bowl of soup. It is also tried if
+    the bands fill the hollow, as in a wide shallow tray. Rings are tried if the bands reach beyond the surface (a vase
+    with a waist).
     """
     body = _body_of(solid, cavity)
     rest = solid.cells & ~body.near[:, :, None]

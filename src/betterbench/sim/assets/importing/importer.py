@@ -117,7 +117,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
     else:
         hulls, fit = convex_hulls(placed.solid, placed.mesh.surface(), placed.cavity)
     if not hulls:
-        raise InvalidInputError(where, "it is flat: it spans no volume", "Give it a thickness in a mesh editor")
+        raise InvalidInputError(where, "it is flat and has no volume", "Give it a thickness in a mesh editor")
     foot = foot_under(hulls, body.center)
     description, tags = described(named)
     grasps = tuple(p.grasp for p in proposals(placed.solid, body.center))
@@ -150,7 +150,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
 
 
 def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
-    """Return a mesh whose triangles face outward, with a note if they faced inward, where renderers cull them."""
+    """Return a mesh whose triangles face outward, with a note if they faced inward. Renderers cull inward triangles."""
     if share_from_behind(*mesh.surface()) < _MOSTLY:
         return mesh, ()
     flipped = tuple(replace(part, faces=np.ascontiguousarray(part.faces[:, ::-1])) for part in mesh.parts)

@@ -216,7 +216,7 @@ def _unreadable(error: Exception, where: str) -> InvalidInputError:
 def _plain_obj(data: bytes, where: str) -> bytes:
     """Return an OBJ file as trimesh reads it: without a byte order mark, and with at most one file of materials."""
     if _VERTEX_ZERO.search(data) is not None:
-        raise InvalidInputError(where, "a triangle names vertex 0, and vertices of OBJ are counted from 1", _CURE)
+        raise InvalidInputError(where, "a triangle refers to vertex 0, but OBJ counts vertices from 1", _CURE)
     names = dict.fromkeys(name.strip() for name in _MATERIALS.findall(data))
     if len(names) > 1:
         first, second = (one_line(repr(name.decode(errors="replace")), most=60) for name in list(names)[:2])
@@ -230,7 +230,7 @@ def _texture_file(name: str, where: str) -> str:
     while (option := _OPTION.match(name)) is not None:
         given = [float(value) for value in option[2].split()] if option[1] in _NEUTRAL else []
         if any(value != _NEUTRAL[option[1]] for value in given):
-            problem = f"the texture option {one_line(option[0].strip(), most=60)} is not read"
+            problem = f"the texture option {one_line(option[0].strip(), most=60)} is not supported"
             raise InvalidInputError(where, problem, "Apply it to the texture coordinates, and export the object again")
         name = name[option.end() :]
     return name
@@ -252,7 +252,7 @@ def _too_many(where: str) -> InvalidInputError:
 def checked(mesh: RawMesh, where: str) -> RawMesh:
     """Return a mesh. Raises InvalidInputError if it has no extent, too many triangles or non-finite numbers."""
     if mesh.face_count == 0:
-        raise InvalidInputError(where, "it holds no triangle", "Export the object as a triangle mesh")
+        raise InvalidInputError(where, "it contains no triangles", "Export the object as a triangle mesh")
     if mesh.face_count > MAX_FACES:
         problem = f"it has {mesh.face_count:,} triangles, expected at most {MAX_FACES:,}"
         raise InvalidInputError(where, problem, "Reduce the mesh in a mesh editor")
@@ -260,7 +260,7 @@ def checked(mesh: RawMesh, where: str) -> RawMesh:
         if not np.isfinite(part.vertices).all():
             raise InvalidInputError(where, f"{part.name} has vertices that are not finite numbers", _CURE)
         if len(part.faces) and not (part.faces.min() >= 0 and part.faces.max() < len(part.vertices)):
-            raise InvalidInputError(where, f"{part.name} has triangles of vertices that do not exist", _CURE)
+            raise InvalidInputError(where, f"{part.name} has triangles that refer to missing vertices", _CURE)
     with np.errstate(over="ignore"):
         extent = np.ptp(mesh.bounds(), axis=0)
     # Outside this range, products of lengths lose precision.
@@ -290,10 +290,10 @@ def _require_readable(data: bytes, form: dict[str, Any], where: str) -> None:
         raise InvalidInputError(where, "a surface has a sparse accessor, which is not supported", cure)
     asked = form.get("extensionsRequired", [])
     if not isinstance(asked, list) or not all(isinstance(name, str) for name in asked):
-        raise InvalidInputError(where, "it does not list its extensions as glTF does", _CURE)
+        raise InvalidInputError(where, "its list of extensions is not valid glTF", _CURE)
     unknown = sorted(set(asked) - _READABLE_EXTENSIONS)
     if unknown:
-        cure = "Export the object without mesh compression other than Draco"
+        cure = "Export the object without mesh compression, or with Draco"
         raise InvalidInputError(where, f"it needs the glTF extension {one_line(unknown[0], most=60)}", cure)
     if "KHR_draco_mesh_compression" in asked:
         try:

@@ -1,4 +1,4 @@
-"""Reader of MJCF files, which returns the bodies of one object, compiled by MuJoCo, as one rigid body.
+"""Reader of MJCF files. The bodies of one object, compiled by MuJoCo, are returned as one rigid body.
 
 The document is checked first. MuJoCo then gets it without file names, with meshes and textures as bytes from the
 resolver. A malicious file can crash or hang MuJoCo's parser and compiler (C++), so an untrusted file is only read in a
@@ -132,7 +132,9 @@ def _require_rigid(model: Any, where: str, *, freeze: bool) -> tuple[str, ...]: 
     free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == _FREE]
     if len(free) > 1:
         first, second = (_body_name(model, model.jnt_bodyid[j]) for j in free[:2])
-        raise InvalidInputError(where, f"its bodies {first} and {second} are two objects", "Import one object per file")
+        raise InvalidInputError(
+            where, f"its bodies {first} and {second} are separate objects", "Import one object per file"
+        )
     moving = [j for j in range(model.njnt) if j not in free]
     said = [_joint_name(model, j) for j in moving]
     if moving and not freeze:

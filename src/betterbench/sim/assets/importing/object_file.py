@@ -1,4 +1,4 @@
-"""Reader of one object, which is a mesh or the rigid body of a URDF or MJCF file."""
+"""Reader of one object: a mesh, or the rigid body of a URDF or MJCF file."""
 
 from __future__ import annotations
 

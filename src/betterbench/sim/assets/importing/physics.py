@@ -1,4 +1,4 @@
-"""Physical properties stated in a URDF or MJCF file, which are used if they fit the visual shape."""
+"""Physical properties stated in a URDF or MJCF file. They are used if they fit the visual shape."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, t
 
     Returns None if the mass is missing or not usable.
 
-    A center outside the object or not above its base, and an inertia that does not fit the shape, are replaced by the
-    values of a solid body.
+    A center that is outside the object or not above its base is replaced by that of a solid body. So is an inertia that
+    does not fit the shape.
 
     Args:
         placed: The object.

@@ -107,7 +107,7 @@ def _rest_pose(document: _Document, skin: Form, poses: list[np.ndarray], where: 
         joints = joints @ bound.transpose(0, 2, 1)
     size = float(np.abs(joints[0, :3, :3]).max())
     if not np.abs(joints - joints[0]).max() <= _ALIKE * size:
-        problem = "it is posed by a skeleton (skin), and its rest pose is another"
+        problem = "its skeleton (skin) is not in its rest pose"
         raise InvalidInputError(where, problem, "Apply the armature in a mesh editor")
     return np.asarray(joints[0])
 

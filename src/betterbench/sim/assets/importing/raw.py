@@ -1,4 +1,4 @@
-"""Meshes as read from files: parts with positions, triangles, colors and textures, before any processing."""
+"""Meshes as read from files, before any processing: positions, triangles, colors and textures of their parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""File format of imported objects, which is a draft and its metadata in one NumPy archive without pickle."""
+"""File format of imported objects: a draft and its metadata in one NumPy archive without pickle."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def _check_rows(rows: np.ndarray, count: int) -> None:
     if rows.dtype != np.int32 or rows.ndim != 2 or rows.shape[1] != 3 or len(rows) == 0:
         raise ValueError("triangles of an unexpected shape")
     if rows.min() < 0 or rows.max() >= count:
-        raise ValueError("triangles of vertices that do not exist")
+        raise ValueError("triangles that refer to missing vertices")
 
 
 def _check_texture(texture: Texture, part: VisualPart) -> None:

@@ -1,4 +1,4 @@
-"""Reader of URDF files, which merges the links of one object into one rigid body."""
+"""Reader of URDF files. It merges the links of one object into one rigid body."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class _Reader:
             end = element.find(tag)
             link = "" if end is None else one_line(end.get("link", ""), most=60)
             if link not in links:
-                raise self._wrong(f"its joint {name!r} names the {tag} {link!r}, which is not a link")
+                raise self._wrong(f"the {tag} of its joint {name!r} is {link!r}, which is not a link")
             ends.append(link)
         return _Joint(name, kind, ends[0], ends[1], self._origin(element))
 
@@ -122,7 +122,11 @@ class _Reader:
             raise self._wrong("a link has two parents")
         roots = [name for name in links if name not in above]
         if len(roots) != 1:
-            found = "its joints form a ring" if not roots else f"its links {roots[0]!r} and {roots[1]!r} are not joined"
+            found = (
+                "its joints form a ring"
+                if not roots
+                else (f"its links {roots[0]!r} and {roots[1]!r} are not connected by a joint")
+            )
             raise self._wrong(found)
         poses = {roots[0]: np.eye(4)}
         for name in links:

@@ -1,4 +1,4 @@
-"""Painted wooden blocks, which are toy blocks or have the size of another object."""
+"""Painted wooden blocks: toy blocks, and blocks with the size of another object."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Breakfast tableware, with a bowl of cereal, a salt shaker, a jar of jam, and an egg in its cup."""
+"""Breakfast tableware: a bowl of cereal, a salt shaker, a jar of jam, and an egg in its cup."""
 
 import math
 

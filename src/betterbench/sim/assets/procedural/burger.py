@@ -54,7 +54,7 @@ def burger(rng: np.random.Generator, _color: str) -> Draft:
 
 
 def _patty(rng: np.random.Generator, radius: float, low: float, high: float) -> Mesh:
-    """Return the patty, which is a thick disc with an uneven edge."""
+    """Return the patty: a thick disc with an uneven edge."""
     z = (low - 0.0005, low - 0.0005, low + 0.5 * (high - low), high, high)
     mesh = Turned((0.0, 0.955 * radius, radius, 0.96 * radius, 0.0), z, 14, 60.0, wrap=False).mesh()
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])

@@ -1,4 +1,9 @@
-"""The single layers of a cheeseburger, and the kitchen sponge that looks like its cheese.
+"""Layers of a cheeseburger, and the kitchen sponge that looks like its cheese.
+
+A layer rests on four fixed corners a fraction of a millimeter below its round or square body, and has a flat top. A
+stack therefore has few contacts and stays still. Layers are thicker than real food: the jaw reaches 12 mm below its
+center, so it cannot grasp objects lower than 10 mm on a table. The visual shape may extend beyond the collision shape,
+because the corners of cheese and the edges of a leaf are soft.
 
 Every layer rests on four fixed corners a fraction of a millimeter below its round or square body and has a flat top, so
 that a stack has few contacts and stays still. Layers are thicker than real food, because a jaw reaches 12 mm below its

@@ -1,4 +1,4 @@
-"""Crushed beverage cans, which are trash and differ visibly from full cans."""
+"""Crushed beverage cans. They are trash and look different from full cans."""
 
 import math
 from dataclasses import dataclass

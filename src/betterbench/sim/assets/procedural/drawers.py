@@ -1,9 +1,9 @@
-"""A desk cabinet for two drawers, and the drawers, each with a handle that a jaw can grasp from above.
+"""Desk cabinet for two drawers, and the drawers, each with a handle that a jaw can grasp from above.
 
 The three are separate assets. A scene connects each drawer to the carcass by a slide along +x, whose frame is a region
-of the cabinet. A look's two drawers differ only in the side of their handle, so that a gripper at one handle clears the
-other. The upper handle is at -y, so that it is clearly above the lower one in an image from above and from +y, as in
-the suite. With the sides exchanged, both handles would be at the same height in the image.
+of the cabinet. The two drawers of a look differ only in the side of their handle. A gripper at one handle then does not
+touch the other. The upper handle is at -y, so that it is clearly above the lower one in an image from above and from
++y, as in the suite. With the sides exchanged, both handles would be at the same height in the image.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class _Style:
 
 
 def _carcass(s: _Style) -> tuple[CollisionPart, ...]:
-    """Return the boards of the cabinet, which are bottom, shelf, top, back and both sides."""
+    """Return the boards of the cabinet: bottom, shelf, top, back and both sides."""
     x, rear, inside = (-s.half_x, s.half_x), (-s.half_x, -s.half_x + _BOARD), (_BOARD, s.height - _BOARD)
     open_half = s.half_y - _SIDE
     return (

@@ -1,4 +1,4 @@
-"""Size of a stapler and the block that looks like it, and outlines of the cover from the side and from above."""
+"""Size of staplers and of the block that looks like one, and outlines of the cover from the side and from above."""
 
 from collections.abc import Sequence
 

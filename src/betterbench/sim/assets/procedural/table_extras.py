@@ -1,4 +1,4 @@
-"""Small objects served with food, which are a stack of napkins and a cup of sauce."""
+"""Small objects served with food: a stack of napkins and a cup of sauce."""
 
 import math
 

@@ -220,8 +220,8 @@ _FINGER = Link(
 SERVO_STIFFNESS = (3500.0, 3500.0, 2500.0, 2500.0, 700.0, 700.0, 500.0)
 """Position gain per arm joint [N m/rad].
 
-Chosen as the square of a natural frequency of about 45 rad/s times the largest inertia that the joint meets over the
-workspace, so the slowest loop settles within a tenth of a second and is far (1:20) from the 500 Hz of the physics.
+It is the square of a natural frequency of about 45 rad/s times the largest inertia of the joint over the workspace. The
+slowest loop then settles within a tenth of a second and is far (1:20) from the 500 Hz of the physics.
 """
 
 SERVO_DAMPING = (160.0, 160.0, 110.0, 110.0, 32.0, 32.0, 23.0)
@@ -418,7 +418,7 @@ def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
 
 
 def _add_servos(spec: mujoco.MjSpec) -> None:
-    """Add the joint servos and the gripper's, which takes the opening width [m] and acts on both fingers equally."""
+    """Add the joint servos, and the gripper servo that takes the opening width [m] and acts on both fingers equally."""
     add_joint_servos(
         spec,
         (PANDA.arm_joints, PANDA.position_actuators, PANDA.velocity_actuators),

@@ -1,4 +1,4 @@
-"""World of our own scenes, with its plans and the execution order of its trials.
+"""World of betterbench's own scenes: plans, and the execution order of trials.
 
 MuJoCo, which ``sim.robots`` and ``sim.scenes`` import, is imported at first use: a list of suites needs no simulator.
 """
@@ -78,7 +78,7 @@ class OwnWorld(World):
             planned += [_trial(task, c, s) for c in training for s in range(seed, seed + max(share, trials))]
         if not planned:
             raise InvalidInputError(
-                "--variations", f"{', '.join(variations)} selects no trial", "Give other variations"
+                "--variations", f"{', '.join(variations)} does not select any trial", "Give other variations"
             )
         return tuple(planned), self
 

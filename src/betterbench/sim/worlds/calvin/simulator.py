@@ -93,8 +93,10 @@ class CalvinSimulator:
         raise ValueError(f"CALVIN has no stored initial states: {request.get('suite')}")
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Raise ValueError, because chains are not diagnosed and therefore have no videos."""
-        raise ValueError(f"chains are not drawn again: {request.get('suite')}, {len(qpos)} states")
+        """Raise ValueError. Chains are not diagnosed, so their states are not rendered again."""
+        raise ValueError(
+            f"recorded states of CALVIN chains cannot be rendered: {request.get('suite')}, {len(qpos)} states"
+        )
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin a chain by setting robot and scene. With "next", begin its next instruction from the current state."""
@@ -129,7 +131,7 @@ class CalvinSimulator:
         return {**fixed, **document}, arrays
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
-        """Take one control step with CALVIN's own action, in which calvin_env requires the gripper to be 1 or -1.
+        """Take one control step with CALVIN's own action. The gripper value must be 1 or -1.
 
         An absolute action is passed in three parts: position, rotation, gripper.
         """
@@ -251,7 +253,7 @@ class CalvinSimulator:
 
 
 def _require_scene_d(blocks: Mapping[str, Mapping[str, Any]]) -> None:
-    """Raise ValueError if the configured blocks are not the ones in scene D."""
+    """Raise ValueError unless the configured blocks are those of scene D."""
     found = {str(name): Path(block["file"]).stem.rpartition("_")[2] for name, block in blocks.items()}
     if found != BLOCKS:
         scene = next((f"scene {name}" for name, known in _OTHER_SCENES.items() if known == found), "no scene of CALVIN")

@@ -135,7 +135,7 @@ class ChainTask(WorldTask):
 
     @property
     def condition(self) -> str:
-        """Condition name, which is "base" for CALVIN's own starts and "resampled" otherwise."""
+        """Condition name: "base" for CALVIN's own starts, "resampled" otherwise."""
         return CHAIN_SUITES[self.suite].change or "base"
 
 
@@ -197,7 +197,7 @@ class CalvinWorld(ProcessWorld):
         if suite not in CHAIN_SUITES:
             raise UnknownNameError("suite of CALVIN", suite, CHAIN_SUITES)
         if asked.tasks:
-            raise InvalidInputError("--tasks", "CALVIN has chains instead of tasks", "Give --seed and --trials")
+            raise InvalidInputError("--tasks", "CALVIN has chains and no tasks", "Give --seed and --trials")
         change = CHAIN_SUITES[suite].change
         require_between("--seed", seed, 0, CHAINS - 1)
         count = CHAINS - seed if asked.trials is None else asked.trials
@@ -292,7 +292,7 @@ class ChainScene(ProcessScene):
 
     @property
     def _process_key(self) -> object:
-        """None, because PyBullet keeps some state from a chain that neither restoreState nor a reset clears."""
+        """None, because PyBullet keeps some state of a chain that neither restoreState nor a reset clears."""
         return None
 
     @property
@@ -316,7 +316,7 @@ class ChainScene(ProcessScene):
         return self._steps_of_subtask >= STEPS_PER_SUBTASK
 
     def files(self) -> dict[str, bytes]:
-        """Return a scene's stored files, which are the chain and the simulator's description of its objects."""
+        """Return a scene's stored files: the chain, and the simulator's description of its objects."""
         objects = [
             {"name": o.name, "size": o.size_m, "mass": o.mass_kg, "fixed": o.fixed} for o in self.settings.objects
         ]
@@ -355,10 +355,10 @@ class ChainScene(ProcessScene):
         self.broken_premises = self._misplaced(start)
         if self.broken_premises and self.settings.refuse_broken:
             raise PremiseError(
-                f"chain {self.chain.number}: {', '.join(self.broken_premises)} after the reset. Its configuration or "
-                "version of calvin_env is another one: take commit 797142c or 1431a46 and the validation/.hydra/"
-                "merged_config.yaml of the data (--calvin-config), or give --broken-premises run to continue as "
-                "CALVIN does."
+                f"chain {self.chain.number}: {', '.join(self.broken_premises)} after the reset. The configuration or "
+                "the version of calvin_env differs. Use commit 797142c or 1431a46 and the "
+                "validation/.hydra/merged_config.yaml of the data (--calvin-config), or give --broken-premises run "
+                "to continue as CALVIN does."
             )
         return self.state()
 
@@ -465,7 +465,7 @@ class ChainScene(ProcessScene):
 
     @property
     def _shown(self) -> dict[str, Any]:
-        """Settings sent to the simulator with each instruction, which are images to draw and the split of actions."""
+        """Settings sent to the simulator with each instruction: images to draw, and the split of actions."""
         return {
             "images": self._images,
             "depth": self.draws_depth,
@@ -590,7 +590,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
     if checkout is None:
         raise InvalidInputError(
             "--calvin-env",
-            "the path of your calvin_env checkout is not given, and no package index has calvin_env",
+            "the path of your calvin_env checkout was not given; calvin_env is not in a package index",
             "Clone https://github.com/mees/calvin_env and give --calvin-env PATH",
         )
     root = checkout_root(checkout)
@@ -603,7 +603,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
 
 
 def checkout_root(named: Path) -> Path:
-    """Return the root of the calvin_env checkout at a path, which is the path itself or part of mees/calvin.
+    """Return the root of the calvin_env checkout at a path: the path itself, or the part of mees/calvin.
 
     Raises:
         InvalidInputError: If there is none, as in a clone without its submodules.

@@ -225,7 +225,7 @@ class LiberoSimulator:
     def _watch_cameras(self) -> None:
         """Let the cameras render only if the policy gets their images.
 
-        robosuite samples every camera during a control step. This moment does not change. Only the rendering is
+        robosuite samples every camera during a control step. The sampling times stay the same. Only the rendering is
         skipped, and the last image is kept.
         """
         for camera in CAMERAS.values():
@@ -414,7 +414,7 @@ class _Reader:
         return holder in self._objects
 
     def _label_of(self, body: int) -> str:
-        """Return a body's label, which is an object, a part of the robot, the table or the floor."""
+        """Return a body's label: an object, a part of the robot, the table or the floor."""
         names: list[str] = list(self._objects)
         at = body
         while at:
@@ -505,7 +505,7 @@ class _Reader:
 
 
 class _Views:
-    """Cached arrays of a simulation, whose addresses never change.
+    """Cached arrays of a simulation. Their addresses never change.
 
     Requesting a view from the engine takes as long as copying the array.
     """

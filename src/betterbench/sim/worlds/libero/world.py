@@ -123,9 +123,9 @@ class LiberoWorld(ProcessWorld):
         by = self.protocol
         steps = by.steps[suite_named(suite).base]
         said = (
-            f"{plural(len(trials), 'trial')} of {suite}, protocol {by.name}: "
-            f"{by.settling_steps} settling steps, then at "
-            f"most {steps} steps; seed {by.seed}. Against openpi: {by.differences or 'the same'}. Against all: {OURS}."
+            f"{plural(len(trials), 'trial')} of {suite}, protocol {by.name}: {by.settling_steps} settling steps, "
+            f"then at most {steps} steps; seed {by.seed}. Differences from openpi: {by.differences or 'the same'}. "
+            f"Differences from all protocols: {OURS}."
         )
         return (said,)
 

@@ -132,7 +132,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         missing = sorted(self._missing(text))
         if missing:
             raise FileNotFoundError(
-                f"{variant.name} needs {', '.join(missing)}, which are not among the assets of LIBERO"
+                f"{variant.name} needs {', '.join(missing)}, which the assets of LIBERO do not contain"
             )
         self._noise = Noise(variant.noise) if variant.noise else None
         self._add_objects(text)
@@ -315,7 +315,7 @@ def seen_from(position: np.ndarray, quaternion: np.ndarray, view: CameraView) ->
 
 
 def initial_states_in(path: Path) -> np.ndarray:
-    """Return the float64 array in a file of initial states, which torch wrote as a pickle in an archive.
+    """Return the float64 array in a file of initial states. torch wrote the file as a pickle in an archive.
 
     Nothing is unpickled: its shape and its bytes are extracted from the operations.
 
@@ -393,7 +393,7 @@ def _kinds(text: str) -> list[str]:
 
 
 def _sentence(name: str) -> str:
-    """Return LIBERO-Plus's instruction for a variant's name, which ends with the change."""
+    """Return LIBERO-Plus's instruction for a variant's name. It ends with the change."""
     return re.sub(r"^.*?SCENE\d+_", "", name).replace("_", " ")
 
 

@@ -30,7 +30,7 @@ INSTALLATION = Installation(
     "world-libero-plus.lock",
     "betterbench.sim.worlds.libero_plus.simulator",
     "25 MB (150 MB unpacked), and LIBERO if it is missing",
-    "LIBERO-Plus: its scene files beside the world libero; new objects, light and textures are your download",
+    "LIBERO-Plus: its scene files, used with the world libero; download new objects, light and textures yourself",
     beside=LIBERO_INSTALLATION,
 )
 
@@ -44,7 +44,7 @@ _FOLDERS = ("scenes", "textures", "new_objects")
 
 
 TRIALS = 1
-"""Initial states per variant in LIBERO-Plus's own protocol, which runs each variant once, from its first state."""
+"""Initial states per variant in LIBERO-Plus's own protocol. It runs each variant once, from its first state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class VariantTask(WorldTask):
 
     @property
     def axis(self) -> str:
-        """Variant axis, which is the part of the task that the variant changes."""
+        """Variant axis: the part of the task that the variant changes."""
         return read_variant(self.variant).axis
 
     def asked(self) -> dict[str, Any]:
@@ -126,7 +126,7 @@ class LiberoPlusWorld(LiberoWorld):
 
     @property
     def simulator(self) -> str:
-        """Simulator name, which is LIBERO, as for the twins."""
+        """Simulator name: LIBERO, as for the twins."""
         return "libero"
 
     def start_command(self) -> tuple[str, ...]:

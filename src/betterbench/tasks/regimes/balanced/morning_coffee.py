@@ -1,4 +1,4 @@
-"""Balanced conditions of morning coffee, in which words and slots are crossed, with both mugs or a single mug.
+"""Balanced conditions of morning coffee: words and slots are crossed, with both mugs or a single mug.
 
 The scenes in training and in the variations L1 to L4 contain only the two mugs in the two slots. Here, a can in a third
 slot keeps the scene from being a test scene, while only the words determine the target.

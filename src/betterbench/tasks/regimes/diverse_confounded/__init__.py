@@ -1,4 +1,4 @@
-"""The diverse-confounded regime, which is like the balanced regime, except that each word stays tied to its slot.
+"""Diverse-confounded regime: like the balanced regime, except that each word stays tied to its slot.
 
 The regime has as many conditions as the balanced regime, at least as many layouts, and the same additional objects. It
 includes all balanced conditions that keep words tied to slots, and replaces the other conditions with conditions that

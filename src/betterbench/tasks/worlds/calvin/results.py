@@ -133,13 +133,13 @@ def contrast(first: Sequence[ChainResult], second: Sequence[ChainResult]) -> Cha
 
 def _check(results: Sequence[ChainResult]) -> None:
     if not results:
-        raise InvalidInputError("chains", "no chain is given", "Play at least one")
+        raise InvalidInputError("chains", "there is no chain", "Run at least one chain")
     every = calvin_chains()
     seen: set[int] = set()
     for result in results:
         where = f"chain {result.number}"
         if not 0 <= result.number < len(every) or result.number in seen:
-            problem = "occurs twice" if result.number in seen else f"is none of {len(every)}"
+            problem = "occurs twice" if result.number in seen else (f"is not one of the {len(every)} chains")
             raise InvalidInputError(where, problem, "Give each chain once, by its number from 0")
         seen.add(result.number)
         if not result.played:

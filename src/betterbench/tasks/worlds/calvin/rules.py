@@ -1,4 +1,4 @@
-"""Success rules of CALVIN's subtasks, which compare the current scene with the scene at the start of the subtask.
+"""Success rules of CALVIN's subtasks. They compare the current scene with the scene at the start of the subtask.
 
 The rules are taken from ``calvin_env/envs/tasks.py`` in calvin_env@797142c. In earlier versions a lifted block must not
 have touched the robot at the beginning, and a pushed block must have exactly the same contacts.

@@ -1,4 +1,4 @@
-"""The 1,000 chains in CALVIN's long-horizon evaluation, which are sequences of instructions with a start state."""
+"""The 1,000 chains in CALVIN's long-horizon evaluation: sequences of instructions with a start state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CALVIN starts, which are the simulator's robot and scene vectors for a symbolic state."""
+"""CALVIN starts: the simulator's robot and scene vectors for a symbolic state."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def pyhash_fnv1_32(text: str) -> int:
 
 
 def start_seed(state: SymbolicState) -> int:
-    """Return the seed of a symbolic start, which is the hash of ``str(state.values())`` for the ordinary dictionary."""
+    """Return the seed of a symbolic start: the hash of ``str(state.values())`` for the ordinary dictionary."""
     return pyhash_fnv1_32(str(dict(state).values()))
 
 

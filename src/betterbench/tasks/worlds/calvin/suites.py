@@ -1,4 +1,4 @@
-"""CALVIN suites, which are chains with CALVIN's own starts and chains with resampled block positions."""
+"""CALVIN suites: chains with CALVIN's own starts, and chains with resampled block positions."""
 
 from __future__ import annotations
 

@@ -159,7 +159,7 @@ def find_files() -> tuple[Path, Path] | None:
 
 def _open(target: str) -> MiniLm:
     if target:
-        raise InvalidInputError("encoder", f"{NAME} takes no model, and {target!r} was given", f"Write {NAME}")
+        raise InvalidInputError("encoder", f"{NAME} does not take a model name, got {target!r}", f"Write {NAME}")
     files = find_files()
     if files is None:
         raise missing_extra("The encoder minilm needs the extra assets, which is not installed", "assets")

@@ -27,15 +27,15 @@ class SentenceEncoder:
         """Return unit vectors, (n, dimension) float32."""
         found = np.asarray(self._model.encode(list(texts), convert_to_numpy=True, show_progress_bar=False), np.float32)
         if found.ndim != 2 or len(found) != len(texts) or not np.isfinite(found).all():
-            problem = f"gave {found.shape} numbers for {len(texts)} texts, or some that are not finite"
-            raise InvalidInputError(self.name, problem, "Name a model of texts")
+            problem = f"returned an array of shape {found.shape} for {len(texts)} texts, or values that are not finite"
+            raise InvalidInputError(self.name, problem, "Give a text embedding model")
         return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), np.float32(1e-12)))
 
 
 def _open(target: str) -> SentenceEncoder:
     if not target:
         raise InvalidInputError(
-            "encoder", "no model is named", f"Write {NAME}:all-mpnet-base-v2, or {NAME}:clip-ViT-B-32"
+            "encoder", "the model name is missing", f"Write {NAME}:all-mpnet-base-v2, or {NAME}:clip-ViT-B-32"
         )
     try:
         package = importlib.import_module("sentence_transformers")
@@ -51,7 +51,7 @@ def _open(target: str) -> SentenceEncoder:
 register(
     EncoderKind(
         scheme=NAME,
-        summary="A model of the package sentence-transformers by name, SBERT or CLIP, if you have installed it.",
+        summary="An SBERT or CLIP model of the package sentence-transformers, which you install yourself.",
         open=_open,
     )
 )

@@ -154,7 +154,7 @@ def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
     found: dict[str, _Described] = {}
     for row in rows:
         if row.file in found:
-            raise InvalidInputError(str(path), f"{one_line(row.file)!r} is described twice", "Keep one row per file")
+            raise InvalidInputError(str(path), f"{one_line(row.file)!r} has two descriptions", "Keep one row per file")
         found[row.file] = row
     return found, file_digest(path)[:16]
 
@@ -169,18 +169,18 @@ def _csv_rows(path: Path, data: bytes) -> tuple[_Described, ...]:
             tags = str(form.pop("tags", ""))
             forms.append({**form, "tags": [tag.strip() for tag in tags.split(";") if tag.strip()]})
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InvalidInputError(str(path), f"is not a table in UTF-8 ({error})", _CURE) from error
+        raise InvalidInputError(str(path), f"is not a CSV table in UTF-8 ({error})", _CURE) from error
     return read_form(_DESCRIBED, dump_json(forms), where=str(path), cure=_CURE)
 
 
 def _open(target: str, options: SourceOptions) -> _Folder:
     root = Path(target).absolute()
     if not target or not root.is_dir():
-        raise InvalidInputError(target or "folder:", "is not a folder", "Name a folder of meshes, as folder:PATH")
+        raise InvalidInputError(target or "folder:", "is not a folder", "Give a folder of mesh files as folder:PATH")
     name = options.name or "_".join(words_of(root.name)) or "folder"
     if "/" in name or not name.isprintable() or name in ("procedural", "objaverse"):
         raise InvalidInputError(
-            "name", f"{one_line(name)!r} cannot name a source", "Give --name a word without slashes"
+            "name", f"{one_line(name)!r} is not a valid source name", "Give a name without slashes with --name"
         )
     return _Folder(root, name, options)
 

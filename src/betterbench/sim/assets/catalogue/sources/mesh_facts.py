@@ -137,7 +137,7 @@ class _GltfScene:
 
 def _index(value: object, count: int) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < count:
-        raise ValueError("an index points to nothing")
+        raise ValueError("an index refers to a missing element")
     return value
 
 
@@ -184,9 +184,9 @@ def _extent_of_lines(path: Path, lines: list[bytes]) -> Vector | None:
     try:
         points = np.array([line.split()[1:4] for line in lines], dtype="S40").astype(float)
     except ValueError as error:
-        raise _wrong(path, "has a vertex that is not three numbers") from error
+        raise _wrong(path, "has a vertex that does not consist of three numbers") from error
     if points.ndim != 2 or points.shape[1] != 3:
-        raise _wrong(path, "has a vertex that is not three numbers")
+        raise _wrong(path, "has a vertex that does not consist of three numbers")
     return _size(points.min(axis=0), points.max(axis=0))
 
 
@@ -206,7 +206,7 @@ def _stl(path: Path) -> MeshFacts:
             size = _size(corners.min(axis=0), corners.max(axis=0)) if count else None
             return MeshFacts(faces=count, size=size)
         if not head.lstrip().startswith(b"solid"):
-            raise _wrong(path, f"is neither a text nor a whole binary STL file ({actual} bytes)")
+            raise _wrong(path, f"is neither a text STL file nor a complete binary STL file ({actual} bytes)")
         if actual > MAX_TEXT_BYTES:
             return MeshFacts()
         file.seek(0)

@@ -127,7 +127,7 @@ def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
         on_skip(path.name, f"is damaged ({getattr(error, 'strerror', None) or error})")
         return {}
     if not isinstance(form, dict):
-        on_skip(path.name, f"is no JSON object, or has more than {MAX_JSON_BYTES} bytes when unpacked")
+        on_skip(path.name, f"is not a JSON object, or has more than {MAX_JSON_BYTES} bytes when unpacked")
         return {}
     return form
 
@@ -139,7 +139,7 @@ def _open(target: str, options: SourceOptions) -> _Objaverse:
         return _Objaverse(_downloaded())
     root = Path(target).absolute()
     if not (root / "metadata").is_dir():
-        raise InvalidInputError(target, "has no folder metadata", f"Name the folder hf-objaverse-v1 of {NAME}. {_CURE}")
+        raise InvalidInputError(target, "has no folder metadata", f"Give the folder hf-objaverse-v1 of {NAME}. {_CURE}")
     return _Objaverse(root)
 
 
@@ -149,14 +149,14 @@ def _downloaded() -> Path:
         package = importlib.import_module(NAME)
     except ImportError as error:
         problem = "The source objaverse needs the package objaverse, which is not installed"
-        raise missing_packages(problem, NAME, otherwise="or name a folder with its files: objaverse:FOLDER") from error
+        raise missing_packages(problem, NAME, otherwise="or give a folder with its files: objaverse:FOLDER") from error
     try:
         package.load_annotations()
         package.load_lvis_annotations()
         root = Path(package._VERSIONED_PATH)
     except Exception as error:  # any error of the package
         problem = f"its annotations could not be downloaded ({described(error)})"
-        raise InvalidInputError(NAME, problem, "Check the network, or name a folder: objaverse:FOLDER") from error
+        raise InvalidInputError(NAME, problem, "Check the network, or give a folder: objaverse:FOLDER") from error
     return root
 
 
@@ -164,7 +164,8 @@ register(
     SourceKind(
         scheme=NAME,
         shown="objaverse[:FOLDER]",
-        summary="Models of Objaverse by their annotations; the package objaverse downloads them, or name its folder.",
+        summary="Models of Objaverse with their annotations, downloaded by the package objaverse or read from its "
+        "folder.",
         open=_open,
     )
 )

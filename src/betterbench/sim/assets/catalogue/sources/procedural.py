@@ -68,7 +68,7 @@ def _reader(category: str, color: str) -> Callable[[], CatalogueEntry]:
 
 def _open(target: str, options: SourceOptions) -> _Procedural:
     if target or options.license or options.author or options.name:
-        raise InvalidInputError(NAME, "it takes no target, license, author or name", f"Write {NAME}")
+        raise InvalidInputError(NAME, "it does not take a target, license, author or name", f"Write {NAME}")
     return _Procedural()
 
 

@@ -158,7 +158,7 @@ def _visual(draft: Draft) -> list[VisualPart]:
 
 
 def _placed(draft: Draft, place: Callable[[np.ndarray], np.ndarray]) -> Draft:
-    """Return a draft with moved visual parts and without collision parts, which are computed again."""
+    """Return a draft with moved visual parts and without collision parts. These are computed again later."""
     parts = []
     for part in _visual(draft):
         vertices = np.ascontiguousarray((np.round(place(part.vertices.astype(float)), 7) + 0.0).astype(np.float32))
@@ -204,12 +204,12 @@ def _refound(imported: Imported, draft: Draft, where: str) -> Imported:
     surface = joined(raw)
     size = np.ptp(surface[0], axis=0)
     if float(size.min()) <= 0.0:
-        raise InvalidInputError(where, "nothing of it is above its support plane", "Undo the change")
+        raise InvalidInputError(where, "the whole object is below its support plane", "Undo the change")
     solid = solid_of(*surface)
     cavity = cavity_of(solid)
     hulls, fit = convex_hulls(solid, surface, cavity)
     if not hulls:
-        raise InvalidInputError(where, "it spans no volume above its support plane", "Undo the change")
+        raise InvalidInputError(where, "it has no volume above its support plane", "Undo the change")
     center, inertia = mass_of_cells(solid, draft.mass_kg)
     foot = foot_under(hulls, center)
     new = replace(
@@ -285,7 +285,7 @@ _OTHER_CURE = "Import it with the options of the review (name, size_m, up), or r
 
 def _other(where: str, what: str, found: str, here: str) -> InvalidInputError:
     """Return the error for a change that was made to a different state of the object."""
-    return InvalidInputError(where, f"the review found its {what} to be {found}, and here it is {here}", _OTHER_CURE)
+    return InvalidInputError(where, f"its {what} was {found} in the review, but is {here} here", _OTHER_CURE)
 
 
 def _quaternion(q: Quaternion) -> str:

@@ -1,4 +1,4 @@
-"""Decisions about an imported object, which are changes with values before and after, verdicts, and undo.
+"""Decisions about an imported object: changes with values before and after, verdicts, and undo.
 
 Poses, planes, grasps and regions are in the object frame at the time of the change. Its origin is in the middle of the
 bottom of the bounding box, with z up.

@@ -1,4 +1,4 @@
-"""Hash of a mesh file and of the files that it refers to, which identifies a reviewed object."""
+"""Hash of a mesh file and of the files that it refers to. It identifies a reviewed object."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ SHOWN = 16
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Review:
-    """Human decision about one object, which is a line of the file.
+    """Human decision about one object: one line of the file.
 
     Attributes:
         author: Name of the person.
@@ -88,7 +88,7 @@ class ReviewJournal(DecisionJournal[Review]):
 
 
 def asset_name(mesh: Path) -> str:
-    """Return the name of an object in reviews, which is the file name, with the folder if the name is generic."""
+    """Return the name of an object in reviews: the file name, with the folder if the file name is generic."""
     return one_line(shown_name(mesh), most=100)
 
 
@@ -121,7 +121,7 @@ def history_of(path: Path, content: str, asset: str) -> History:
     same = [review.content for review in reviews if review.asset == asset]
     cure = f"Review it: better review MESH --out {path.name}"
     if same:
-        problem = f"it was reviewed with the content {same[-1][:SHOWN]}, and the file has {content[:SHOWN]} now"
+        problem = f"it was reviewed with the content {same[-1][:SHOWN]}, but the file now has {content[:SHOWN]}"
         raise InvalidInputError(asset, problem, f"Restore the reviewed file. {cure}")
     raise InvalidInputError(asset, f"{path.name} has no decision about its content {content[:SHOWN]}", cure)
 
@@ -144,7 +144,7 @@ def accepted(imported: Imported, history: History, *, asset: str, content: str) 
         raise InvalidInputError(asset, problem, "Accept or reject it with better review")
     for _, review in history.reviews:
         if review.content != content:
-            problem = f"a decision is about the content {review.content[:SHOWN]}, and the file has {content[:SHOWN]}"
+            problem = f"a decision is about the content {review.content[:SHOWN]}, but the file has {content[:SHOWN]}"
             raise InvalidInputError(asset, problem, "Restore the reviewed file, or review this one")
     last = history.last[1]
     if verdict.verdict == "reject":
@@ -153,7 +153,7 @@ def accepted(imported: Imported, history: History, *, asset: str, content: str) 
     made = apply(imported, history.changes, where=asset)
     size = size_of(made.draft)
     if any(abs(a - b) > SAME_SHARE * max(size) for a, b in zip(size, last.size_m, strict=True)):
-        problem = f"it was accepted with a size of {_centimeters(last.size_m)}, and here it is {_centimeters(size)}"
+        problem = f"it was accepted with a size of {_centimeters(last.size_m)}, but is {_centimeters(size)} here"
         raise InvalidInputError(asset, problem, "Import it with the options of the review (name, size_m, up)")
     return made
 
