@@ -239,11 +239,21 @@ TURNED = threshold("turned", 0.04, "m",
     "have been rotated out of place. People call a spoon harmed after 4.9 cm and a keyboard after 5.2 cm, and accept "
     "2.1 cm of a mouse and 3.6 cm of a box (docs/sides.md).",
     "Larger: fewer objects are rotated out of their place; more success, fewer execution_failure.")
+OUTERMOST_MOVED = threshold("outermost_moved", 0.06, "m",
+    "Minimum displacement of the outermost point of an object whose rotation is visible (a corner, or the handle of a "
+    "mug) for the object to have been rotated out of place, although it was pushed by less than displaced and its ends "
+    "moved by less than turned. People accept up to 5.9 cm of a mug and 5.7 cm of a speaker, and call 6.3 cm of a "
+    "keyboard, 6.6 cm of a speaker and the handles of mugs after 7.7 cm harmed (docs/sides.md).",
+    "Larger: objects may be pushed and rotated farther; more success, fewer execution_failure.")
 TARGET_MOVED = threshold("target_moved", 0.08, "m",
     "Minimum distance from its start to the center of a target, such as a laptop or a lunchbox, at which the target "
     "was moved away; placing an object in a box or next to a laptop may push the target. People accept up to 7.7 cm "
     "(docs/sides.md).",
     "Larger: targets may be pushed farther; more success, fewer execution_failure.")
+TARGET_OUTERMOST_MOVED = threshold("target_outermost_moved", 0.09, "m",
+    "The same displacement for a target. People accept up to 7.5 cm of a box and call 9.3 cm of a laptop harmed "
+    "(docs/sides.md).",
+    "Larger: targets may be pushed and rotated farther; more success, fewer execution_failure.")
 LEFT_OPEN = threshold("left_open", 0.015, "m",
     "Opening beyond which an unrequested drawer, closed at the start, was left open; people accept 9 mm and reject 18 "
     "mm (docs/sides.md).",
@@ -252,6 +262,10 @@ BOX_POINTS_FROM = threshold("box_points_from", 1.1, "1",
     "Ratio of length to width from which a box has a direction: laptops, keyboards and lunchboxes have 1.15 or more, "
     "waste bins, cheese and sponges 1.07 or less. An upright box has a front in any case.",
     "Larger: fewer boxes can be rotated out of their place; more success, fewer execution_failure.")
+CYLINDER_POINTS_FROM = threshold("cylinder_points_from", 1.22, "1",
+    "Ratio of length to width from which a cylinder has a handle, so that its rotation is visible: mugs and cups have "
+    "1.29 or more, jars, cans and shakers 1.16 or less.",
+    "Larger: fewer cylinders can be rotated out of their place; more success, fewer execution_failure.")
 OTHER_POINTS_FROM = threshold("other_points_from", 1.4, "1",
     "Minimum length-to-width ratio for an irregular object to have a direction: mice, cutlery, staplers and soap bars "
     "have 1.7 or more, lettuce leaves and crushed cans 1.31 or less.",
