@@ -24,7 +24,8 @@ from typing import Any, NamedTuple
 from betterbench.geometry import horizontal_distance, tilt_of, yaw_of
 from betterbench.interface.state import WorldState
 from betterbench.tasks import THRESHOLDS
-from betterbench.tasks.judging.harm import way_of_ends, way_of_outermost
+from betterbench.tasks.judging.harm import anchors, bystanders, mere_targets, way_of_ends, way_of_outermost
+from betterbench.tasks.judging.targets import asked_by
 from betterbench.tasks.relations.beside import is_laid
 from betterbench.tasks.relations.loose import middle
 from betterbench.tasks.relations.placing import foot
@@ -215,61 +216,63 @@ def harm(scene: Judged, *, target: bool) -> bool:
     clauses = arranging.clauses_of(scene.scene.arrangement)
     if next(c for c in clauses if c.thing == scene.thing).place != "from":
         return False
-    info = scene.state.info.object(scene.thing)
-    named = info.kind in scene.scene.instruction
-    return info.role != "drawer" and named is target and scene.state.position(scene.thing)[2] > -0.05
+    asked = asked_by(arranging.condition_of(scene.scene.setting))
+    names = mere_targets(asked, scene.state.info) if target else bystanders(asked, scene.state.info)
+    return scene.thing in names and scene.state.position(scene.thing)[2] > -0.05
 
 
-HARM_LIMITS = {False: ("displaced", "outermost_moved"), True: ("target_moved", "target_outermost_moved")}
-"""Limits of the middle and of the outermost point of other objects and of targets."""
+def pushed_limit(scene: Judged, *, target: bool) -> str:
+    """Return the name of the limit of an object's displacement."""
+    if not target:
+        return "displaced"
+    condition = arranging.condition_of(scene.scene.setting)
+    return "anchor_moved" if scene.thing in anchors(asked_by(condition)) else "target_moved"
 
 
 def is_pushed_and_turned(scene: Judged, *, target: bool) -> bool:
     """Return whether the outermost point of an object alone is beyond its limit."""
-    middle_limit, outermost_limit = map(judged_limit, HARM_LIMITS[target])
-    within = scene.moved <= middle_limit and scene.ends <= judged_limit("turned")
-    return within and scene.outermost > outermost_limit
+    within = scene.moved <= judged_limit(pushed_limit(scene, target=target)) and scene.ends <= judged_limit("turned")
+    return not target and within and scene.outermost > judged_limit("outermost_moved")
 
 
-def pushed(scene: Judged, *, target: bool) -> float | None:
-    """Return the displacement of an object that is decided by it alone."""
+def pushed(scene: Judged, limit: str) -> float | None:
+    """Return the displacement of an object that is decided by this limit alone."""
+    target = limit != "displaced"
     if not harm(scene, target=target) or scene.ends > judged_limit("turned"):
         return None
-    return None if is_pushed_and_turned(scene, target=target) else scene.moved
-
-
-def outermost(scene: Judged, *, target: bool) -> float | None:
-    """Return the displacement of the outermost point of an object that is decided by it alone."""
-    if not harm(scene, target=target) or scene.ends > judged_limit("turned"):
+    if pushed_limit(scene, target=target) != limit or is_pushed_and_turned(scene, target=target):
         return None
-    return scene.outermost or None if scene.moved <= judged_limit(HARM_LIMITS[target][0]) else None
+    return scene.moved
 
 
 def displaced(scene: Judged) -> float | None:
     """Displacement of other objects."""
-    return pushed(scene, target=False)
+    return pushed(scene, "displaced")
 
 
 def target_moved(scene: Judged) -> float | None:
-    """Displacement of targets."""
-    return pushed(scene, target=True)
+    """Displacement of targets that objects are put into or on."""
+    return pushed(scene, "target_moved")
+
+
+def anchor_moved(scene: Judged) -> float | None:
+    """Displacement of targets that objects are put beside."""
+    return pushed(scene, "anchor_moved")
 
 
 def outermost_moved(scene: Judged) -> float | None:
     """Displacement of the outermost point of other objects."""
-    return outermost(scene, target=False)
-
-
-def target_outermost_moved(scene: Judged) -> float | None:
-    """Displacement of the outermost point of targets."""
-    return outermost(scene, target=True)
+    if not harm(scene, target=False) or scene.ends > judged_limit("turned"):
+        return None
+    return scene.outermost or None if scene.moved <= judged_limit("displaced") else None
 
 
 def turned(scene: Judged) -> float | None:
     """Displacement of the ends of rotated objects."""
-    for target, (limit, _) in HARM_LIMITS.items():
-        if harm(scene, target=target) and scene.moved <= judged_limit(limit) and scene.ends > 0.0:
-            return None if is_pushed_and_turned(scene, target=target) else scene.ends
+    for target in (False, True):
+        if not harm(scene, target=target) or scene.moved > judged_limit(pushed_limit(scene, target=target)):
+            continue
+        return None if is_pushed_and_turned(scene, target=target) else scene.ends or None
     return None
 
 
@@ -277,7 +280,7 @@ RULES: dict[str, Callable[[Judged], float | None]] = {
     rule.__name__: rule
     for rule in (
         *(side_reach, side_beyond, side_close, side_diagonal_to, side_close_diagonal, plate_offset, ring_radius),
-        *(layer_offset, displaced, target_moved, turned, outermost_moved, target_outermost_moved),
+        *(layer_offset, displaced, target_moved, anchor_moved, turned, outermost_moved),
     )
 }
 

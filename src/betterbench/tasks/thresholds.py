@@ -246,14 +246,13 @@ OUTERMOST_MOVED = threshold("outermost_moved", 0.06, "m",
     "keyboard, 6.6 cm of a speaker and the handles of mugs after 7.7 cm harmed (docs/sides.md).",
     "Larger: objects may be pushed and rotated farther; more success, fewer execution_failure.")
 TARGET_MOVED = threshold("target_moved", 0.08, "m",
-    "Minimum distance from its start to the center of a target, such as a laptop or a lunchbox, at which the target "
-    "was moved away; placing an object in a box or next to a laptop may push the target. People accept up to 7.7 cm "
-    "(docs/sides.md).",
+    "Minimum distance from its start to the center of a target, such as a lunchbox, at which the target was moved "
+    "away; placing an object in a box may push the box. People accept up to 7.7 cm (docs/sides.md).",
     "Larger: targets may be pushed farther; more success, fewer execution_failure.")
-TARGET_OUTERMOST_MOVED = threshold("target_outermost_moved", 0.09, "m",
-    "The same displacement for a target. People accept up to 7.5 cm of a box and call 9.3 cm of a laptop harmed "
-    "(docs/sides.md).",
-    "Larger: targets may be pushed and rotated farther; more success, fewer execution_failure.")
+ANCHOR_MOVED = threshold("anchor_moved", 0.06, "m",
+    "The same distance for a target that objects are put beside, so that nothing has to touch it. People accept "
+    "plates after 5.8 cm, and call plates after 6.3 and 7.2 cm harmed (docs/sides.md).",
+    "Larger: laptops and plates may be pushed farther; more success, fewer execution_failure.")
 LEFT_OPEN = threshold("left_open", 0.015, "m",
     "Opening beyond which an unrequested drawer, closed at the start, was left open; people accept 9 mm and reject 18 "
     "mm (docs/sides.md).",

@@ -12,9 +12,9 @@ from betterbench.records import Record
 from betterbench.tasks import THRESHOLDS, Condition, get_task
 from betterbench.tasks.judging.harm import Harm, HarmWatch, bystanders, is_turned_away, mere_targets
 from betterbench.tasks.judging.targets import Asked, Targets
-from betterbench.tasks.thresholds import DISPLACED, LEFT_OPEN, TARGET_MOVED
+from betterbench.tasks.thresholds import ANCHOR_MOVED, DISPLACED, LEFT_OPEN, TARGET_MOVED
 
-FINAL = frozenset({"turned", "target_moved", "left_open"})
+FINAL = frozenset({"turned", "target_moved", "anchor_moved", "left_open"})
 """Kinds of harm that only count if they are present in the last state."""
 
 
@@ -67,7 +67,8 @@ def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[Dated
 def _out_of_place_since(trace: Trace, i: int, harm: Harm, *, target: bool) -> int | None:
     """Return the row after which an object stays turned, displaced or open until the end."""
     if harm.sort != "turned":
-        return _since(_moved(trace, i) > (TARGET_MOVED if harm.sort == "target_moved" else LEFT_OPEN))
+        limits = {"target_moved": TARGET_MOVED, "anchor_moved": ANCHOR_MOVED, "left_open": LEFT_OPEN}
+        return _since(_moved(trace, i) > limits[harm.sort])
     rows = zip(trace.positions[:, i].tolist(), trace.quaternions[:, i].tolist(), strict=True)
     poses = [Pose(tuple(position), tuple(quaternion)) for position, quaternion in rows]
     thing = trace.info.objects[i]

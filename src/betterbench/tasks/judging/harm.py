@@ -11,8 +11,10 @@ from betterbench.geometry import Pose, Quaternion, Vector, tilt_of, yaw_of
 from betterbench.interface.state import ObjectInfo, SceneInfo, WorldState
 from betterbench.tasks.judging.targets import Asked, Intruder, Places, Targets
 from betterbench.tasks.relations import lies_on_side, on_floor
+from betterbench.tasks.relations.beside import BESIDE
 from betterbench.tasks.relations.closed import CLOSED, MOUNTS
 from betterbench.tasks.thresholds import (
+    ANCHOR_MOVED,
     BOX_POINTS_FROM,
     CYLINDER_POINTS_FROM,
     CYLINDER_STANDS_FROM,
@@ -22,7 +24,6 @@ from betterbench.tasks.thresholds import (
     OTHER_STANDS_FROM,
     OUTERMOST_MOVED,
     TARGET_MOVED,
-    TARGET_OUTERMOST_MOVED,
     THRESHOLDS,
     TURNED,
 )
@@ -44,7 +45,7 @@ NO_HARM = (
     "No object outside the instruction is on the floor, was displaced by more than 5 cm, was rotated so that its "
     "ends moved by more than 4 cm, was pushed and rotated so that a corner or a handle moved by more than 6 cm, was "
     "knocked over, or is at a target in any posture. No other drawer was left open, no target was moved by more than "
-    "8 cm (a corner by more than 9 cm), and no container lies on its side."
+    "8 cm (6 cm if objects are put beside it), and no container lies on its side."
 )
 """Conditions under which an episode has done no harm, for generated documents."""
 
@@ -54,6 +55,7 @@ HarmSort = Literal[
     "displaced",
     "turned",
     "target_moved",
+    "anchor_moved",
     "left_open",
     "at_the_target",
     "target_brought",
@@ -86,9 +88,10 @@ class Harm:
         if self.sort == "displaced":
             was, its = agreeing(kind, "was", "were"), agreeing(kind, "its", "their")
             return f"the {kind} {was} moved out of {its} place by more than {100 * DISPLACED:.0f} cm"
-        if self.sort == "target_moved":
+        if self.sort in ("target_moved", "anchor_moved"):
             was, its = agreeing(kind, "was", "were"), agreeing(kind, "its", "their")
-            return f"the {kind} {was} moved out of {its} place by more than {100 * TARGET_MOVED:.0f} cm"
+            limit = TARGET_MOVED if self.sort == "target_moved" else ANCHOR_MOVED
+            return f"the {kind} {was} moved out of {its} place by more than {100 * limit:.0f} cm"
         if self.sort == "turned":
             was, its = agreeing(kind, "was", "were"), agreeing(kind, "its", "their")
             return f"the {kind} {was} turned out of {its} place"
@@ -122,6 +125,11 @@ def mere_targets(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
     return tuple(o.name for o in info.objects if o.name in targets and not o.fixed and o.role != "drawer")
 
 
+def anchors(asked: Sequence[Asked]) -> frozenset[str]:
+    """Return the names of all targets that objects are only put beside, so that nothing has to touch them."""
+    return frozenset(a.target for a in asked) - {a.target for a in asked if a.relation != BESIDE.name}
+
+
 def shut_drawers(asked: Sequence[Asked], state: WorldState) -> tuple[str, ...]:
     """Return the names of all drawers that are closed in a state and not part of the instruction."""
     named = _named(asked)
@@ -139,6 +147,7 @@ class HarmWatch:
         self._asked = tuple(asked)
         self._watched = tuple(info.index(name) for name in bystanders(asked, info))
         self._mere_targets = tuple(info.index(name) for name in mere_targets(asked, info))
+        self._anchors = anchors(asked)
         self._shut: tuple[int, ...] = ()
         self._loose = tuple(o.name for o in info.objects if not o.fixed)
         self._containers = tuple(o.name for o in info.objects if not o.fixed and o.role == "container")
@@ -210,8 +219,9 @@ class HarmWatch:
             if is_turned_away(objects[i], start, now, target=i in self._mere_targets):
                 sorts[objects[i].name] = "turned"
         for i in self._mere_targets:
-            if self._moved(state, i) > TARGET_MOVED:
-                sorts[objects[i].name] = "target_moved"
+            is_anchor = objects[i].name in self._anchors
+            if self._moved(state, i) > (ANCHOR_MOVED if is_anchor else TARGET_MOVED):
+                sorts[objects[i].name] = "anchor_moved" if is_anchor else "target_moved"
         return [Harm(sort, name) for name, sort in sorts.items()]
 
     def _at_target(self, state: WorldState, intruder: Intruder) -> Harm:
@@ -257,11 +267,11 @@ def is_turned_away(thing: ObjectInfo, before: Pose, after: Pose, *, target: bool
     """Return whether an object that stays near its place was rotated so far that a person would put it back.
 
     Either its ends moved by the rotation alone, or a push and a rotation together moved its outermost point too far.
-    A target may be moved farther than another object.
+    The latter does not apply to targets, which may be pushed farther.
     """
     if way_of_ends(thing, before.quaternion, after.quaternion) > TURNED:
         return True
-    return way_of_outermost(thing, before, after) > (TARGET_OUTERMOST_MOVED if target else OUTERMOST_MOVED)
+    return not target and way_of_outermost(thing, before, after) > OUTERMOST_MOVED
 
 
 def way_of_outermost(thing: ObjectInfo, before: Pose, after: Pose) -> float:
