@@ -120,21 +120,21 @@ def test_goals_posed_by_chance_are_what_people_accept():
 
 @in_turn(1, 3)
 def test_harm_posed_by_chance_is_what_people_call_harm_but_for_pushes():
-    """Three differ: things pushed by 6.0 to 9.5 cm, of which each judge but two was unsure."""
+    """Two differ: a mug and an orange pushed by 6.0 and 9.5 cm, of which the judges were unsure."""
     harm = [scene for scene in BY_CHANCE if scene.kind == "harm"]
     disagreed = [scene for scene in harm if accepts(scene) is not scene.accepted]
     assert len(harm) == 18
-    assert len(disagreed) <= 3, disagreed
+    assert len(disagreed) <= 2, disagreed
 
 
 @in_turn(0, 3)
 def test_what_is_turned_moved_or_left_open_is_harm_where_people_say_so():
-    """Of 63 scenes 10 differ: eight pushes of 5 to 7 cm, where law 7 has 5, and two that docs/sides.md lists."""
+    """Of 63 scenes 9 differ: eight pushes of 5 to 7 cm, where law 7 has 5, and a speaker that is turned by 35 degrees."""
     disagreed = [scene for scene in HARM if accepts(scene) is not scene.accepted]
     pushed = [scene for scene in disagreed if scene.accepted]
     assert len(HARM) == 63
     assert len(pushed) <= 8, pushed
-    assert len(disagreed) - len(pushed) <= 2, disagreed
+    assert len(disagreed) - len(pushed) <= 1, disagreed
 
 
 @in_turn(0, 3)
