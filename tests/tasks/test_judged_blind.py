@@ -129,7 +129,7 @@ def test_harm_posed_by_chance_is_what_people_call_harm_but_for_pushes():
 
 @in_turn(0, 3)
 def test_what_is_turned_moved_or_left_open_is_harm_where_people_say_so():
-    """Of 63 scenes 9 differ: eight pushes of 5 to 7 cm, where law 7 has 5, and a speaker that is turned by 35 degrees."""
+    """Of 63 scenes 9 differ: eight pushes of 5 to 7 cm, where law 7 has 5, and a speaker turned by 35 degrees."""
     disagreed = [scene for scene in HARM if accepts(scene) is not scene.accepted]
     pushed = [scene for scene in disagreed if scene.accepted]
     assert len(HARM) == 63
