@@ -102,8 +102,9 @@ it? Only this step counts.
 
 **Harm scenes** show the start above and the end below. What was asked for is done. Is all well with everything else?
 It is not if another object lies on the floor, was moved by more than 5 cm, was knocked over, or was rotated so far that
-a person would put it back, if a drawer that was closed was left open, or if a target such as a plate, laptop, bin or
-box was moved by more than about 8 cm.
+a person would put it back, if a drawer that was closed was left open, if a target such as a bin, a box or a stack was
+moved by more than about 8 cm, or if a laptop or a plate beside which something was put was moved by more than about 6
+cm.
 
 Write one line per scene, in a file of your own, separated by tabs: `number`, `y` or `n`, `sure` or `unsure`, a few
 words. Write `unsure` whenever another reasonable person could say the opposite.

@@ -24,7 +24,8 @@ from typing import Any, NamedTuple
 from betterbench.geometry import horizontal_distance, tilt_of, yaw_of
 from betterbench.interface.state import WorldState
 from betterbench.tasks import THRESHOLDS
-from betterbench.tasks.judging.harm import way_of_ends
+from betterbench.tasks.judging.harm import anchors, bystanders, mere_targets, way_of_ends, way_of_outermost
+from betterbench.tasks.judging.targets import asked_by
 from betterbench.tasks.relations.beside import is_laid
 from betterbench.tasks.relations.loose import middle
 from betterbench.tasks.relations.placing import foot
@@ -66,9 +67,13 @@ class Judged:
 
     @property
     def thing(self) -> str:
-        """Name of the object; of harm, the first posed object."""
+        """Name of the object; of harm, the first object that was moved from its start, or the first posed object."""
         pair: str = self.scene.pair
-        return pair.split(" > ", maxsplit=1)[0] if pair != "-" else self.scene.arrangement.split()[0]
+        if pair != "-":
+            return pair.split(" > ", maxsplit=1)[0]
+        clauses = arranging.clauses_of(self.scene.arrangement)
+        moved = (c for c in clauses if c.place == "from" and "open" not in c.numbers)
+        return str(next(moved, clauses[0]).thing)
 
     @property
     def target(self) -> str:
@@ -96,6 +101,13 @@ class Judged:
         """Displacement of the object's ends by rotation [m]."""
         before, after = (s.quaternion(self.thing) for s in (self.start, self.state))
         return way_of_ends(self.state.info.object(self.thing), before, after)
+
+    @property
+    def outermost(self) -> float:
+        """Displacement of the object's outermost point [m]."""
+        return way_of_outermost(
+            self.state.info.object(self.thing), self.start.pose(self.thing), self.state.pose(self.thing)
+        )
 
     def offset(self, region: str) -> float:
         """Return the horizontal distance of the object's foot from a region of the target [m]."""
@@ -199,29 +211,68 @@ def layer_offset(scene: Judged) -> float | None:
 
 def harm(scene: Judged, *, target: bool) -> bool:
     """Return whether a scene is about an upright object on the table that was posed where it started."""
-    words = scene.scene.arrangement.split()
-    if not scene.scene.kind.startswith("harm") or words[1] != "from" or scene.tilt > 9.0 * UPRIGHT:
+    if not scene.scene.kind.startswith("harm") or scene.tilt > 9.0 * UPRIGHT:
         return False
-    info = scene.state.info.object(scene.thing)
-    named = info.kind in scene.scene.instruction
-    return info.role != "drawer" and named is target and scene.state.position(scene.thing)[2] > -0.05
+    clauses = arranging.clauses_of(scene.scene.arrangement)
+    if next(c for c in clauses if c.thing == scene.thing).place != "from":
+        return False
+    asked = asked_by(arranging.condition_of(scene.scene.setting))
+    names = mere_targets(asked, scene.state.info) if target else bystanders(asked, scene.state.info)
+    return scene.thing in names and scene.state.position(scene.thing)[2] > -0.05
+
+
+def pushed_limit(scene: Judged, *, target: bool) -> str:
+    """Return the name of the limit of an object's displacement."""
+    if not target:
+        return "displaced"
+    condition = arranging.condition_of(scene.scene.setting)
+    return "anchor_moved" if scene.thing in anchors(asked_by(condition)) else "target_moved"
+
+
+def is_pushed_and_turned(scene: Judged, *, target: bool) -> bool:
+    """Return whether the outermost point of an object alone is beyond its limit."""
+    within = scene.moved <= judged_limit(pushed_limit(scene, target=target)) and scene.ends <= judged_limit("turned")
+    return not target and within and scene.outermost > judged_limit("outermost_moved")
+
+
+def pushed(scene: Judged, limit: str) -> float | None:
+    """Return the displacement of an object that is decided by this limit alone."""
+    target = limit != "displaced"
+    if not harm(scene, target=target) or scene.ends > judged_limit("turned"):
+        return None
+    if pushed_limit(scene, target=target) != limit or is_pushed_and_turned(scene, target=target):
+        return None
+    return scene.moved
 
 
 def displaced(scene: Judged) -> float | None:
     """Displacement of other objects."""
-    return scene.moved if harm(scene, target=False) and scene.ends <= judged_limit("turned") else None
+    return pushed(scene, "displaced")
 
 
 def target_moved(scene: Judged) -> float | None:
-    """Displacement of targets."""
-    return scene.moved if harm(scene, target=True) and scene.ends <= judged_limit("turned") else None
+    """Displacement of targets that objects are put into or on."""
+    return pushed(scene, "target_moved")
+
+
+def anchor_moved(scene: Judged) -> float | None:
+    """Displacement of targets that objects are put beside."""
+    return pushed(scene, "anchor_moved")
+
+
+def outermost_moved(scene: Judged) -> float | None:
+    """Displacement of the outermost point of other objects."""
+    if not harm(scene, target=False) or scene.ends > judged_limit("turned"):
+        return None
+    return scene.outermost or None if scene.moved <= judged_limit("displaced") else None
 
 
 def turned(scene: Judged) -> float | None:
     """Displacement of the ends of rotated objects."""
-    for target, limit in ((False, "displaced"), (True, "target_moved")):
-        if harm(scene, target=target) and scene.moved <= judged_limit(limit) and scene.ends > 0.0:
-            return scene.ends
+    for target in (False, True):
+        if not harm(scene, target=target) or scene.moved > judged_limit(pushed_limit(scene, target=target)):
+            continue
+        return None if is_pushed_and_turned(scene, target=target) else scene.ends or None
     return None
 
 
@@ -229,7 +280,7 @@ RULES: dict[str, Callable[[Judged], float | None]] = {
     rule.__name__: rule
     for rule in (
         *(side_reach, side_beyond, side_close, side_diagonal_to, side_close_diagonal, plate_offset, ring_radius),
-        *(layer_offset, displaced, target_moved, turned),
+        *(layer_offset, displaced, target_moved, anchor_moved, turned, outermost_moved),
     )
 }
 

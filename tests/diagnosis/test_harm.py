@@ -10,6 +10,7 @@ import pytest
 from betterbench.diagnosis import diagnose_record
 from betterbench.diagnosis.measures.metrics import compute_metrics
 from betterbench.diagnosis.trial import offline_truth
+from betterbench.geometry import from_yaw, multiply
 from betterbench.interface.state import Contact
 from betterbench.tasks.labels import Label
 
@@ -278,6 +279,52 @@ def test_a_bystander_that_was_knocked_over_forbids_a_success_although_its_foot_i
     if not right:
         assert found.label is Label.EXECUTION_FAILURE
         assert found.evidence.start_s == pytest.approx(1.05)
+
+
+@pytest.mark.parametrize(("degrees", "right"), [(0.0, True), (6.0, True), (13.0, False)])
+def test_a_keyboard_that_was_pushed_and_turned_a_little_is_harmed_if_one_end_is_far_from_its_place(
+    stage, degrees, right
+):
+    s = stage("tidy_desk", "train1")
+    name, real = s.of("keyboard"), s.state
+
+    def turned():
+        seen, i = real(), s.info.index(name)
+        quaternions = list(seen.quaternions)
+        if seen.step > 20:
+            quaternions[i] = multiply(from_yaw(float(np.radians(degrees))), quaternions[i])
+        return replace(seen, quaternions=tuple(quaternions))
+
+    s.state = turned
+    push(s.wait(1.0), name, (0.0, -0.036))
+    record = do_all(s).wait(1.0).end()
+    assert agrees(record)
+    assert record.outcome.success is right
+    found = diagnose_record(record)
+    assert found.harm == (() if right else ("the keyboard was turned out of its place",))
+    if not right:
+        assert found.label is Label.EXECUTION_FAILURE
+        assert found.evidence.start_s == pytest.approx(1.05)
+
+
+@pytest.mark.parametrize(
+    ("task", "kind", "by", "harm"),
+    [
+        ("desk_meeting", "laptop", 0.055, ()),
+        ("desk_meeting", "laptop", 0.065, ("the laptop was moved out of its place by more than 6 cm",)),
+        ("tidy_desk", "waste bin", 0.075, ()),
+        ("tidy_desk", "waste bin", 0.085, ("the waste bin was moved out of its place by more than 8 cm",)),
+    ],
+)
+def test_what_things_are_put_beside_may_be_moved_less_far_than_what_they_are_put_into(stage, task, kind, by, harm):
+    s = stage(task, "train1")
+    push(s.wait(1.0), s.of(kind), (0.0, by))
+    record = do_all(s).wait(1.0).end()
+    assert agrees(record)
+    assert record.outcome.success is not bool(harm)
+    found = diagnose_record(record)
+    assert found.harm == harm
+    assert not harm or found.evidence.start_s == pytest.approx(1.05)
 
 
 @pytest.mark.parametrize("target", ["lunchbox", "apple"])

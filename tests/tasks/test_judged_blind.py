@@ -120,21 +120,21 @@ def test_goals_posed_by_chance_are_what_people_accept():
 
 @in_turn(1, 3)
 def test_harm_posed_by_chance_is_what_people_call_harm_but_for_pushes():
-    """Four differ: things pushed by 4.9 to 9.5 cm, of which each judge but two was unsure."""
+    """Two differ: a mug and an orange pushed by 6.0 and 9.5 cm, of which the judges were unsure."""
     harm = [scene for scene in BY_CHANCE if scene.kind == "harm"]
     disagreed = [scene for scene in harm if accepts(scene) is not scene.accepted]
     assert len(harm) == 18
-    assert len(disagreed) <= 4, disagreed
+    assert len(disagreed) <= 2, disagreed
 
 
 @in_turn(0, 3)
 def test_what_is_turned_moved_or_left_open_is_harm_where_people_say_so():
-    """Of 63 scenes 13 differ: eight pushes of 5 to 7 cm, where law 7 has 5, and five that docs/sides.md lists."""
+    """Of 63 scenes 9 differ: eight pushes of 5 to 7 cm, where law 7 has 5, and a speaker turned by 35 degrees."""
     disagreed = [scene for scene in HARM if accepts(scene) is not scene.accepted]
     pushed = [scene for scene in disagreed if scene.accepted]
     assert len(HARM) == 63
     assert len(pushed) <= 8, pushed
-    assert len(disagreed) - len(pushed) <= 5, disagreed
+    assert len(disagreed) - len(pushed) <= 1, disagreed
 
 
 @in_turn(0, 3)
@@ -183,12 +183,11 @@ def test_a_fifth_set_agrees_with_the_rules_that_it_changed():
 
 @in_turn(0, 3)
 def test_a_seventh_set_written_by_hand_differs_only_where_the_judges_are_unsure():
-    """Four of 72 differ, and the program accepts only the keyboard that the judges do not. docs/sides.md lists them."""
+    """Three of 72 differ, and the program denies all of them. docs/sides.md lists them."""
     disagreed = [scene for scene in SEVENTH if accepts(scene) is not scene.accepted]
     assert (len(SEVENTH), sum(scene.kind.endswith(", sure") for scene in SEVENTH)) == (72, 56)
     assert {(s.setting, s.kind, s.accepted) for s in disagreed} == {
         ("fast_food/R1", "inside, unsure", True),
-        ("tidy_desk/train4", "harm, unsure", False),
         ("morning_coffee/L4", "on_ring, unsure", True),
         ("desk_meeting/train9", "beside, unsure", True),
     }

@@ -11,7 +11,7 @@ from tests.tasks.arranging import arranged, condition_of
 from betterbench.interface.state import ObjectInfo, WorldState
 from betterbench.sim.assets import build, categories, looks, unseen_looks
 from betterbench.tasks import get_task
-from betterbench.tasks.judging.harm import STANDS_FROM, HarmWatch, can_stand
+from betterbench.tasks.judging.harm import HANDLE_FROM, STANDS_FROM, HarmWatch, can_stand, has_direction
 from betterbench.tasks.judging.targets import Targets, asked_by
 
 # Containers count by themselves, and fixed furniture cannot fall.
@@ -44,6 +44,17 @@ def test_all_looks_of_a_category_stand_or_none_does_and_none_is_near_the_border(
         ratio = info.size_m[2] / min(info.size_m[:2])
         border = STANDS_FROM.get(info.shape)
         assert border is None or not border / APART < ratio < border * APART, (info.asset, ratio)
+
+
+@pytest.mark.parametrize("category", others_slow(sorted(set(categories()) - CONTAINERS_AND_FURNITURE), 3))
+def test_cylinders_with_a_handle_are_mugs_and_cups_and_no_look_is_near_the_border(category):
+    for look in (*looks(category), *unseen_looks(category)):
+        info = info_of(category, look)
+        if info.shape == "cylinder":
+            width, depth, _ = info.size_m
+            ratio = max(width, depth) / min(width, depth)
+            assert has_direction(info, HANDLE_FROM) is (category in ("mug", "cup")), info
+            assert not HANDLE_FROM["cylinder"] / 1.05 < ratio < HANDLE_FROM["cylinder"] * 1.05, (info.asset, ratio)
 
 
 def harm_after(setting: str, states: Sequence[WorldState]) -> set[tuple[str, str]]:

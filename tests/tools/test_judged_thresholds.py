@@ -60,3 +60,15 @@ def test_rules_measure_the_scenes_that_they_decide(fits):
         assert measured.pop(name) == pytest.approx(expected, abs=1e-3)
         assert set(measured.values()) == {None}
     assert set(fits.RULES) <= set(fits.THRESHOLDS.to_json())
+
+
+def test_rules_of_harm_measure_the_object_that_was_moved_wherever_it_is_listed(fits):
+    """A keyboard pushed by 3.7 cm and turned by 13 degrees, listed last, and a plate pushed by 7.2 cm."""
+    for name, start, rule, expected in (
+        ("seventh", "napkin bin.inside x=0.0 y=5.0 z=5.0 settle; keyboard from", "outermost_moved", 0.0631),
+        ("harm", "plate from x=59.8 y=-39.5", "anchor_moved", 0.0717),
+    ):
+        scene = next(s for s in fits.SETS[name] if s.arrangement.startswith(start))
+        posed = fits.Judged(name, scene, *fits.arranging.arranged(scene.setting, scene.arrangement))
+        assert fits.RULES[rule](posed) == pytest.approx(expected, abs=1e-3)
+        assert fits.RULES["target_moved"](posed) is None

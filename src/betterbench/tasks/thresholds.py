@@ -243,10 +243,20 @@ TURNED = threshold("turned", 0.04, "m",
     "least this distance. Judges call a spoon harmed after 4.9 cm and a keyboard after 5.2 cm. They accept 2.1 cm for "
     "a mouse and 3.6 cm for a box (docs/sides.md).",
     "Larger: fewer objects are rotated out of their place; more success, fewer execution_failure.")
+OUTERMOST_MOVED = threshold("outermost_moved", 0.06, "m",
+    "An object whose rotation is visible was moved out of place if its outermost point (a corner, or the handle of a "
+    "mug) moved by at least this distance, even if it was pushed by less than displaced and its ends moved by less "
+    "than turned. Judges accept up to 5.9 cm for a mug and 5.7 cm for a speaker. They call a keyboard harmed after 6.3 "
+    "cm, a speaker after 6.6 cm and mugs after 7.7 cm (docs/sides.md).",
+    "Larger: objects may be pushed and rotated farther; more success, fewer execution_failure.")
 TARGET_MOVED = threshold("target_moved", 0.08, "m",
-    "A target, such as a laptop or a lunchbox, was moved away if its center is at least this far from its start. "
-    "Placing an object in a box or next to a laptop may push the target. Judges accept up to 7.7 cm (docs/sides.md).",
+    "A target, such as a lunchbox, was moved away if its center is at least this far from its start. Placing an "
+    "object in a box may push the box. Judges accept up to 7.7 cm (docs/sides.md).",
     "Larger: targets may be pushed farther; more success, fewer execution_failure.")
+ANCHOR_MOVED = threshold("anchor_moved", 0.06, "m",
+    "The same distance for a target, such as a laptop or a plate, that objects are put beside. Nothing has to touch "
+    "it. Judges accept plates after 5.8 cm, and call plates harmed after 6.3 and 7.2 cm (docs/sides.md).",
+    "Larger: laptops and plates may be pushed farther; more success, fewer execution_failure.")
 LEFT_OPEN = threshold("left_open", 0.015, "m",
     "A drawer that was not requested and was closed at the start was left open if it is open by more than this. "
     "Judges accept 9 mm and reject 18 mm (docs/sides.md).",
@@ -255,6 +265,10 @@ BOX_POINTS_FROM = threshold("box_points_from", 1.1, "1",
     "Boxes with at least this ratio of length to width have a direction. Laptops, keyboards and lunchboxes have 1.15 "
     "or more, and waste bins, cheese and sponges 1.07 or less. An upright box always has a front.",
     "Larger: fewer boxes can be rotated out of their place; more success, fewer execution_failure.")
+CYLINDER_POINTS_FROM = threshold("cylinder_points_from", 1.22, "1",
+    "Cylinders with at least this ratio of length to width have a handle, so that their rotation is visible. Mugs and "
+    "cups have 1.29 or more, and jars, cans and shakers 1.16 or less.",
+    "Larger: fewer cylinders can be rotated out of their place; more success, fewer execution_failure.")
 OTHER_POINTS_FROM = threshold("other_points_from", 1.4, "1",
     "Irregular objects with at least this ratio of length to width have a direction. Mice, cutlery, staplers and soap "
     "bars have 1.7 or more, and lettuce leaves and crushed cans 1.31 or less.",

@@ -7,13 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from betterbench.diagnosis.analysis.trace import Trace
+from betterbench.geometry import Pose
 from betterbench.records import Record
 from betterbench.tasks import THRESHOLDS, Condition, get_task
-from betterbench.tasks.judging.harm import Harm, HarmWatch, bystanders, way_of_ends
+from betterbench.tasks.judging.harm import Harm, HarmWatch, bystanders, is_turned_away, mere_targets
 from betterbench.tasks.judging.targets import Asked, Targets
-from betterbench.tasks.thresholds import DISPLACED, LEFT_OPEN, TARGET_MOVED, TURNED
+from betterbench.tasks.thresholds import ANCHOR_MOVED, DISPLACED, LEFT_OPEN, TARGET_MOVED
 
-FINAL = frozenset({"turned", "target_moved", "left_open"})
+FINAL = frozenset({"turned", "target_moved", "anchor_moved", "left_open"})
 """Kinds of harm that only count if they are present in the last state."""
 
 
@@ -53,18 +54,25 @@ def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[Dated
     places = targets.places(state)
     watch.see(state, places)
     found = watch.found(state, places)
-    dates |= {(h.sort, h.object): _out_of_place_since(trace, info.index(h.object), h) for h in found if h.sort in FINAL}
+    targeted = mere_targets(asked, info)
+    dates |= {
+        (h.sort, h.object): _out_of_place_since(trace, info.index(h.object), h, target=h.object in targeted)
+        for h in found
+        if h.sort in FINAL
+    }
     dated = (DatedHarm(dates.get((h.sort, h.object)) or last, h) for h in found)
     return tuple(sorted(dated, key=lambda one: one.row))
 
 
-def _out_of_place_since(trace: Trace, i: int, harm: Harm) -> int | None:
+def _out_of_place_since(trace: Trace, i: int, harm: Harm, *, target: bool) -> int | None:
     """Return the row after which an object stays turned, displaced or open until the end."""
     if harm.sort != "turned":
-        return _since(_moved(trace, i) > (TARGET_MOVED if harm.sort == "target_moved" else LEFT_OPEN))
-    thing, turns = trace.info.objects[i], trace.quaternions[:, i]
-    first = tuple(turns[0].tolist())
-    return _since(np.array([way_of_ends(thing, first, tuple(turn)) > TURNED for turn in turns.tolist()]))
+        limits = {"target_moved": TARGET_MOVED, "anchor_moved": ANCHOR_MOVED, "left_open": LEFT_OPEN}
+        return _since(_moved(trace, i) > limits[harm.sort])
+    rows = zip(trace.positions[:, i].tolist(), trace.quaternions[:, i].tolist(), strict=True)
+    poses = [Pose(tuple(position), tuple(quaternion)) for position, quaternion in rows]
+    thing = trace.info.objects[i]
+    return _since(np.array([is_turned_away(thing, poses[0], pose, target=target) for pose in poses]))
 
 
 def _moved(trace: Trace, i: int) -> np.ndarray:

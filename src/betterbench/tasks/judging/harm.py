@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,14 +11,18 @@ from betterbench.geometry import Pose, Quaternion, Vector, tilt_of, yaw_of
 from betterbench.interface.state import ObjectInfo, SceneInfo, WorldState
 from betterbench.tasks.judging.targets import Asked, Intruder, Places, Targets
 from betterbench.tasks.relations import lies_on_side, on_floor
+from betterbench.tasks.relations.beside import BESIDE
 from betterbench.tasks.relations.closed import CLOSED, MOUNTS
 from betterbench.tasks.thresholds import (
+    ANCHOR_MOVED,
     BOX_POINTS_FROM,
+    CYLINDER_POINTS_FROM,
     CYLINDER_STANDS_FROM,
     DISPLACED,
     LEFT_OPEN,
     OTHER_POINTS_FROM,
     OTHER_STANDS_FROM,
+    OUTERMOST_MOVED,
     TARGET_MOVED,
     THRESHOLDS,
     TURNED,
@@ -28,16 +32,20 @@ from betterbench.tasks.words import agreeing, place_words
 POINTS_FROM = {"box": BOX_POINTS_FROM, "irregular": OTHER_POINTS_FROM}
 """Threshold for a rotated object, by shape.
 
-Round objects and cylinders have none: people accept a mug rotated by 35°.
+Round objects and cylinders have none: people accept a mug rotated by 35°. :data:`HANDLE_FROM` is for cylinders.
 """
+
+HANDLE_FROM = {**POINTS_FROM, "cylinder": CYLINDER_POINTS_FROM}
+"""Threshold for an object whose rotation is visible, by shape. A cylinder longer than wide has a handle."""
 
 STANDS_FROM = {"cylinder": CYLINDER_STANDS_FROM, "box": OTHER_STANDS_FROM, "irregular": OTHER_STANDS_FROM}
 """Threshold for a knocked-over object, by shape. Round objects have none: fruit rolls, and plates are flat."""
 
 NO_HARM = (
     "No object outside the instruction is on the floor, was displaced by more than 5 cm, was rotated so that its "
-    "ends moved by more than 4 cm, was knocked over, or is at a target in any posture. No other drawer was left open, "
-    "no target was moved by more than 8 cm, and no container lies on its side."
+    "ends moved by more than 4 cm, was pushed and rotated so that a corner or a handle moved by more than 6 cm, was "
+    "knocked over, or is at a target in any posture. No other drawer was left open, no target was moved by more than "
+    "8 cm (6 cm if objects are put beside it), and no container lies on its side."
 )
 """Conditions under which an episode has done no harm, for generated documents."""
 
@@ -47,6 +55,7 @@ HarmSort = Literal[
     "displaced",
     "turned",
     "target_moved",
+    "anchor_moved",
     "left_open",
     "at_the_target",
     "target_brought",
@@ -79,9 +88,10 @@ class Harm:
         if self.sort == "displaced":
             was, its = agreeing(kind, "was", "were"), agreeing(kind, "its", "their")
             return f"the {kind} {was} moved out of {its} place by more than {100 * DISPLACED:.0f} cm"
-        if self.sort == "target_moved":
+        if self.sort in ("target_moved", "anchor_moved"):
             was, its = agreeing(kind, "was", "were"), agreeing(kind, "its", "their")
-            return f"the {kind} {was} moved out of {its} place by more than {100 * TARGET_MOVED:.0f} cm"
+            limit = TARGET_MOVED if self.sort == "target_moved" else ANCHOR_MOVED
+            return f"the {kind} {was} moved out of {its} place by more than {100 * limit:.0f} cm"
         if self.sort == "turned":
             was, its = agreeing(kind, "was", "were"), agreeing(kind, "its", "their")
             return f"the {kind} {was} turned out of {its} place"
@@ -115,6 +125,11 @@ def mere_targets(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
     return tuple(o.name for o in info.objects if o.name in targets and not o.fixed and o.role != "drawer")
 
 
+def anchors(asked: Sequence[Asked]) -> frozenset[str]:
+    """Return the names of all targets that objects are only put beside, so that nothing has to touch them."""
+    return frozenset(a.target for a in asked) - {a.target for a in asked if a.relation != BESIDE.name}
+
+
 def shut_drawers(asked: Sequence[Asked], state: WorldState) -> tuple[str, ...]:
     """Return the names of all drawers that are closed in a state and not part of the instruction."""
     named = _named(asked)
@@ -132,6 +147,7 @@ class HarmWatch:
         self._asked = tuple(asked)
         self._watched = tuple(info.index(name) for name in bystanders(asked, info))
         self._mere_targets = tuple(info.index(name) for name in mere_targets(asked, info))
+        self._anchors = anchors(asked)
         self._shut: tuple[int, ...] = ()
         self._loose = tuple(o.name for o in info.objects if not o.fixed)
         self._containers = tuple(o.name for o in info.objects if not o.fixed and o.role == "container")
@@ -139,6 +155,7 @@ class HarmWatch:
         self._standing: frozenset[str] = frozenset()
         self._middles = tuple((0.0, 0.0, 0.5 * o.size_m[2]) for o in info.objects)
         self._start: tuple[Vector, ...] = ()
+        self._start_positions: tuple[Vector, ...] = ()
         self._start_quaternions: tuple[Quaternion, ...] = ()
         self._before: tuple[tuple[Vector, ...], tuple[Quaternion, ...]] = ((), ())
         self._at_start: Places = ()
@@ -148,6 +165,7 @@ class HarmWatch:
         """Process a state, with the strict regions of all subjects."""
         if not self._start:
             self._start = tuple(self._middle(state, i) for i in range(len(state.positions)))
+            self._start_positions = tuple(state.positions)
             self._start_quaternions = tuple(state.quaternions)
             self._shut = tuple(state.info.index(name) for name in shut_drawers(self._asked, state))
             self._at_start = self._targets.in_any_posture(state, places)
@@ -196,11 +214,14 @@ class HarmWatch:
             objects[i].name: "left_open" for i in self._shut if self._moved(state, i) > LEFT_OPEN
         }
         for i in (*self._watched, *self._mere_targets):
-            if way_of_ends(objects[i], self._start_quaternions[i], state.quaternions[i]) > TURNED:
+            start = Pose(self._start_positions[i], self._start_quaternions[i])
+            now = Pose(state.positions[i], state.quaternions[i])
+            if is_turned_away(objects[i], start, now, target=i in self._mere_targets):
                 sorts[objects[i].name] = "turned"
         for i in self._mere_targets:
-            if self._moved(state, i) > TARGET_MOVED:
-                sorts[objects[i].name] = "target_moved"
+            is_anchor = objects[i].name in self._anchors
+            if self._moved(state, i) > (ANCHOR_MOVED if is_anchor else TARGET_MOVED):
+                sorts[objects[i].name] = "anchor_moved" if is_anchor else "target_moved"
         return [Harm(sort, name) for name, sort in sorts.items()]
 
     def _at_target(self, state: WorldState, intruder: Intruder) -> Harm:
@@ -233,13 +254,43 @@ def has_upright(thing: ObjectInfo) -> bool:
     return can_stand(thing) or thing.keeps_upright or any(region.name == "floor" for region in thing.regions)
 
 
-def has_direction(thing: ObjectInfo) -> bool:
+def has_direction(thing: ObjectInfo, least_by_shape: Mapping[str, float] = POINTS_FROM) -> bool:
     """Return whether the rotation of an object is visible, because it is longer than wide or a box with a front."""
     width, depth, _ = thing.size_m
-    least = POINTS_FROM.get(thing.shape)
+    least = least_by_shape.get(thing.shape)
     if least is None:
         return False
     return max(width, depth) >= least * min(width, depth) or (thing.shape == "box" and can_stand(thing))
+
+
+def is_turned_away(thing: ObjectInfo, before: Pose, after: Pose, *, target: bool) -> bool:
+    """Return whether an object that stays near its place was rotated so far that a person would put it back.
+
+    Either its ends moved by the rotation alone, or a push and a rotation together moved its outermost point too far.
+    The latter does not apply to targets, which may be pushed farther.
+    """
+    if way_of_ends(thing, before.quaternion, after.quaternion) > TURNED:
+        return True
+    return not target and way_of_outermost(thing, before, after) > OUTERMOST_MOVED
+
+
+def way_of_outermost(thing: ObjectInfo, before: Pose, after: Pose) -> float:
+    """Return the displacement of the outermost point of a rotated object: a corner, or the handle of a mug [m].
+
+    The result is 0 for an object whose rotation is not visible, or with a changed tilt (lifted or knocked over).
+    """
+    if not has_direction(thing, HANDLE_FROM) or _is_tipped(before.quaternion, after.quaternion):
+        return 0.0
+    half_x, half_y, half_z = (0.5 * size for size in thing.size_m)
+    points = tuple((x, y) for x in (-half_x, half_x) for y in (-half_y, half_y))
+    if thing.shape == "cylinder":  # the corners of its box are not on the object
+        points = ((-half_x, 0.0), (half_x, 0.0), (0.0, -half_y), (0.0, half_y))
+    middle = (0.0, 0.0, half_z)
+    dx, dy, dz = (b - a for a, b in zip(before.apply(middle), after.apply(middle), strict=True))
+    was, now = yaw_of(before.quaternion), yaw_of(after.quaternion)
+    # a point moves with the middle, and on a circle around it
+    cos, sin = math.cos(now) - math.cos(was), math.sin(now) - math.sin(was)
+    return max(math.hypot(dx + cos * x - sin * y, dy + sin * x + cos * y, dz) for x, y in points)
 
 
 def way_of_ends(thing: ObjectInfo, before: Quaternion, after: Quaternion) -> float:
@@ -247,11 +298,16 @@ def way_of_ends(thing: ObjectInfo, before: Quaternion, after: Quaternion) -> flo
 
     The result is 0 for an object without a direction, or with a changed tilt (lifted or knocked over).
     """
-    if before == after or not has_direction(thing) or abs(tilt_of(after) - tilt_of(before)) > THRESHOLDS.knocked_tilt:
+    if not has_direction(thing) or _is_tipped(before, after):
         return 0.0
     width, depth, _ = thing.size_m
     # a corner moves along the circle through the corners: the chord of the rotation angle
     return math.hypot(width, depth) * abs(math.sin(0.5 * (yaw_of(after) - yaw_of(before))))
+
+
+def _is_tipped(before: Quaternion, after: Quaternion) -> bool:
+    """Return whether the tilt changed as far as that of an object that was knocked over."""
+    return abs(tilt_of(after) - tilt_of(before)) > THRESHOLDS.knocked_tilt
 
 
 def _tilt(state: WorldState, name: str) -> float:
