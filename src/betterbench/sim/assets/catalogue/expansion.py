@@ -6,6 +6,7 @@ import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from betterbench.sim.assets.catalogue.lists import entries_by_name, list_lines
 from betterbench.sim.assets.catalogue.terms import terms
@@ -40,6 +41,45 @@ _MEASURES = frozenset(_COUNTED.split())
 _MANY = "appliance container device gadget implement instrument machine tool utensil vessel"
 _CLASSES = frozenset(_MANY.split())
 """Nouns that are too general to name a kind of object."""
+_GENERIC_NAMES = """
+contraption device equipment gadget implement instrument item object one piece something stuff thing tool utensil
+"""
+_GENERIC = frozenset(_GENERIC_NAMES.split())
+"""Nouns that name no object, after which a use follows: "thing to eat soup with"."""
+_STARTS_A_USE = frozenset(["for", "to", "that", "which", "you", "i", "we", "people", "used"])
+"""Words between a noun that names no object and its use."""
+_BY_PREPOSITION = {
+    "with": "tool",
+    "using": "tool",
+    "from": "vessel",
+    "in": "vessel",
+    "into": "vessel",
+    "inside": "vessel",
+    "on": "surface",
+    "onto": "surface",
+}
+_BY_NOUN = {
+    "tool": "tool",
+    "utensil": "tool",
+    "implement": "tool",
+    "instrument": "tool",
+    "container": "vessel",
+    "vessel": "vessel",
+    "receptacle": "vessel",
+    "surface": "surface",
+}
+_PLACES = frozenset(
+    ["around", "at", "behind", "beside", "between", "near", "next", "on", "onto", "over", "under", "inside", "outside"]
+)
+"""Words that start the place of an object: "next to the bowl"."""
+_THIRD_PERSON = """
+carries cleans comes crushes fits goes grinds grows helps holds joins keeps lets lies makes moves opens plays protects
+removes serves sits stores tells washes
+"""
+_VERBS = frozenset(_THIRD_PERSON.split())
+"""Verbs that start a use: "holds a boiled egg"."""
+_IT = frozenset(["it", "them", "this", "these"])
+_REFERS = _IT | {"which", "that"}
 _LONGEST_PHRASE = 5
 _BEFORE_THE_NOUN = 0.4
 """Weight of a variety or brand name before another noun."""
@@ -78,6 +118,9 @@ class Query:
         colors: Colors that the query names.
         beside: Words that do not name the object itself, such as objects with which it is used.
         kinds: Kinds that a variety or brand in the query belongs to, by name, with a weight in (0, 1].
+        is_use: Whether the query says only what the object is for; other objects that it names are then not meant.
+        role: Role of the object in its use: "tool", "vessel", "surface" or "".
+        lacks: Words for what the object does not have.
     """
 
     text: str
@@ -89,6 +132,9 @@ class Query:
     colors: tuple[str, ...]
     beside: tuple[str, ...]
     kinds: Mapping[str, float]
+    is_use: bool = False
+    role: str = ""
+    lacks: tuple[str, ...] = ()
 
 
 @functools.cache
@@ -136,15 +182,40 @@ _NEGATED = re.compile(
 )
 
 
-def _affirmed(text: str) -> str:
-    """Return a description without what the object does not have: "a jar" for "a jar without a label"."""
-    kept = " ".join(_NEGATED.sub(" ", text).split())
+_REQUEST = re.compile(
+    r"""^\W*(?:please\s+)?(?:
+    (?:can|could|would|will)\s+you\s+(?:please\s+)?(?:find|show|get|give|bring|fetch|hand|pass)(?:\s+(?:me|us))?
+    |(?:i|we)\s+(?:(?:really\s+)?(?:need|want)|would\s+like|am\s+looking\s+for|are\s+looking\s+for
+      |am\s+searching\s+for)(?:\s+to\s+(?:find|see|have|get))?
+    |(?:i'm|we're)\s+(?:looking|searching)\s+for|i'd\s+like(?:\s+to\s+(?:find|see|have|get))?
+    |(?:do\s+you\s+have|have\s+you\s+got|is\s+there|are\s+there)
+    |(?:find|show|get|give|bring|fetch|hand|pass)\s+(?:me|us)|(?:looking|search|searching)\s+for
+    )\s+(?=\w)""",
+    re.IGNORECASE | re.VERBOSE,
+)
+
+
+def _without_request(text: str) -> str:
+    """Return a query without the words of a request: "a skillet" for "Can you find me a skillet?"."""
+    kept = _REQUEST.sub("", text)
     return kept if any(word not in SAYS_LITTLE for word in terms(kept)) else text
+
+
+def _affirmed(text: str) -> tuple[str, tuple[str, ...]]:
+    """Return a description without what the object does not have, and the words for the latter.
+
+    "A jar without a label" gives "a jar" and "label".
+    """
+    kept = " ".join(_NEGATED.sub(" ", text).split())
+    if not any(word not in SAYS_LITTLE for word in terms(kept)):
+        return text, ()
+    lacked = (word for found in _NEGATED.findall(text) for word in terms(found))
+    return kept, tuple(word for word in lacked if word not in SAYS_LITTLE | {"no", "having"})
 
 
 def understood(text: str, *, expander: Expander | None = None) -> Query:
     """Parse a query into concepts; an expander may add alternative readings."""
-    text = _affirmed(text)
+    text, lacks = _affirmed(_without_request(text))
     words = _without_verb(terms(text))
     known = word_list()
     head = _head(words)
@@ -170,18 +241,32 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
     colors = tuple(word for word in words if word in COLORS)
     asked = tuple(dict.fromkeys([text, *further]))
     said = tuple(word for word in words if word not in SAYS_LITTLE)
-    kinds = _kinds_of_varieties(words, head)
+    names_nothing = _names_nothing(text)
+    kinds = _kinds_of_varieties(words, head, names_nothing=names_nothing)
     every = tuple(dict.fromkeys([*readings, *further]))
-    return Query(text, tuple(concepts), every, asked, _head_part(text), said, colors, _beside(words, head), kinds)
+    return Query(
+        text,
+        tuple(concepts),
+        every,
+        asked,
+        _head_part(text),
+        said,
+        colors,
+        _beside(words, head, names_nothing=names_nothing),
+        kinds,
+        is_use=names_nothing,
+        role=role_of(words),
+        lacks=lacks,
+    )
 
 
-def _kinds_of_varieties(words: Sequence[str], head: int) -> dict[str, float]:
+def _kinds_of_varieties(words: Sequence[str], head: int, *, names_nothing: bool) -> dict[str, float]:
     """Return the kinds that belong to varieties and brands in the object-naming part of the query.
 
     A variety used as the noun has the full weight ("a green granny smith"). Before another noun it has less weight,
     because the noun may name another object ("a cheddar sandwich").
     """
-    if head < 0 or is_use(words):
+    if head < 0 or names_nothing:
         return {}
     known, found = variety_list(), dict[str, float]()
     for start in range(head + 1):
@@ -197,9 +282,39 @@ def is_use(words: Sequence[str]) -> bool:
     return bool(words) and not names and (words[0] in _ASKS or words[-1] in ("it", "them", "this"))
 
 
-def _beside(words: Sequence[str], head: int) -> tuple[str, ...]:
-    """Return words that do not name the object: "steak" in "a plate for steak", all of "you serve a steak on it"."""
+def _names_nothing(text: str) -> bool:
+    """Return whether a query names no object: "it opens wine", "thing to eat soup with", "next to the bowl"."""
+    words = [word for word in terms(text) if word not in ("a", "an", "any", "some", "the")]
     if is_use(words):
+        return True
+    if len(words) < 2:
+        return False
+    first = text.lower().split()[0]
+    if words[0] in _GENERIC and len(words) > 2 and words[1] in _STARTS_A_USE:
+        return True
+    if words[0] in ("to", "for") or words[0] in _PLACES or first in _VERBS:
+        return True
+    at = next((at for at, pair in enumerate(pairwise(words)) if pair[0] in _BY_PREPOSITION and pair[1] in _IT), -1)
+    return at > 0 and not {"with", "that", "which", "has", "having"}.intersection(words[:at])
+
+
+def role_of(words: Sequence[str]) -> str:
+    """Return the role of an object in a use: "tool" for "eat soup with it", "vessel" for "eat soup from it".
+
+    The role is given by the preposition before "it" or at the end or, without one, by the noun before the use ("a tool
+    for cutting"); it is empty if there is neither.
+    """
+    for at, word in enumerate(words):
+        last = at + 1 == len(words) and word != "inside"  # "green outside and red inside"
+        if word in _BY_PREPOSITION and (last or (at + 1 < len(words) and words[at + 1] in _REFERS)):
+            return _BY_PREPOSITION[word]
+    said = [word for word in words if word not in ("a", "an", "any", "some", "the")]
+    return _BY_NOUN.get(said[0], "") if len(said) > 2 and said[1] in _STARTS_A_USE else ""
+
+
+def _beside(words: Sequence[str], head: int, *, names_nothing: bool) -> tuple[str, ...]:
+    """Return words that do not name the object: "steak" in "a plate for steak", all of "you serve a steak on it"."""
+    if names_nothing:
         return tuple(words)
     after = next((at for at in range(head + 1, len(words)) if words[at] in AFTER_THE_HEAD - {"of", "like"}), len(words))
     return tuple(words[after:]) if head >= 0 else ()
