@@ -81,6 +81,10 @@ _VERBS = frozenset(_THIRD_PERSON.split())
 _IT = frozenset(["it", "them", "this", "these"])
 _REFERS = _IT | {"which", "that"}
 _LONGEST_PHRASE = 5
+_INFLECTED = re.compile("(ed|ing|ly|ish|ery|less)$")
+"""Endings of words that are not in the lists although they are spelled correctly."""
+_SHORTEST_NAME, _SHORTEST_WORD = 5, 4
+"""Minimum lengths of a name that may be misspelled, and of a word that may be a misspelling."""
 _BEFORE_THE_NOUN = 0.4
 """Weight of a variety or brand name before another noun."""
 _COLOR_WEIGHT, _OTHER_WEIGHT, _HEAD_WEIGHT = 0.35, 0.55, 1.0
@@ -213,9 +217,80 @@ def _affirmed(text: str) -> tuple[str, tuple[str, ...]]:
     return kept, tuple(word for word in lacked if word not in SAYS_LITTLE | {"no", "having"})
 
 
-def understood(text: str, *, expander: Expander | None = None) -> Query:
-    """Parse a query into concepts; an expander may add alternative readings."""
-    text, lacks = _affirmed(_without_request(text))
+@functools.cache
+def _listed_words() -> frozenset[str]:
+    """Return the words of all lists, which are spelled correctly."""
+    files = ("kinds.txt", "uses.txt", "words.txt", "varieties.txt", "hypernyms.txt")
+    return frozenset(word for file in files for line in list_lines(file) for word in terms(line)) | SAYS_LITTLE
+
+
+@functools.cache
+def _by_spelling() -> dict[str, frozenset[str]]:
+    """Return the names of objects by their spelling with at most one letter left out."""
+    names = set[str]()
+    for file in ("words.txt", "kinds.txt", "hypernyms.txt"):
+        lines = (line.partition("~")[0].partition(">")[0] for line in list_lines(file) if not line[0].isspace())
+        names.update(word for line in lines for word in terms(line))
+    found: dict[str, set[str]] = {}
+    for name in names:
+        if len(name) >= _SHORTEST_NAME and name.isalpha():
+            for spelling in _spellings(name):
+                found.setdefault(spelling, set()).add(name)
+    return {spelling: frozenset(words) for spelling, words in found.items()}
+
+
+def _spellings(word: str) -> list[str]:
+    return [word, *(word[:at] + word[at + 1 :] for at in range(len(word)))]
+
+
+def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
+    """Return the names of objects that misspelled words of a query stand for: "cutlery" for "cutery".
+
+    A word is misspelled if it is no word, and a name with the same first letter differs from it by one letter that is
+    added, missing or different, or by two letters in the wrong order. "Toasted" and "rubbery" are words: they have an
+    ending.
+    """
+    known, found = _listed_words(), {}
+    for written in text.lower().split():
+        for word in terms(written)[:1]:
+            plain = "".join(filter(str.isalpha, written))
+            if word in known or len(word) < _SHORTEST_WORD or not word.isalpha() or _INFLECTED.search(word):
+                break
+            if is_word(word) or is_word(plain):
+                break
+            near = {name for spelling in _spellings(word) for name in _by_spelling().get(spelling, ())}
+            fits = sorted(name for name in near if name[0] == word[0] and _differ_by_one(word, name))
+            if len(fits) == 1:
+                found[word] = fits[0]
+    return found
+
+
+def _differ_by_one(word: str, name: str) -> bool:
+    """Return whether words differ by one letter, or by two neighboring letters that are exchanged."""
+    if len(word) != len(name):
+        return True  # they have a spelling in common, so one has a letter more
+    at = next(at for at, (a, b) in enumerate(zip(word, name, strict=True)) if a != b)
+    swapped = word[at + 1 : at + 2] + word[at]
+    # short words have many neighbors
+    return (word[at + 1 :] == name[at + 1 :] and len(word) > _SHORTEST_NAME) or (
+        name[at : at + 2] == swapped and word[at + 2 :] == name[at + 2 :]
+    )
+
+
+def understood(
+    text: str, *, expander: Expander | None = None, is_word: Callable[[str], bool] | None = None
+) -> Query:
+    """Parse a query into concepts.
+
+    Args:
+        text: Description in plain words.
+        expander: Adds alternative readings.
+        is_word: Returns whether a word is spelled correctly; None if misspelled words are not corrected.
+    """
+    written, lacks = _affirmed(_without_request(text))
+    corrected = {} if is_word is None else _misspelled(written, is_word)
+    text = " ".join(corrected.get(word, word) for word in terms(written)) if corrected else written
+    spelled = {right: wrong for wrong, right in corrected.items()}
     words = _without_verb(terms(text))
     known = word_list()
     head = _head(words)
@@ -228,7 +303,9 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
         means = known.get(phrase, ())
         if means or phrase[0] not in SAYS_LITTLE:
             own = tuple(word for word in phrase if word not in SAYS_LITTLE)
-            first = (((own or phrase), 1.0),)
+            first: tuple[tuple[tuple[str, ...], float], ...] = (((own or phrase), 1.0),)
+            if spelled.keys() & set(phrase):
+                first += ((tuple(spelled.get(word, word) for word in own or phrase), 1.0),)
             concepts.append(Concept(_weight(phrase, at, length, head), (*first, *means)))
         if means and length > 1:
             names = [" ".join(other) for other, _ in means[:4]]
@@ -239,6 +316,8 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
         at += length
     further = [] if expander is None else [" ".join(said.split())[:400] for said in expander(text)]
     colors = tuple(word for word in words if word in COLORS)
+    if corrected:
+        further.append(written)
     asked = tuple(dict.fromkeys([text, *further]))
     said = tuple(word for word in words if word not in SAYS_LITTLE)
     names_nothing = _names_nothing(text)

@@ -51,6 +51,7 @@ _ENDS = (AFTER_THE_HEAD - {"of"}) | frozenset(
         "beside",
         "between",
         "by",
+        "consisting",
         "has",
         "have",
         "he",
@@ -97,7 +98,6 @@ _PARTICIPLES = frozenset(
         "laid",
         "packed",
         "served",
-        "shaped",
         "sliced",
         "split",
         "sprinkled",
@@ -124,6 +124,7 @@ def attribute_list() -> dict[tuple[str, ...], frozenset[int]]:
     return hypernym_list() | _listed("~")
 
 
+@functools.cache
 def _listed(mark: str) -> dict[tuple[str, ...], frozenset[int]]:
     """Return the phrases of the lines with a mark between the phrases and their kinds."""
     found: dict[tuple[str, ...], frozenset[int]] = {}
@@ -189,7 +190,11 @@ def _noun_phrase(words: Sequence[str]) -> list[str]:
     """Return the words up to the noun that names the object: "fresh vegetable" in "fresh vegetables to cook"."""
     phrase: list[str] = []
     for word in words:
-        if word == "of":
+        if word == "shaped":
+            phrase = phrase[:-1]  # "bowl-shaped vessel" is no bowl
+        elif word in ("and", "or") and phrase and (phrase[-1] in COLORS or (phrase[-1],) in _listed("~")):
+            continue  # "a glass or plastic vessel"
+        elif word == "of":
             if not phrase or phrase[-1] not in _GENERAL | _MANY:
                 break
             phrase.clear()

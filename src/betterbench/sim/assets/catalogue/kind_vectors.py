@@ -34,7 +34,7 @@ LACKED_LOSS = 0.05
 """Penalty for a member of a broader word whose texts mention what the object does not have."""
 USE_LOSS = 0.12
 """Penalty for a kind that is mentioned in a query that names no object ("thing to eat soup with")."""
-NAME_SHARE = 0.2
+NAME_SHARE = 0.15
 """Increase in similarity of the kind that the query names, as a fraction of the distance to the maximum."""
 BESIDE_LOSS = 0.05
 """Penalty for a kind that the query mentions only as used with the object: steak in "you serve a steak on it"."""

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
-from betterbench.sim.assets.catalogue.encoders.encoder import TextEncoder
+from betterbench.sim.assets.catalogue.encoders.encoder import KnowsWords, TextEncoder
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import Concept, Expander, Query, understood
 from betterbench.sim.assets.catalogue.indexing import LICENSE_KINDS
@@ -219,7 +219,7 @@ class Catalogue:
         admitted = filters or Filters()
         if admitted.source and admitted.source not in self._numbers:
             raise UnknownNameError("source", admitted.source, self._numbers)
-        asked = understood(query, expander=expander)
+        asked = understood(query, expander=expander, is_word=lambda word: self._is_word(word, meaning=meaning))
         depth = max(DEPTH, limit)
         by_words = self._by_words(asked, admitted, depth) if words else []
         if not meaning or self._index is None:
@@ -277,12 +277,10 @@ class Catalogue:
             depth: Number of rows nearest by their own text, and of rows of each of the best kinds.
             also: Numbers of other rows, which pass the filters, with the share of the query's words that they contain.
         """
-        if self._index is None or self._kinds is None or self._open_encoder is None:
+        if self._index is None or self._kinds is None:
             return {}
-        if self._encoder is None:
-            self._encoder = self._open_encoder(self.encoder_name)
-        index, kinds = self._index, self._kinds
-        *vectors, head = self._encoder.encode([*query.readings, query.head])
+        index, kinds, encoder = self._index, self._kinds, self._opened()
+        *vectors, head = encoder.encode([*query.readings, query.head])
         readings = np.array(vectors)
         asked = readings[[query.readings.index(text) for text in query.asked]]
         members = kinds.members(query)
@@ -304,6 +302,23 @@ class Catalogue:
             near = np.where(own >= 0, likeness[own], near)
         ranked = np.lexsort((places, -(_KIND_SHARE * near + _OWN_SHARE * cosines)))
         return {int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in ranked.tolist()}
+
+    def _opened(self) -> TextEncoder:
+        """Return the encoder of the catalogue, which is loaded the first time."""
+        if self._encoder is None:
+            if self._open_encoder is None:
+                raise ValueError("the catalogue was opened without an encoder")
+            self._encoder = self._open_encoder(self.encoder_name)
+        return self._encoder
+
+    def _is_word(self, word: str, *, meaning: bool) -> bool:
+        """Return whether a word of a query is in the catalogue or in the vocabulary of the encoder."""
+        if self._store.frequencies([word]):
+            return True
+        if not meaning or self._index is None:
+            return False
+        encoder = self._opened()
+        return not isinstance(encoder, KnowsWords) or encoder.has_word(word)
 
     def _mask(self, index: VectorIndex, filters: Filters) -> np.ndarray | None:
         """Return a mask of the rows that pass the filters, (n,) bool, or None for all."""

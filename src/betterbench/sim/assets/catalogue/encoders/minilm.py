@@ -63,6 +63,10 @@ class MiniLm:
                 vectors[part] = self._mean(np.array([numbers[place] for place in part]))
         return vectors
 
+    def has_word(self, word: str) -> bool:
+        """Return whether a word in lower case is in the vocabulary."""
+        return self._pieces.has_word(word)
+
     def _mean(self, numbers: np.ndarray) -> np.ndarray:
         """Return the normalized mean over the pieces (b, t) of some texts, (b, 384)."""
         count, length = numbers.shape
