@@ -81,7 +81,7 @@ _VERBS = frozenset(_THIRD_PERSON.split())
 _IT = frozenset(["it", "them", "this", "these"])
 _REFERS = _IT | {"which", "that"}
 _LONGEST_PHRASE = 5
-_INFLECTED = re.compile("(ed|ing|ly|ish|ery|less)$")
+_INFLECTED = re.compile("(ed|ing|ly|ish|less)$")
 """Endings of words that are not in the lists although they are spelled correctly."""
 _SHORTEST_NAME, _SHORTEST_WORD = 5, 4
 """Minimum lengths of a name that may be misspelled, and of a word that may be a misspelling."""
@@ -260,7 +260,7 @@ def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
                 break
             near = {name for spelling in _spellings(word) for name in _by_spelling().get(spelling, ())}
             fits = sorted(name for name in near if name[0] == word[0] and _differ_by_one(word, name))
-            if len(fits) == 1:
+            if len(fits) == 1 and word != f"{fits[0]}y":
                 found[word] = fits[0]
     return found
 
