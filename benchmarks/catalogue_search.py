@@ -195,9 +195,9 @@ def measure(folder: Path, queries: int) -> dict[str, object]:
             "vectors": (asked, False, True),
         }
         for number in range(queries + 3):
-            for name, (texts, words, meaning) in ways.items():
+            for name, (texts, by_words, by_meaning) in ways.items():
                 began, worked = time.perf_counter(), time.process_time()
-                catalogue.search(texts[number], filters=_FILTERS, words=words, meaning=meaning)
+                catalogue.search(texts[number], filters=_FILTERS, words=by_words, meaning=by_meaning)
                 if number >= 3:  # the first ones read the files
                     times[name].append(1e3 * (time.perf_counter() - began))
                     if f"{name}_cpu" in times:

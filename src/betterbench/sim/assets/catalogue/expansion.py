@@ -79,6 +79,8 @@ removes serves sits stores tells washes
 _VERBS = frozenset(_THIRD_PERSON.split())
 """Verbs that start a use: "holds a boiled egg"."""
 _IT = frozenset(["it", "them", "this", "these"])
+_JOINS = frozenset(["with", "that", "which", "has", "having"])
+"""Words after which "it" is the object already named: "a mug with an apple on it"."""
 _REFERS = _IT | {"which", "that"}
 _LONGEST_PHRASE = 5
 _INFLECTED = re.compile("(ed|ing|ly|ish|less)$")
@@ -277,9 +279,7 @@ def _differ_by_one(word: str, name: str) -> bool:
     )
 
 
-def understood(
-    text: str, *, expander: Expander | None = None, is_word: Callable[[str], bool] | None = None
-) -> Query:
+def understood(text: str, *, expander: Expander | None = None, is_word: Callable[[str], bool] | None = None) -> Query:
     """Parse a query into concepts.
 
     Args:
@@ -334,7 +334,7 @@ def understood(
         _beside(words, head, names_nothing=names_nothing),
         kinds,
         is_use=names_nothing,
-        role=role_of(words),
+        role=role_of(words) if names_nothing else "",
         lacks=lacks,
     )
 
@@ -358,7 +358,8 @@ def _kinds_of_varieties(words: Sequence[str], head: int, *, names_nothing: bool)
 def is_use(words: Sequence[str]) -> bool:
     """Return whether a query describes an object only by its use: "it opens wine", "you eat soup from it"."""
     names = len(words) > 1 and words[0] in ("it", "this", "that", "what") and words[1] in ("is", "s")
-    return bool(words) and not names and (words[0] in _ASKS or words[-1] in ("it", "them", "this"))
+    refers = bool(words) and words[-1] in ("it", "them", "this") and not _JOINS.intersection(words[:-1])
+    return bool(words) and not names and (words[0] in _ASKS or refers)
 
 
 def _names_nothing(text: str) -> bool:
@@ -374,7 +375,7 @@ def _names_nothing(text: str) -> bool:
     if words[0] in ("to", "for") or words[0] in _PLACES or first in _VERBS:
         return True
     at = next((at for at, pair in enumerate(pairwise(words)) if pair[0] in _BY_PREPOSITION and pair[1] in _IT), -1)
-    return at > 0 and not {"with", "that", "which", "has", "having"}.intersection(words[:at])
+    return at > 0 and not _JOINS.intersection(words[:at])
 
 
 def role_of(words: Sequence[str]) -> str:

@@ -162,6 +162,8 @@ def members_named(text: str) -> frozenset[int]:
         phrase = tuple(words[start : start + length])
         if len(phrase) == length and phrase in known and _ENDS.intersection(phrase):
             return known[phrase]
+    if words[:1] in (["anything"], ["something"]) and tuple(words[1:]) in attribute_list():
+        return attribute_list()[tuple(words[1:])]
     if is_use(words):
         return frozenset()
     before = terms(_ENDS_WITH_COMMA.split(text, maxsplit=1)[0])

@@ -114,7 +114,7 @@ class KindIndex:
             asked: Unit vectors of the query and of further descriptions, (m, dimension); the nearest vector is used.
             head: Unit vector of the head of the query, (dimension,).
             query: The query, with its words, varieties and the other objects that it names.
-            members: Kinds that the query includes by a broader word, as returned by ``members``; None to determine them.
+            members: Result of ``members`` for the query, if the caller has it.
         """
         if members is None:
             members = self.members(query)
