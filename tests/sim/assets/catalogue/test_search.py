@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError
 from betterbench.jobs.lock import LOCK_NAME, RunLock
-from betterbench.sim.assets.catalogue import indexing, kind_vectors
+from betterbench.sim.assets.catalogue import indexing, kind_vectors, kinds
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import understood
 from betterbench.sim.assets.catalogue.hypernyms import members_named
@@ -257,6 +258,21 @@ def test_a_killed_job_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert not set(rest.texts[3:]) & {entry.text for entry in THINGS}, "only texts of kinds come after the assets"
     for file in (tmp_path / "whole").glob("*.npy"):
         assert file.read_bytes() == (tmp_path / "killed" / file.name).read_bytes(), file.name
+
+
+def test_a_catalogue_of_older_lists_is_searched_and_gets_the_new_texts(tmp_path, monkeypatch):
+    listed = kinds.listed_kinds()
+    older = tuple(replace(kind, descriptions=("an older text",)) for kind in listed)
+    bag = Bag()
+    with monkeypatch.context() as patched:
+        patched.setattr(indexing, "listed_kinds", lambda: older)
+        index(tmp_path, Listed("things", *THINGS), encoder=bag)
+    with Catalogue(tmp_path, encoder=lambda _: bag) as opened:
+        assert names(opened.search("red apple", limit=1)) == ["red apple"]
+        assert names(opened.search("fruit for cider", limit=1))[0].endswith("apple")
+    assert index(tmp_path, Listed("things", *THINGS), encoder=bag).kept == len(THINGS)
+    texts = listed[kinds.number_of("apple")].texts
+    assert set(texts) <= set(bag.texts), "the new texts are encoded, although no row has changed"
 
 
 def test_vectors_of_another_encoder_are_made_again(tmp_path):
