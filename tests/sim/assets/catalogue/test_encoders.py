@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from types import SimpleNamespace
 
@@ -28,6 +29,19 @@ PIECES = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", "mug", "cup", "##s", "un", "##open
 def test_texts_are_split_into_the_longest_known_pieces(text, pieces):
     numbers = WordPieces(PIECES).numbers(text, limit=128)
     assert [PIECES[number] for number in numbers] == ["[CLS]", *pieces, "[SEP]"]
+
+
+def test_a_word_of_the_vocabulary_is_one_piece():
+    pieces = WordPieces(PIECES)
+    assert pieces.has_word("mug")
+    assert not pieces.has_word("mugs")
+    assert not pieces.has_word("open")
+
+
+def test_gelu_is_computed_for_every_row():
+    x = np.random.default_rng(5).normal(scale=3.0, size=(70, 9)).astype(np.float32)
+    expected = [[v * 0.5 * (1.0 + math.erf(v / math.sqrt(2.0))) for v in row] for row in x.tolist()]
+    assert np.allclose(minilm._gelu(x), expected, atol=2e-6)
 
 
 def test_a_long_text_is_cut():

@@ -12,6 +12,10 @@ from betterbench.sim.assets.catalogue.expansion import understood, variety_list
 from betterbench.sim.assets.catalogue.kind_vectors import (
     BESIDE_LOSS,
     HEAD_SHARE,
+    LACKED_LOSS,
+    NAME_SHARE,
+    ROLE_SHARE,
+    USE_LOSS,
     VARIETY_SHARE,
     WORDS_SHARE,
     KindIndex,
@@ -143,10 +147,40 @@ def test_another_object_of_the_use_is_not_meant(index):
     for query in ("you bite it like an apple", "zzz for apples", "you cut an apple with it"):
         assert understood(query).beside, query
     lost = likeness(index, "zzz for apples") - plain
-    with_it = likeness(index, "zzz apples") - plain
-    assert with_it[0] - lost[0] == pytest.approx(BESIDE_LOSS)
+    in_a_use = likeness(index, "you zzz apples") - plain
+    assert lost[0] == pytest.approx(WORDS_SHARE - BESIDE_LOSS)
+    assert in_a_use[0] == pytest.approx(WORDS_SHARE - USE_LOSS)
     assert understood("it is an apple").beside == ()
     assert understood("a slice of apple").beside == ()
+
+
+def test_the_noun_of_a_query_raises_its_kind(index):
+    plain, named = likeness(index, "zzz"), likeness(index, "zzz apple with an avocado")
+    without = plain[0] + WORDS_SHARE * (named[1] - plain[1] + BESIDE_LOSS) / WORDS_SHARE
+    assert named[0] > without, "the other fruit is no noun of the query"
+    alone = likeness(index, "zzz apple")
+    before = plain[0] + WORDS_SHARE
+    assert alone[0] == pytest.approx(before + NAME_SHARE * (1.0 + WORDS_SHARE - before))
+
+
+def test_words_of_a_use_count_more_where_the_object_has_the_same_role(index):
+    tool, vessel = likeness(index, "zzz music on it"), likeness(index, "zzz music from it")
+    on = [text for text in listed_kinds()[CHOSEN[2]].texts if {"music", "on"} <= set(terms(text))]
+    assert on == []
+    assert vessel[2] - tool[2] == pytest.approx(ROLE_SHARE), "hear music from it"
+    assert vessel[:2].tolist() == tool[:2].tolist()
+
+
+def test_a_member_that_has_what_the_object_lacks_comes_last(index):
+    apple, avocado, _ = likeness(index, "fruit without a pit") - likeness(index, "fruit")
+    assert apple == pytest.approx(0.0)
+    assert avocado == pytest.approx(-LACKED_LOSS)
+
+
+def test_each_kind_of_the_library_has_statements_of_use():
+    entries = [item.read() for item in open_source("procedural").items(on_skip=print)]
+    few = {kind_of(entry): len(listed_kinds()[kind_of(entry)].descriptions) for entry in entries}
+    assert min(few.values()) >= 10, [listed_kinds()[kind].names[0] for kind, count in few.items() if count < 10]
 
 
 def test_the_lists_name_kinds_and_repeat_no_name():

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError
 from betterbench.jobs.lock import LOCK_NAME, RunLock
-from betterbench.sim.assets.catalogue import indexing
+from betterbench.sim.assets.catalogue import indexing, kind_vectors, kinds
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import understood
+from betterbench.sim.assets.catalogue.hypernyms import members_named
 from betterbench.sim.assets.catalogue.indexing import JOURNAL, index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue, Filters
 from betterbench.sim.assets.catalogue.sources import SourceItem
@@ -27,6 +29,9 @@ class Bag:
 
     name = "bag"
     dimension = 64
+
+    def has_word(self, word):
+        return word in ("plates", "ceramic", "coffee", "shiny")
 
     def __init__(self):
         self.texts = []
@@ -120,6 +125,26 @@ def test_filters_admit_what_they_say(catalogue):
 
 def test_words_of_the_list_are_found_by_other_words(catalogue):
     assert names(catalogue.search("flat dish for food", limit=1)) == ["dinner plate"]
+
+
+def test_a_misspelled_name_is_found(catalogue):
+    assert names(catalogue.search("dinner plte"))[0] == "dinner plate"
+    assert names(catalogue.search("aple pie"))[0] == "apple pie"
+
+
+def test_a_broader_word_reaches_all_members_and_is_understood_once(tmp_path, monkeypatch):
+    fruits = ("apple", "pear", "orange", "lemon", "banana", "cherry", "coconut", "avocado", "mango", "plum")
+    rows = [thing(f"{name} {number}") for name in (*fruits, "hammer") for number in range(100)]
+    bag, asked = Bag(), []
+    index(tmp_path, Listed("things", *rows), encoder=bag)
+    monkeypatch.setattr(kind_vectors, "members_named", lambda text: asked.append(text) or members_named(text))
+    with Catalogue(tmp_path, encoder=lambda _: bag) as opened:
+        assert {hit.entry.name.split()[0] for hit in opened.search("fruit", limit=5)} <= set(fruits)
+        assert asked == ["fruit"]
+        near = opened._by_meaning(understood("fruit"), Filters(), 5, {})
+        assert {rows[number - 1].name.split()[0] for number in near} >= set(fruits)
+        assert len(near) < 250, "not every row of every member is compared"
+        assert opened.search("fruit", filters=Filters(max_faces=3)) == []
 
 
 def test_an_empty_or_endless_query_is_refused(catalogue):
@@ -233,6 +258,21 @@ def test_a_killed_job_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert not set(rest.texts[3:]) & {entry.text for entry in THINGS}, "only texts of kinds come after the assets"
     for file in (tmp_path / "whole").glob("*.npy"):
         assert file.read_bytes() == (tmp_path / "killed" / file.name).read_bytes(), file.name
+
+
+def test_a_catalogue_of_older_lists_is_searched_and_gets_the_new_texts(tmp_path, monkeypatch):
+    listed = kinds.listed_kinds()
+    older = tuple(replace(kind, descriptions=("an older text",)) for kind in listed)
+    bag = Bag()
+    with monkeypatch.context() as patched:
+        patched.setattr(indexing, "listed_kinds", lambda: older)
+        index(tmp_path, Listed("things", *THINGS), encoder=bag)
+    with Catalogue(tmp_path, encoder=lambda _: bag) as opened:
+        assert names(opened.search("red apple", limit=1)) == ["red apple"]
+        assert names(opened.search("fruit for cider", limit=1))[0].endswith("apple")
+    assert index(tmp_path, Listed("things", *THINGS), encoder=bag).kept == len(THINGS)
+    texts = listed[kinds.number_of("apple")].texts
+    assert set(texts) <= set(bag.texts), "the new texts are encoded, although no row has changed"
 
 
 def test_vectors_of_another_encoder_are_made_again(tmp_path):

@@ -6,6 +6,7 @@ import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from betterbench.sim.assets.catalogue.lists import entries_by_name, list_lines
 from betterbench.sim.assets.catalogue.terms import terms
@@ -40,7 +41,52 @@ _MEASURES = frozenset(_COUNTED.split())
 _MANY = "appliance container device gadget implement instrument machine tool utensil vessel"
 _CLASSES = frozenset(_MANY.split())
 """Nouns that are too general to name a kind of object."""
+_GENERIC_NAMES = """
+contraption device equipment gadget implement instrument item object one piece something stuff thing tool utensil
+"""
+_GENERIC = frozenset(_GENERIC_NAMES.split())
+"""Nouns that name no object, after which a use follows: "thing to eat soup with"."""
+_STARTS_A_USE = frozenset(["for", "to", "that", "which", "you", "i", "we", "people", "used"])
+"""Words between a noun that names no object and its use."""
+_BY_PREPOSITION = {
+    "with": "tool",
+    "using": "tool",
+    "from": "vessel",
+    "in": "vessel",
+    "into": "vessel",
+    "inside": "vessel",
+    "on": "surface",
+    "onto": "surface",
+}
+_BY_NOUN = {
+    "tool": "tool",
+    "utensil": "tool",
+    "implement": "tool",
+    "instrument": "tool",
+    "container": "vessel",
+    "vessel": "vessel",
+    "receptacle": "vessel",
+    "surface": "surface",
+}
+_PLACES = frozenset(
+    ["around", "at", "behind", "beside", "between", "near", "next", "on", "onto", "over", "under", "inside", "outside"]
+)
+"""Words that start the place of an object: "next to the bowl"."""
+_THIRD_PERSON = """
+carries cleans comes crushes fits goes grinds grows helps holds joins keeps lets lies makes moves opens plays protects
+removes serves sits stores tells washes
+"""
+_VERBS = frozenset(_THIRD_PERSON.split())
+"""Verbs that start a use: "holds a boiled egg"."""
+_IT = frozenset(["it", "them", "this", "these"])
+_JOINS = frozenset(["with", "that", "which", "has", "having"])
+"""Words after which "it" is the object already named: "a mug with an apple on it"."""
+_REFERS = _IT | {"which", "that"}
 _LONGEST_PHRASE = 5
+_INFLECTED = re.compile("(ed|ing|ly|ish|less)$")
+"""Endings of words that are not in the lists although they are spelled correctly."""
+_SHORTEST_NAME, _SHORTEST_WORD = 5, 4
+"""Minimum lengths of a name that may be misspelled, and of a word that may be a misspelling."""
 _BEFORE_THE_NOUN = 0.4
 """Weight of a variety or brand name before another noun."""
 _COLOR_WEIGHT, _OTHER_WEIGHT, _HEAD_WEIGHT = 0.35, 0.55, 1.0
@@ -78,6 +124,9 @@ class Query:
         colors: Colors that the query names.
         beside: Words that do not name the object itself, such as objects with which it is used.
         kinds: Kinds that a variety or brand in the query belongs to, by name, with a weight in (0, 1].
+        is_use: Whether the query says only what the object is for; other objects that it names are then not meant.
+        role: Role of the object in its use: "tool", "vessel", "surface" or "".
+        lacks: Words for what the object does not have.
     """
 
     text: str
@@ -89,6 +138,9 @@ class Query:
     colors: tuple[str, ...]
     beside: tuple[str, ...]
     kinds: Mapping[str, float]
+    is_use: bool = False
+    role: str = ""
+    lacks: tuple[str, ...] = ()
 
 
 @functools.cache
@@ -136,15 +188,109 @@ _NEGATED = re.compile(
 )
 
 
-def _affirmed(text: str) -> str:
-    """Return a description without its negated parts: "a jar" for "a jar without a label"."""
-    kept = " ".join(_NEGATED.sub(" ", text).split())
+_REQUEST = re.compile(
+    r"""^\W*(?:please\s+)?(?:
+    (?:can|could|would|will)\s+you\s+(?:please\s+)?(?:find|show|get|give|bring|fetch|hand|pass)(?:\s+(?:me|us))?
+    |(?:i|we)\s+(?:(?:really\s+)?(?:need|want)|would\s+like|am\s+looking\s+for|are\s+looking\s+for
+      |am\s+searching\s+for)(?:\s+to\s+(?:find|see|have|get))?
+    |(?:i'm|we're)\s+(?:looking|searching)\s+for|i'd\s+like(?:\s+to\s+(?:find|see|have|get))?
+    |(?:do\s+you\s+have|have\s+you\s+got|is\s+there|are\s+there)
+    |(?:find|show|get|give|bring|fetch|hand|pass)\s+(?:me|us)|(?:looking|search|searching)\s+for
+    )\s+(?=\w)""",
+    re.IGNORECASE | re.VERBOSE,
+)
+
+
+def _without_request(text: str) -> str:
+    """Return a query without the words of a request: "a skillet" for "Can you find me a skillet?"."""
+    kept = _REQUEST.sub("", text)
     return kept if any(word not in SAYS_LITTLE for word in terms(kept)) else text
 
 
-def understood(text: str, *, expander: Expander | None = None) -> Query:
-    """Parse a query into concepts; an expander may add alternative readings."""
-    text = _affirmed(text)
+def _affirmed(text: str) -> tuple[str, tuple[str, ...]]:
+    """Return a description without what the object does not have, and the words for the latter.
+
+    "A jar without a label" gives "a jar" and "label".
+    """
+    kept = " ".join(_NEGATED.sub(" ", text).split())
+    if not any(word not in SAYS_LITTLE for word in terms(kept)):
+        return text, ()
+    lacked = (word for found in _NEGATED.findall(text) for word in terms(found))
+    return kept, tuple(word for word in lacked if word not in SAYS_LITTLE | {"no", "having"})
+
+
+@functools.cache
+def _listed_words() -> frozenset[str]:
+    """Return the words of all lists, which are spelled correctly."""
+    files = ("kinds.txt", "uses.txt", "words.txt", "varieties.txt", "hypernyms.txt")
+    return frozenset(word for file in files for line in list_lines(file) for word in terms(line)) | SAYS_LITTLE
+
+
+@functools.cache
+def _by_spelling() -> dict[str, frozenset[str]]:
+    """Return the names of objects by their spelling with at most one letter left out."""
+    names = set[str]()
+    for file in ("words.txt", "kinds.txt", "hypernyms.txt"):
+        lines = (line.partition("~")[0].partition(">")[0] for line in list_lines(file) if not line[0].isspace())
+        names.update(word for line in lines for word in terms(line))
+    found: dict[str, set[str]] = {}
+    for name in names:
+        if len(name) >= _SHORTEST_NAME and name.isalpha():
+            for spelling in _spellings(name):
+                found.setdefault(spelling, set()).add(name)
+    return {spelling: frozenset(words) for spelling, words in found.items()}
+
+
+def _spellings(word: str) -> list[str]:
+    return [word, *(word[:at] + word[at + 1 :] for at in range(len(word)))]
+
+
+def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
+    """Return the names of objects that misspelled words of a query stand for: "cutlery" for "cutery".
+
+    A word is misspelled if it is no word, and a name with the same first letter differs from it by one letter that is
+    added, missing or different, or by two letters in the wrong order. "Toasted" and "rubbery" are words: they have an
+    ending.
+    """
+    known, found = _listed_words(), {}
+    for written in text.lower().split():
+        for word in terms(written)[:1]:
+            plain = "".join(filter(str.isalpha, written))
+            if word in known or len(word) < _SHORTEST_WORD or not word.isalpha() or _INFLECTED.search(word):
+                break
+            if is_word(word) or is_word(plain):
+                break
+            near = {name for spelling in _spellings(word) for name in _by_spelling().get(spelling, ())}
+            fits = sorted(name for name in near if name[0] == word[0] and _differ_by_one(word, name))
+            if len(fits) == 1 and word != f"{fits[0]}y":
+                found[word] = fits[0]
+    return found
+
+
+def _differ_by_one(word: str, name: str) -> bool:
+    """Return whether words differ by one letter, or by two neighboring letters that are exchanged."""
+    if len(word) != len(name):
+        return True  # they have a spelling in common, so one has a letter more
+    at = next(at for at, (a, b) in enumerate(zip(word, name, strict=True)) if a != b)
+    swapped = word[at + 1 : at + 2] + word[at]
+    # short words have many neighbors
+    return (word[at + 1 :] == name[at + 1 :] and len(word) > _SHORTEST_NAME) or (
+        name[at : at + 2] == swapped and word[at + 2 :] == name[at + 2 :]
+    )
+
+
+def understood(text: str, *, expander: Expander | None = None, is_word: Callable[[str], bool] | None = None) -> Query:
+    """Parse a query into concepts.
+
+    Args:
+        text: Description in plain words.
+        expander: Adds alternative readings.
+        is_word: Returns whether a word is spelled correctly; None if misspelled words are not corrected.
+    """
+    written, lacks = _affirmed(_without_request(text))
+    corrected = {} if is_word is None else _misspelled(written, is_word)
+    text = " ".join(corrected.get(word, word) for word in terms(written)) if corrected else written
+    spelled = {right: wrong for wrong, right in corrected.items()}
     words = _without_verb(terms(text))
     known = word_list()
     head = _head(words)
@@ -157,7 +303,9 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
         means = known.get(phrase, ())
         if means or phrase[0] not in SAYS_LITTLE:
             own = tuple(word for word in phrase if word not in SAYS_LITTLE)
-            first = (((own or phrase), 1.0),)
+            first: tuple[tuple[tuple[str, ...], float], ...] = (((own or phrase), 1.0),)
+            if spelled.keys() & set(phrase):
+                first += ((tuple(spelled.get(word, word) for word in own or phrase), 1.0),)
             concepts.append(Concept(_weight(phrase, at, length, head), (*first, *means)))
         if means and length > 1:
             names = [" ".join(other) for other, _ in means[:4]]
@@ -168,20 +316,36 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
         at += length
     further = [] if expander is None else [" ".join(said.split())[:400] for said in expander(text)]
     colors = tuple(word for word in words if word in COLORS)
+    if corrected:
+        further.append(written)
     asked = tuple(dict.fromkeys([text, *further]))
     said = tuple(word for word in words if word not in SAYS_LITTLE)
-    kinds = _kinds_of_varieties(words, head)
+    names_nothing = _names_nothing(text)
+    kinds = _kinds_of_varieties(words, head, names_nothing=names_nothing)
     every = tuple(dict.fromkeys([*readings, *further]))
-    return Query(text, tuple(concepts), every, asked, _head_part(text), said, colors, _beside(words, head), kinds)
+    return Query(
+        text,
+        tuple(concepts),
+        every,
+        asked,
+        _head_part(text),
+        said,
+        colors,
+        _beside(words, head, names_nothing=names_nothing),
+        kinds,
+        is_use=names_nothing,
+        role=role_of(words) if names_nothing else "",
+        lacks=lacks,
+    )
 
 
-def _kinds_of_varieties(words: Sequence[str], head: int) -> dict[str, float]:
+def _kinds_of_varieties(words: Sequence[str], head: int, *, names_nothing: bool) -> dict[str, float]:
     """Return the kinds that belong to varieties and brands in the object-naming part of the query.
 
     A variety used as the noun has the full weight ("a green granny smith"). Before another noun it has less weight,
     because the noun may name another object ("a cheddar sandwich").
     """
-    if head < 0 or is_use(words):
+    if head < 0 or names_nothing:
         return {}
     known, found = variety_list(), dict[str, float]()
     for start in range(head + 1):
@@ -194,12 +358,43 @@ def _kinds_of_varieties(words: Sequence[str], head: int) -> dict[str, float]:
 def is_use(words: Sequence[str]) -> bool:
     """Return whether a query describes an object only by its use: "it opens wine", "you eat soup from it"."""
     names = len(words) > 1 and words[0] in ("it", "this", "that", "what") and words[1] in ("is", "s")
-    return bool(words) and not names and (words[0] in _ASKS or words[-1] in ("it", "them", "this"))
+    refers = bool(words) and words[-1] in ("it", "them", "this") and not _JOINS.intersection(words[:-1])
+    return bool(words) and not names and (words[0] in _ASKS or refers)
 
 
-def _beside(words: Sequence[str], head: int) -> tuple[str, ...]:
-    """Return words that do not name the object: "steak" in "a plate for steak", all of "you serve a steak on it"."""
+def _names_nothing(text: str) -> bool:
+    """Return whether a query names no object: "it opens wine", "thing to eat soup with", "next to the bowl"."""
+    words = [word for word in terms(text) if word not in ("a", "an", "any", "some", "the")]
     if is_use(words):
+        return True
+    if len(words) < 2:
+        return False
+    first = text.lower().split()[0]
+    if words[0] in _GENERIC and len(words) > 2 and words[1] in _STARTS_A_USE:
+        return True
+    if words[0] in ("to", "for") or words[0] in _PLACES or first in _VERBS:
+        return True
+    at = next((at for at, pair in enumerate(pairwise(words)) if pair[0] in _BY_PREPOSITION and pair[1] in _IT), -1)
+    return at > 0 and not _JOINS.intersection(words[:at])
+
+
+def role_of(words: Sequence[str]) -> str:
+    """Return the role of an object in a use: "tool" for "eat soup with it", "vessel" for "eat soup from it".
+
+    The role is given by the preposition before "it" or at the end or, without one, by the noun before the use ("a tool
+    for cutting"); it is empty if there is neither.
+    """
+    for at, word in enumerate(words):
+        last = at + 1 == len(words) and word != "inside"  # "green outside and red inside"
+        if word in _BY_PREPOSITION and (last or (at + 1 < len(words) and words[at + 1] in _REFERS)):
+            return _BY_PREPOSITION[word]
+    said = [word for word in words if word not in ("a", "an", "any", "some", "the")]
+    return _BY_NOUN.get(said[0], "") if len(said) > 2 and said[1] in _STARTS_A_USE else ""
+
+
+def _beside(words: Sequence[str], head: int, *, names_nothing: bool) -> tuple[str, ...]:
+    """Return words that do not name the object: "steak" in "a plate for steak", all of "you serve a steak on it"."""
+    if names_nothing:
         return tuple(words)
     after = next((at for at in range(head + 1, len(words)) if words[at] in AFTER_THE_HEAD - {"of", "like"}), len(words))
     return tuple(words[after:]) if head >= 0 else ()

@@ -40,21 +40,33 @@ _ANYTHING = frozenset(["anything", "it", "object", "one", "place", "something", 
 _ENDS = (AFTER_THE_HEAD - {"of"}) | frozenset(
     [
         "a",
+        "after",
         "an",
         "and",
+        "around",
+        "at",
+        "before",
+        "behind",
+        "below",
         "beside",
         "between",
         "by",
+        "consisting",
         "has",
         "have",
         "he",
         "i",
+        "inside",
+        "into",
         "is",
         "it",
         "lying",
+        "near",
         "next",
         "one",
+        "onto",
         "or",
+        "over",
         "placed",
         "she",
         "standing",
@@ -70,15 +82,56 @@ _ENDS = (AFTER_THE_HEAD - {"of"}) | frozenset(
     ]
 )
 """Words that end the noun phrase of a description."""
+_PARTICIPLES = frozenset(
+    [
+        "broken",
+        "coated",
+        "covered",
+        "cut",
+        "decorated",
+        "divided",
+        "dipped",
+        "filled",
+        "full",
+        "halved",
+        "heaped",
+        "laid",
+        "packed",
+        "served",
+        "sliced",
+        "split",
+        "sprinkled",
+        "still",
+        "topped",
+        "wrapped",
+    ]
+)
+"""Words that end the noun phrase after the name of a kind: "hot dog topped with mustard"."""
+_DISHES = frozenset(["cuisine", "dish", "food", "meal", "snack", "specialty", "speciality", "stuff", "treat"])
+"""Nouns that a word for a kind of food may precede: "Mexican dish" is not crockery, but Mexican food."""
 _ENDS_WITH_COMMA = re.compile(r"[,;:.(]")
 
 
 @functools.cache
 def hypernym_list() -> dict[tuple[str, ...], frozenset[int]]:
     """Return, for each listed broader word or phrase as terms, the numbers of its kinds."""
+    return _listed(">")
+
+
+@functools.cache
+def attribute_list() -> dict[tuple[str, ...], frozenset[int]]:
+    """Return, for each word that narrows a broader word ("breakfast crockery"), the numbers of its kinds."""
+    return hypernym_list() | _listed("~")
+
+
+@functools.cache
+def _listed(mark: str) -> dict[tuple[str, ...], frozenset[int]]:
+    """Return the phrases of the lines with a mark between the phrases and their kinds."""
     found: dict[tuple[str, ...], frozenset[int]] = {}
     for line in list_lines("hypernyms.txt"):
-        broader, _, members = line.partition(">")
+        broader, marked, members = line.partition(mark)
+        if not marked:
+            continue
         try:
             numbers = frozenset(number_of(name) for name in members.split(","))
         except KeyError as error:
@@ -91,7 +144,7 @@ def hypernym_list() -> dict[tuple[str, ...], frozenset[int]]:
 
 @functools.cache
 def _longest() -> int:
-    return max(map(len, hypernym_list()))
+    return max(map(len, attribute_list()))
 
 
 def members_named(text: str) -> frozenset[int]:
@@ -109,6 +162,8 @@ def members_named(text: str) -> frozenset[int]:
         phrase = tuple(words[start : start + length])
         if len(phrase) == length and phrase in known and _ENDS.intersection(phrase):
             return known[phrase]
+    if words[:1] in (["anything"], ["something"]) and tuple(words[1:]) in attribute_list():
+        return attribute_list()[tuple(words[1:])]
     if is_use(words):
         return frozenset()
     before = terms(_ENDS_WITH_COMMA.split(text, maxsplit=1)[0])
@@ -119,19 +174,42 @@ def members_named(text: str) -> frozenset[int]:
     return frozenset()
 
 
+def kind_named(text: str) -> frozenset[int]:
+    """Return the kind whose name ends the noun phrase for the object: a plate in "small plate under a cup", or none."""
+    words = terms(text)
+    if not words or is_use(words):
+        return frozenset()
+    before = terms(_ENDS_WITH_COMMA.split(text, maxsplit=1)[0])
+    phrase = _noun_phrase(before)
+    while phrase and phrase[-1] in _GENERAL:
+        phrase.pop()
+    if not phrase or (phrase[-1] in COLORS and len(phrase) > 1):
+        return frozenset()
+    return named_last(phrase)
+
+
 def _noun_phrase(words: Sequence[str]) -> list[str]:
     """Return the words up to the noun that names the object: "fresh vegetable" in "fresh vegetables to cook"."""
     phrase: list[str] = []
     for word in words:
-        if word == "of":
+        if word == "shaped":
+            phrase = phrase[:-1]  # "bowl-shaped vessel" is no bowl
+        elif word in ("and", "or") and phrase and (phrase[-1] in COLORS or (phrase[-1],) in _listed("~")):
+            continue  # "a glass or plastic vessel"
+        elif word == "of":
             if not phrase or phrase[-1] not in _GENERAL | _MANY:
                 break
             phrase.clear()
-        elif word in _ENDS and phrase:
+        elif phrase and (word in _ENDS or (word in _PARTICIPLES and _is_named(phrase, word))):
             break
         elif word not in _ENDS and (phrase or word not in SAYS_LITTLE or word in _GENERAL | _MANY | _ANYTHING):
             phrase.append(word)
     return phrase
+
+
+def _is_named(phrase: Sequence[str], after: str) -> bool:
+    """Return whether words end with the name of a kind, without the word after them ("cheese cut" is a name)."""
+    return bool(named_last(phrase)) and not named_last([*phrase, after])
 
 
 def _members(phrase: Sequence[str]) -> frozenset[int]:
@@ -139,14 +217,36 @@ def _members(phrase: Sequence[str]) -> frozenset[int]:
     known = hypernym_list()
     words = list(phrase)
     while words:
+        if len(words) < len(phrase):
+            known = attribute_list()
         for start in range(max(0, len(words) - _longest()), len(words)):
             found = known.get(tuple(words[start:]))
             if found:
+                found = _narrowed(words, start, found)
                 return found | _narrower(words, len(words) - start)
         if words[-1] not in _GENERAL | COLORS:
             break
         words.pop()
     return frozenset()
+
+
+def _narrowed(words: Sequence[str], start: int, found: frozenset[int]) -> frozenset[int]:
+    """Return the kinds of a broader word that the attributes before it also include: "breakfast crockery".
+
+    Attributes that have no kind in common with it are ignored, except before a word such as "dish": a "Mexican dish" is
+    Mexican food.
+    """
+    known = attribute_list()
+    end = start
+    while end > 0:
+        spans = (tuple(words[first:end]) for first in range(max(0, end - _longest()), end))
+        span = next((one for one in spans if one in known), ())
+        if found & known.get(span, frozenset()):
+            found &= known[span]
+        elif span and (end, start) == (start, len(words) - 1) and words[-1] in _DISHES:
+            found = known[span] & known[("food",)] or known[span]
+        end -= max(len(span), 1)
+    return found
 
 
 def _narrower(words: Sequence[str], length: int) -> frozenset[int]:

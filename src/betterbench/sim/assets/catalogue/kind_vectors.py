@@ -13,8 +13,8 @@ import numpy as np
 
 from betterbench.errors import RecordError
 from betterbench.jobs.durable import DurableFile
-from betterbench.sim.assets.catalogue.expansion import SAYS_LITTLE, Query
-from betterbench.sim.assets.catalogue.hypernyms import members_named
+from betterbench.sim.assets.catalogue.expansion import SAYS_LITTLE, Query, role_of
+from betterbench.sim.assets.catalogue.hypernyms import kind_named, members_named
 from betterbench.sim.assets.catalogue.kinds import kinds_named, listed_kinds, number_of
 from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.sim.assets.catalogue.vectors import text_digest
@@ -27,7 +27,15 @@ VARIETY_SHARE = 0.6
 """Increase in similarity of a kind whose variety or brand is in the query, as a fraction of the distance to the
 maximum."""
 HYPERNYM_LOSS = 0.25
-"""Penalty for kinds that are not included in the broader word that names the object ("cutlery")."""
+"""Penalty for everything that is not a member of the broader word that names the object ("cutlery")."""
+ROLE_SHARE = 0.25
+"""Weight of the fraction of the query's words in a statement about the same role of the object ("eat soup with it")."""
+LACKED_LOSS = 0.05
+"""Penalty for a member of a broader word whose texts mention what the object does not have."""
+USE_LOSS = 0.12
+"""Penalty for a kind that is mentioned in a query that names no object ("thing to eat soup with")."""
+NAME_SHARE = 0.15
+"""Increase in similarity of the kind that the query names, as a fraction of the distance to the maximum."""
 BESIDE_LOSS = 0.05
 """Penalty for a kind that the query mentions only as used with the object: steak in "you serve a steak on it"."""
 _COUNTED = 2
@@ -91,28 +99,40 @@ class KindIndex:
         places = starts[:, None] + np.arange(max(_COUNTED, self._totals.max(initial=0)))
         self._texts = np.where(places < (starts + self._totals)[:, None], places, len(order))
         self._size = int(listed[-1]) + 1 if len(listed) else 0
-        self._words = _stems_of(self._kinds, self.table)
+        texts = _texts_of(self.table)
+        self._words = _stems_of(self._kinds, self.table["kind"], texts)
+        self._uses = _uses_of(self._kinds, self.table["kind"], texts)
         found = Counter(stem for stems in self._words for stem in stems)
         self._rarity = {stem: math.log(1.0 + len(self._words) / total) for stem, total in found.items()}
 
-    def likeness(self, asked: np.ndarray, head: np.ndarray, query: Query) -> np.ndarray:
+    def likeness(
+        self, asked: np.ndarray, head: np.ndarray, query: Query, members: Sequence[int] | None = None
+    ) -> np.ndarray:
         """Return the similarity of a query to each kind, (kinds,) float32; -1 for a kind without rows.
 
         Args:
             asked: Unit vectors of the query and of further descriptions, (m, dimension); the nearest vector is used.
             head: Unit vector of the head of the query, (dimension,).
             query: The query, with its words, varieties and the other objects that it names.
+            members: Result of ``members`` for the query, if the caller has it.
         """
+        if members is None:
+            members = self.members(query)
         found = np.full(self._size, -1.0, np.float32)
         if len(self._kinds):
             *near, near_head = self._nearest(np.vstack([asked, head]))
             found[self._kinds] = (1.0 - HEAD_SHARE) * np.max(near, axis=0) + HEAD_SHARE * near_head
             found[self._kinds] += WORDS_SHARE * self._shared(query.words)
+            if query.role:
+                found[self._kinds] += ROLE_SHARE * self._used(query.role, query.words)
             for kind in self._held(kinds_named(query.beside)):
-                found[kind] -= BESIDE_LOSS
-            members = self.members(query)
+                found[kind] -= USE_LOSS if query.is_use else BESIDE_LOSS
             if members:
                 found[self._kinds] -= np.where(np.isin(self._kinds, members), 0.0, HYPERNYM_LOSS)
+                found[self._kinds] -= LACKED_LOSS * self._mentions(query.lacks)
+            elif not query.is_use:
+                for kind in self._held(kind_named(query.text)):
+                    found[kind] += NAME_SHARE * (1.0 + WORDS_SHARE - found[kind])
             for name, weight in query.kinds.items():
                 for kind in self._held({number_of(name)}):
                     found[kind] += VARIETY_SHARE * weight * (1.0 + WORDS_SHARE - found[kind])
@@ -131,6 +151,24 @@ class KindIndex:
         rarity = {stem: self._rarity[stem] for stem in map(_stem, words) if stem in self._rarity}
         total = max(sum(rarity.values()), 1e-9)
         return np.array([sum(rarity[stem] for stem in rarity if stem in own) / total for own in self._words])
+
+    def _used(self, role: str, words: Sequence[str]) -> np.ndarray:
+        """Return the largest fraction of words in a statement of each kind about a role, (kinds,)."""
+        rarity = {stem: self._rarity[stem] for stem in map(_stem, words) if stem in self._rarity}
+        total = max(sum(rarity.values()), 1e-9)
+        found = np.zeros(len(self._kinds))
+        shared: dict[tuple[int, int], float] = {}
+        for stem, weight in rarity.items():
+            for place in self._uses.get((role, stem), ()):
+                shared[place] = shared.get(place, 0.0) + weight
+        for (kind, _), weight in shared.items():
+            found[kind] = max(found[kind], weight / total)
+        return found
+
+    def _mentions(self, words: Sequence[str]) -> np.ndarray:
+        """Return whether the texts of each kind contain any of some words, (kinds,)."""
+        stems = frozenset(map(_stem, words))
+        return np.array([bool(stems & own) for own in self._words])
 
     def _nearest(self, vectors: np.ndarray) -> np.ndarray:
         """Return the mean cosine of the nearest texts of each kind with each vector (m, dimension): (m, kinds)."""
@@ -151,14 +189,32 @@ class KindIndex:
         return order, np.searchsorted(self.rows[order], np.arange(-1, self._size + 1))
 
 
-def _stems_of(kinds: np.ndarray, table: np.ndarray) -> list[frozenset[str]]:
-    """Return the word stems of each kind, from those of its texts that have a vector in the table."""
+def _texts_of(table: np.ndarray) -> list[str]:
+    """Return the listed text of each line of a table; empty if the list no longer has it."""
     known = {text_digest(text): text for kind in listed_kinds() for text in kind.texts}
-    texts = [known.get(digest.tobytes(), "") for digest in table["digest"]]
+    return [known.get(digest.tobytes(), "") for digest in table["digest"]]
+
+
+def _stems_of(kinds: np.ndarray, owners: np.ndarray, texts: Sequence[str]) -> list[frozenset[str]]:
+    """Return the word stems of each kind, from its texts."""
     words = {int(kind): set[str]() for kind in kinds}
-    for kind, text in zip(table["kind"].tolist(), texts, strict=True):
+    for kind, text in zip(owners.tolist(), texts, strict=True):
         words[kind] |= {_stem(term) for term in terms(text) if term not in SAYS_LITTLE}
     return [frozenset(words[int(kind)]) for kind in kinds]
+
+
+def _uses_of(
+    kinds: np.ndarray, owners: np.ndarray, texts: Sequence[str]
+) -> dict[tuple[str, str], list[tuple[int, int]]]:
+    """Return, for each role and word stem, the statements that contain them: index of the kind and of the text."""
+    found: dict[tuple[str, str], list[tuple[int, int]]] = {}
+    for place, (kind, text) in enumerate(zip(np.searchsorted(kinds, owners).tolist(), texts, strict=True)):
+        words = terms(text)
+        role = role_of(words)
+        if role:
+            for stem in {_stem(word) for word in words if word not in SAYS_LITTLE}:
+                found.setdefault((role, stem), []).append((kind, place))
+    return found
 
 
 def _stem(word: str) -> str:

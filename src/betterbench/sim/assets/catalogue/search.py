@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
-from betterbench.sim.assets.catalogue.encoders.encoder import TextEncoder
+from betterbench.sim.assets.catalogue.encoders.encoder import KnowsWords, TextEncoder
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import Concept, Expander, Query, understood
 from betterbench.sim.assets.catalogue.indexing import LICENSE_KINDS
@@ -30,6 +30,8 @@ _RANK = 8.0
 """Constant in the reciprocal rank score of the word search, (constant + 1) / (constant + rank)."""
 _BEST_KINDS = 3
 """Number of most similar kinds whose rows are searched."""
+_PER_MEMBER = 20
+"""Number of rows of each other kind that a broader word includes."""
 _KIND_SHARE, _OWN_SHARE, _WORDS_SHARE = 1.0, 0.1, 0.15
 """Weights of the similarity to the kind, the cosine with the row's own text, and the word score."""
 _UNRELATED = 0.2
@@ -217,7 +219,7 @@ class Catalogue:
         admitted = filters or Filters()
         if admitted.source and admitted.source not in self._numbers:
             raise UnknownNameError("source", admitted.source, self._numbers)
-        asked = understood(query, expander=expander)
+        asked = understood(query, expander=expander, is_word=lambda word: self._is_word(word, meaning=meaning))
         depth = max(DEPTH, limit)
         by_words = self._by_words(asked, admitted, depth) if words else []
         if not meaning or self._index is None:
@@ -275,29 +277,48 @@ class Catalogue:
             depth: Number of rows nearest by their own text, and of rows of each of the best kinds.
             also: Numbers of other rows, which pass the filters, with the share of the query's words that they contain.
         """
-        if self._index is None or self._kinds is None or self._open_encoder is None:
+        if self._index is None or self._kinds is None:
             return {}
-        if self._encoder is None:
-            self._encoder = self._open_encoder(self.encoder_name)
-        index, kinds = self._index, self._kinds
-        *vectors, head = self._encoder.encode([*query.readings, query.head])
+        index, kinds, encoder = self._index, self._kinds, self._opened()
+        *vectors, head = encoder.encode([*query.readings, query.head])
         readings = np.array(vectors)
         asked = readings[[query.readings.index(text) for text in query.asked]]
-        likeness = kinds.likeness(asked, head, query)
+        members = kinds.members(query)
+        likeness = kinds.likeness(asked, head, query, members)
         mask = self._mask(index, filters)
         found = [index.nearest(readings, mask, depth)[0], np.searchsorted(index.columns.rows, sorted(also))]
-        for kind in np.argsort(-likeness, kind="stable")[:_BEST_KINDS].tolist():
+        order = np.argsort(-likeness, kind="stable").tolist()
+        for kind in order[:_BEST_KINDS]:
             found.append(index.nearest(asked, mask, depth, among=kinds.places(kind))[0])
+        for kind in set(members).difference(order[:_BEST_KINDS]):
+            found.append(_some(kinds.places(kind), mask))
         places = np.unique(np.concatenate(found).astype(np.int64))
         cosines = index.cosines(readings, places)
         own = kinds.rows[places]
         # a name is similar to a short description, so compare a row without a kind by its own text
         shares = np.array([also.get(row, 0.0) for row in index.columns.rows[places].tolist()])
-        near = cosines + WORDS_SHARE * shares - (HYPERNYM_LOSS if kinds.members(query) else 0.0)
+        near = cosines + WORDS_SHARE * shares - (HYPERNYM_LOSS if members else 0.0)
         if len(likeness):
             near = np.where(own >= 0, likeness[own], near)
-        order = np.lexsort((places, -(_KIND_SHARE * near + _OWN_SHARE * cosines)))
-        return {int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in order.tolist()}
+        ranked = np.lexsort((places, -(_KIND_SHARE * near + _OWN_SHARE * cosines)))
+        return {int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in ranked.tolist()}
+
+    def _opened(self) -> TextEncoder:
+        """Return the encoder of the catalogue, which is loaded the first time."""
+        if self._encoder is None:
+            if self._open_encoder is None:
+                raise ValueError("the catalogue was opened without an encoder")
+            self._encoder = self._open_encoder(self.encoder_name)
+        return self._encoder
+
+    def _is_word(self, word: str, *, meaning: bool) -> bool:
+        """Return whether a word of a query is in the catalogue or in the vocabulary of the encoder."""
+        if self._store.frequencies([word]):
+            return True
+        if not meaning or self._index is None:
+            return False
+        encoder = self._opened()
+        return not isinstance(encoder, KnowsWords) or encoder.has_word(word)
 
     def _mask(self, index: VectorIndex, filters: Filters) -> np.ndarray | None:
         """Return a mask of the rows that pass the filters, (n,) bool, or None for all."""
@@ -314,6 +335,14 @@ class Catalogue:
         if filters.min_size_m is not None:
             parts.append(columns.sizes >= filters.min_size_m)
         return functools.reduce(np.logical_and, parts) if parts else None
+
+
+def _some(places: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+    """Return at most ``_PER_MEMBER`` indices of rows that pass the filters, evenly spaced."""
+    # a part of many rows is enough to find some that pass
+    places = places[:: max(1, len(places) // (16 * _PER_MEMBER))]
+    passing = places if mask is None else places[mask[places]]
+    return passing[:: max(1, -(-len(passing) // _PER_MEMBER))]
 
 
 @dataclass(frozen=True, slots=True)

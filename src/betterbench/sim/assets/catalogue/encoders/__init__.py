@@ -10,6 +10,7 @@ from betterbench.sim.assets.catalogue.encoders.encoder import (
     DEFAULT,
     ENCODERS,
     EncoderKind,
+    KnowsWords,
     TextEncoder,
     open_encoder,
     register,
@@ -18,4 +19,4 @@ from betterbench.sim.assets.catalogue.encoders.encoder import (
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")
 
-__all__ = ["DEFAULT", "ENCODERS", "EncoderKind", "TextEncoder", "open_encoder", "register"]
+__all__ = ["DEFAULT", "ENCODERS", "EncoderKind", "KnowsWords", "TextEncoder", "open_encoder", "register"]

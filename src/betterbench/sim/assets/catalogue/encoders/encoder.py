@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -24,6 +24,14 @@ class TextEncoder(Protocol):
 
     def encode(self, texts: Sequence[str]) -> np.ndarray:
         """Return unit vectors, (n, dimension) float32."""
+
+
+@runtime_checkable
+class KnowsWords(Protocol):
+    """Encoder with a vocabulary, by which misspelled words of a query are recognized."""
+
+    def has_word(self, word: str) -> bool:
+        """Return whether a word in lower case is in the vocabulary."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -36,6 +36,10 @@ class WordPieces:
         found = [number for word in _words(text) for number in self._pieces(word)]
         return [self._begin, *found[: limit - 2], self._end]
 
+    def has_word(self, word: str) -> bool:
+        """Return whether a word in lower case is one piece."""
+        return word in self._numbers
+
     def _pieces(self, word: str) -> list[int]:
         if len(word) > _LONGEST_WORD:
             return [self._unknown]
