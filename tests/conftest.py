@@ -7,6 +7,7 @@ import difflib
 import gc
 import os
 import signal
+import sys
 import time
 import zlib
 from collections import Counter
@@ -86,6 +87,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
+    """Put the folders of helper modules, each once, behind the installed packages, because processes inherit the path.
+
+    The test files have put some sixty folders in front, which makes the start of a policy's process 20 % slower.
+    """
+    tests = Path(__file__).parent
+    helpers = (str(tests), str(tests.parent / "tools"))
+    sys.path[:] = sorted(dict.fromkeys(sys.path), key=lambda folder: folder.startswith(helpers))
     gc.freeze()
     gc.enable()
 

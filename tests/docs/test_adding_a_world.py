@@ -47,7 +47,7 @@ def followed(tmp_path, monkeypatch, capfd, forgotten):
     return tmp_path, said
 
 
-def test_the_world_of_the_page_is_evaluated_and_reported(followed):
+def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_alone(followed, monkeypatch):
     folder, (suites, goes, noop, report) = followed
     assert "a mark on the left" in " ".join(suites.out.split())
     assert "10 trials of point." in goes.err
@@ -64,10 +64,6 @@ def test_the_world_of_the_page_is_evaluated_and_reported(followed):
     assert "move the hand to the left" in page
     assert "Point" in page
     assert report.err.count("no films") <= 1
-
-
-def test_a_run_in_the_world_is_read_by_those_alone_who_have_its_file(followed, monkeypatch):
-    folder, _ = followed
     stored = json.loads((folder / "runs" / "goes" / "run.json").read_text())["plan"]
     assert stored["world"]["facts"] == world_named("point").facts.to_json()
     assert [file["name"] for file in stored["task_files"]] == ["point.py"]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import socket
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.evaluation.conftest import FEW_STEPS, in_few_steps, tiny
 
 from betterbench.errors import InvalidInputError, MissingDependencyError, PremiseError
 from betterbench.evaluation import evaluate
@@ -14,8 +16,24 @@ from betterbench.evaluation.ray_engine import cluster
 from betterbench.evaluation.ray_engine.cluster import Cluster
 from betterbench.evaluation.ray_engine.remote_worker import RemoteWorker, Turn, versions_here
 from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.records import RunFolder
+from betterbench.tasks.trial import Trial
 
 pytestmark = pytest.mark.physics
+
+
+@pytest.fixture(scope="module", autouse=True)
+def brief_trials() -> Iterator[None]:
+    """Ends all trials after a few steps, in runs and in workers alike; both are in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trial, "resolve", in_few_steps(FEW_STEPS))
+        yield
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(brief_trials, tmp_path_factory) -> RunFolder:
+    """The tiny plan with brief trials, run in one go by one process."""
+    return evaluate(tiny(), tmp_path_factory.mktemp("brief") / "run")
 
 
 def remote_worker(run, *, envs: int = 1, policy: str = "random", known: tuple[str, ...] = ()) -> RemoteWorker:

@@ -26,6 +26,13 @@ def picture(number, size=(WIDTH, HEIGHT)):
     return buffer.getvalue()
 
 
+def large_picture():
+    """Returns a PNG of 81 million pixels, black and white because colors would take seconds to compress."""
+    buffer = io.BytesIO()
+    Image.new("1", (9000, 9000)).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
 def noise(size=(WIDTH, HEIGHT)):
     """Returns a PNG of random colors, which does not compress."""
     buffer = io.BytesIO()

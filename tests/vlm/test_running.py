@@ -19,6 +19,7 @@ from betterbench.cli.verbs.vqa import CoordinateNames
 from betterbench.errors import ModelError, RunConflictError
 from betterbench.vlm import RunSettings, evaluate_model, find_benchmark
 from betterbench.vlm.prompts import find_prompt
+from betterbench.vlm.running import SHOWN_NAME
 from betterbench.vqa.coordinates import CONVENTIONS, Coordinates
 from betterbench.vqa.llm import RefusedError
 
@@ -285,7 +286,7 @@ def test_a_run_killed_at_ten_moments_asks_no_answered_item_again(tmp_path, serve
 def test_a_picture_that_cannot_be_shown_is_named(data, says, tmp_path, capsys, serve):
     folder = published.embspatial_folder(tmp_path / "data")
     if data == "large":
-        data = published.picture(1, (9000, 9000))
+        data = published.large_picture()
     elif data == "cut":
         data = published.noise()[:-3000]
     (folder / "images" / "0.png").write_bytes(data)
@@ -296,6 +297,7 @@ def test_a_picture_that_cannot_be_shown_is_named(data, says, tmp_path, capsys, s
         assert "embspatial, item q0:" in said
         assert says in said
         assert "0x" not in said
+        assert not (tmp_path / eyes / SHOWN_NAME).exists(), "an image that is refused is not decoded for the sheet"
 
 
 def test_a_server_that_rejects_everything_gets_no_score_and_is_asked_again(tmp_path):

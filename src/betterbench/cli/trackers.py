@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import tempfile
+import time
 import warnings
 from collections import Counter
 from pathlib import Path
@@ -87,18 +88,21 @@ def write_metrics(
 def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
     """Write one event file, and replace that of an earlier export, because TensorBoard would show both.
 
-    The file is written elsewhere and then moved: on a full disk, the writer thread would die, and waiting for it would
-    hang.
+    The events are written without the writer thread of ``SummaryWriter``: on a full disk, that thread dies, and the
+    next call waits for it forever.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # protobuf warns at import
-        from tensorboardX import SummaryWriter
+        from tensorboardX.event_file_writer import EventsWriter
+        from tensorboardX.proto.event_pb2 import Event
+        from tensorboardX.summary import scalar, text
 
     with tempfile.TemporaryDirectory(prefix="betterbench-") as apart:
-        with SummaryWriter(apart) as writer:
-            writer.add_text("about", mark_of("export"), 0)
-            for key, value in numbers.items():
-                writer.add_scalar(key, value, 0)
+        writer = EventsWriter(str(Path(apart) / "events"))
+        summaries = [text("about", mark_of("export")), *(scalar(key, value) for key, value in numbers.items())]
+        for summary in summaries:
+            writer.write_event(Event(summary=summary, wall_time=time.time(), step=0))
+        writer.close()
         write_durably(file, next(Path(apart).iterdir()).read_bytes())
 
 

@@ -19,7 +19,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from betterbench.errors import ModelError, RecordError
+from betterbench.errors import InvalidInputError, ModelError, RecordError
 from betterbench.jobs import OnCount, job_folder, write_durably
 from betterbench.jobs.conflict import require_free, require_same
 from betterbench.jobs.durable import on_disk
@@ -33,7 +33,7 @@ from betterbench.vlm.eyesight import eyesight, readings_of
 from betterbench.vlm.items import ItemSet
 from betterbench.vlm.models.eyes import Eyes, contact_sheet, convention_for
 from betterbench.vlm.official import UPSTREAM, UpstreamScore, upstream_scores
-from betterbench.vlm.pictures import NOT_A_PICTURE
+from betterbench.vlm.pictures import NOT_A_PICTURE, size_of
 from betterbench.vlm.probe import TARGETS, ask_targets, finding_of
 from betterbench.vlm.prompts import Prompt
 from betterbench.vlm.scoring import StaticScore, score_answers
@@ -258,8 +258,10 @@ def _show(items: ItemSet, out: Path) -> None:
     if name is None or (out / SHOWN_NAME).exists():
         return
     try:
-        sheet = contact_sheet(items.read(name))
-    except NOT_A_PICTURE:
+        picture = items.read(name)
+        size_of(picture, name)  # a large image is not decoded
+        sheet = contact_sheet(picture)
+    except (InvalidInputError, *NOT_A_PICTURE):
         return  # a broken image is reported when its request is sent
     write_durably(out / SHOWN_NAME, sheet)
 

@@ -104,10 +104,10 @@ import resource, signal, time
 from betterbench.sim.scenes import limited
 def work(files):
     began = time.process_time()
-    while time.process_time() - began < 0.3:
+    while time.process_time() - began < 0.15:
         pass
 limited.load_model = work
-limited.REQUEST_CPU_S = 0.5
+limited.REQUEST_CPU_S = 0.25
 time.process_time = lambda start=time.process_time: start() - {lag}
 limited.draw_for_parent("fast", 64)
 """
@@ -124,7 +124,7 @@ def test_each_answer_has_its_own_time_on_whatever_clock_the_kernel_counts(lag, m
     monkeypatch.setattr(limited_process.subprocess, "Popen", working)
     with LimitedView(quality="fast", size=64) as view:
         first = view.process_id
-        for _ in range(4):  # 1.2 s of CPU time in all
+        for _ in range(4):  # 0.6 s of CPU time in all
             view.open({"model.mjb": b"x"})
         assert view.process_id == first
 

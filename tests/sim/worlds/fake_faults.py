@@ -1,7 +1,7 @@
 """What goes wrong in the process of a stand-in of a simulator, once.
 
-The environment variable ``FAKE_FAULT`` holds "KIND:WHERE:FILE": what goes wrong, in which trial, and the file that says
-that it has. ``FAKE_RUN`` is the process of the run.
+The environment variable ``FAKE_FAULT`` holds lines "KIND:WHERE:FILE": what goes wrong, in which trial, and the file
+that says that it has. ``FAKE_RUN`` is the process of the run.
 """
 
 import os
@@ -16,11 +16,12 @@ from betterbench.jobs import frames
 
 def fault_due(here):
     """Return what goes wrong now in a trial for which ``here`` is true of the place that the fault names, or None."""
-    kind, where, file = (os.environ.get("FAKE_FAULT") or "none:0:none").rsplit(":", 2)
-    if kind == "none" or Path(file).exists() or not here(where):
-        return None
-    Path(file).touch()
-    return kind
+    for line in os.environ.get("FAKE_FAULT", "").splitlines():
+        kind, where, file = line.rsplit(":", 2)
+        if here(where) and not Path(file).exists():
+            Path(file).touch()
+            return kind
+    return None
 
 
 def twice(link, frame):

@@ -88,6 +88,25 @@ def undisturbed(three_trials, tmp_path_factory):
     return _bytes(evaluate(three_trials, tmp_path_factory.mktemp("undisturbed") / "run"))
 
 
+@pytest.fixture(scope="module")
+def many_trials(fake_command):
+    """Plan in which each of the nine trials of an odd seed may fail, between two that do not."""
+    return short(make_world_plan("noop", suite="libero_object", command=fake_command, tasks=["3"], trials=19))
+
+
+@pytest.fixture(scope="module")
+def many_undisturbed(many_trials, tmp_path_factory):
+    return _bytes(evaluate(many_trials, tmp_path_factory.mktemp("undisturbed") / "run"))
+
+
+def at_odd_seeds(faults, folder, monkeypatch):
+    """Let each of the faults happen once, in a trial of its own, and return the faults by seed."""
+    at = {2 * i + 1: fault for i, fault in enumerate(faults)}
+    lines = [f"{fault}:{seed}:{folder / f'it happened {seed}'}" for seed, fault in at.items()]
+    monkeypatch.setenv("FAKE_FAULT", "\n".join(lines))
+    return at
+
+
 FAULTS = ["dies", "hangs", "raises", "nan", "garbage"]
 FAULTS += [
     "short row",
@@ -115,20 +134,21 @@ FAULTS += [
 ]
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("faults", [FAULTS[0::3], FAULTS[1::3], FAULTS[2::3]])
 def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(
-    three_trials, tmp_path, monkeypatch, undisturbed, fault
+    many_trials, tmp_path, monkeypatch, many_undisturbed, faults
 ):
     monkeypatch.setattr(process, "STEP_LIMIT_S", 1.0)
-    monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")
+    at = at_odd_seeds(faults, tmp_path, monkeypatch)
     began = time.monotonic()
-    run = evaluate(three_trials, tmp_path / "run", envs=2)
-    assert time.monotonic() - began < 60.0
-    broken = [e for e in run.entries() if e.status == "error"]
-    assert [e.seed for e in broken] == [1]
-    assert "simulator" in broken[0].message
-    assert one_line(broken[0].message, most=600) == broken[0].message
-    assert _bytes(evaluate(three_trials, tmp_path / "run", envs=1)) == undisturbed
+    run = evaluate(many_trials, tmp_path / "run", envs=2)
+    assert time.monotonic() - began < 60.0 * len(faults)
+    broken = {e.seed: e.message for e in run.entries() if e.status == "error"}
+    assert {seed: at.get(seed) for seed in broken} == at
+    for message in broken.values():
+        assert "simulator" in message
+        assert one_line(message, most=600) == message
+    assert _bytes(evaluate(many_trials, tmp_path / "run", envs=1)) == many_undisturbed
 
 
 def test_an_answer_that_is_sent_twice_is_read_once(three_trials, tmp_path, monkeypatch, undisturbed):
@@ -139,40 +159,40 @@ def test_an_answer_that_is_sent_twice_is_read_once(three_trials, tmp_path, monke
     assert _bytes(run) == undisturbed
 
 
-@pytest.mark.parametrize(
-    "fault",
-    [
-        "pairs",
-        "pairs=[1]",
-        'pairs=["abc"]',
-        "row",
-        'row=[["qpos", [3]]]',
-        'row=[["qpos", [-3]]]',
-        "objects",
-        "objects=7",
-        'objects=[{"name": "cube_1"}, {}]',
-        "relations",
-        "goal=[7]",
-        "premises=[[]]",
-        "places=[[1]]",
-        'objects=[{"name": "cube_1", "kind": "cube", "fixed": "no", "mass": 0.1, "size": [1, 1, 1], "regions": []}]',
-        "arena",
-        "arena=7",
-        "base=[0, 0]",
-        "bddl=7",
-        "engine",
-        "engine=7",
-        'engine={"mujoco": 3}',
-    ],
-)
-def test_a_start_that_cannot_be_read_costs_one_trial(three_trials, tmp_path, monkeypatch, undisturbed, fault):
+STARTS = [
+    "pairs",
+    "pairs=[1]",
+    'pairs=["abc"]',
+    "row",
+    'row=[["qpos", [3]]]',
+    'row=[["qpos", [-3]]]',
+    "objects",
+    "objects=7",
+    'objects=[{"name": "cube_1"}, {}]',
+    "relations",
+    "goal=[7]",
+    "premises=[[]]",
+    "places=[[1]]",
+    'objects=[{"name": "cube_1", "kind": "cube", "fixed": "no", "mass": 0.1, "size": [1, 1, 1], "regions": []}]',
+    "arena",
+    "arena=7",
+    "base=[0, 0]",
+    "bddl=7",
+    "engine",
+    "engine=7",
+    'engine={"mujoco": 3}',
+]
+
+
+@pytest.mark.parametrize("faults", [STARTS[0::3], STARTS[1::3], STARTS[2::3]])
+def test_a_start_that_cannot_be_read_costs_one_trial(many_trials, tmp_path, monkeypatch, many_undisturbed, faults):
     monkeypatch.setenv("FAKE_START", "1")
-    monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")
-    run = evaluate(three_trials, tmp_path / "run", envs=1)
-    broken = [e for e in run.entries() if e.status == "error"]
-    assert [e.seed for e in broken] == [1]
-    assert "simulator" in broken[0].message
-    assert _bytes(evaluate(three_trials, tmp_path / "run", envs=1)) == undisturbed
+    at = at_odd_seeds(faults, tmp_path, monkeypatch)
+    run = evaluate(many_trials, tmp_path / "run", envs=1)
+    broken = {e.seed: e.message for e in run.entries() if e.status == "error"}
+    assert {seed: at.get(seed) for seed in broken} == at
+    assert all("simulator" in message for message in broken.values())
+    assert _bytes(evaluate(many_trials, tmp_path / "run", envs=1)) == many_undisturbed
 
 
 def test_an_image_of_another_type_is_no_image(plan_of, tmp_path, monkeypatch):

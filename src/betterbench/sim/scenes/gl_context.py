@@ -57,9 +57,9 @@ def renderer_fingerprint() -> dict[str, str]:
     MissingDependencyError if no off-screen OpenGL works here.
     """
     make_current()
-    gl = importlib.import_module("OpenGL.GL")
-    names = {"vendor": gl.GL_VENDOR, "renderer": gl.GL_RENDERER, "version": gl.GL_VERSION}
-    strings = {key: cast("bytes", gl.glGetString(name)).decode("utf-8", "replace") for key, name in names.items()}
+    text = _gl_function("glGetString", ctypes.c_char_p, ctypes.c_uint)
+    names = {"vendor": _VENDOR, "renderer": _RENDERER, "version": _VERSION}
+    strings = {key: (text(name) or b"").decode("utf-8", "replace") for key, name in names.items()}
     return {"backend": gl_backend() or "", **strings, "mujoco": mujoco.__version__}
 
 
@@ -133,8 +133,18 @@ def _create_context() -> _GLContext:
     return context
 
 
+_VENDOR, _RENDERER, _VERSION, _EXTENSIONS, _NUM_EXTENSIONS = 0x1F00, 0x1F01, 0x1F02, 0x1F03, 0x821D
 _PACK_INVERT_MESA = 0x8758
 """Setting of the OpenGL extension MESA_pack_invert: pixels are read with the top row first."""
+
+
+def _gl_function(name: str, result: type[ctypes.c_char_p] | None, *arguments: object) -> Callable[..., bytes | None]:
+    """Return a function of OpenGL. Importing it from ``OpenGL.GL`` would take 50 ms of CPU time."""
+    platform = importlib.import_module("OpenGL.platform").PLATFORM
+    function: Callable[..., bytes | None] = platform.constructFunction(
+        name, platform.GL, resultType=result, argTypes=arguments
+    )
+    return function
 
 
 def read_from_top(*, wanted: bool) -> bool:
@@ -142,11 +152,12 @@ def read_from_top(*, wanted: bool) -> bool:
 
     Mesa supports this. With another OpenGL, rows are always read from the bottom, and images are flipped afterward.
     """
-    gl = importlib.import_module("OpenGL.GL")
-    names = {gl.glGetStringi(gl.GL_EXTENSIONS, i) for i in range(int(gl.glGetIntegerv(gl.GL_NUM_EXTENSIONS)))}
-    if b"GL_MESA_pack_invert" not in names:
+    count = ctypes.c_int()
+    _gl_function("glGetIntegerv", None, ctypes.c_uint, ctypes.c_void_p)(_NUM_EXTENSIONS, ctypes.byref(count))
+    name = _gl_function("glGetStringi", ctypes.c_char_p, ctypes.c_uint, ctypes.c_uint)
+    if b"GL_MESA_pack_invert" not in {name(_EXTENSIONS, number) for number in range(count.value)}:
         return False
-    gl.glPixelStorei(_PACK_INVERT_MESA, int(wanted))
+    _gl_function("glPixelStorei", None, ctypes.c_uint, ctypes.c_int)(_PACK_INVERT_MESA, int(wanted))
     return wanted
 
 
