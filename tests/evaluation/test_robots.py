@@ -98,7 +98,7 @@ def test_a_replayed_demonstration_proves_the_arms_own_units(tmp_path):
     layout = "lerobot_so101_normalized"
     file = tmp_path / "layout.json"
     file.write_text(json.dumps(dataclasses.replace(OWN_PRESETS[layout], views=()).to_json()), encoding="utf-8")
-    with pytest.raises(InvalidInputError, match="in 'so101_normalized', and the SO-101 follower arm is served in"):
+    with pytest.raises(InvalidInputError, match="'so101_normalized', but the SO-101 follower arm is served in"):
         open_server("expert", port=0, robot="so101", layout=layout)
     layout = "lerobot_so101_degrees"
     file.write_text(json.dumps(dataclasses.replace(OWN_PRESETS[layout], views=()).to_json()), encoding="utf-8")

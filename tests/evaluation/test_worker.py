@@ -573,7 +573,7 @@ def test_what_a_policy_breaks_with_is_told_in_the_same_words_whoever_asks(
 def test_a_host_whose_policy_hangs_is_replaced_and_later_trials_are_not_harmed(plugin, tiny_plan, tmp_path, caplog):
     plan = tiny_plan(f"{plugin}:HangsOnce", trials=6)
     run = evaluate(plan, tmp_path / "run", workers=2, envs=1, policy_timeout_s=4.0)
-    assert "hangs and is started again" in caplog.text
+    assert "hangs and is restarted" in caplog.text
     told = [error for _, error in outcomes(run).values()]
     late = [error for error in told if error]
     assert 1 <= len(late) <= 2, "those in the batch that hung"

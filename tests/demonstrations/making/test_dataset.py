@@ -26,6 +26,7 @@ from betterbench.demonstrations.sets.recipe import SetRecipe, keep_recipe, read_
 from betterbench.demonstrations.shortcuts.shown import conditions_shown, every_condition
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.records import RunFolder
+from betterbench.records.twins import read_pairs
 from betterbench.tasks import get_task
 
 pytestmark = pytest.mark.physics
@@ -185,8 +186,9 @@ def test_twins_share_their_history_until_the_instruction_makes_them_differ(tmp_p
     for pair in made.pairs:
         assert pair.instructions[0] != pair.instructions[1]
         assert 0.3 * min(pair.rows) < pair.shared_rows < min(pair.rows)  # the apple comes first in both
-    lines = (tmp_path / "set" / "demonstrations" / "pairs.jsonl").read_text().splitlines()
-    assert [json.loads(line)["pair"] for line in lines] == [pair.pair for pair in made.pairs]
+    assert read_pairs(RunFolder.open(tmp_path / "set" / "demonstrations")) == made.pairs
+    *_, seal = (tmp_path / "set" / "demonstrations" / "pairs.jsonl").read_text().splitlines()
+    assert json.loads(seal).keys() == {"seal"}
     verb._tell(made, 75.5, as_json=True)
     document = json.loads(capsys.readouterr().out)
     assert document["seconds"] == 75.5

@@ -177,8 +177,10 @@ def test_amplified_demonstrations_are_as_varied_as_their_sources(tmp_path, capsy
     found = acceptance_of(many)
     (theirs,), (own,) = found.sources, found.variety
     assert found.sources == variety_of_run(few)
-    for name in SPREADS:
-        assert getattr(own.spread, name) >= 0.9 * getattr(theirs.spread, name), name
+    # Grasps are those of the sources: of pairs drawn from 5 sources, a fifth has one source and the same grasp.
+    drawn = {name: 4 / 5 if name == "grasp_deg" else 1.0 for name in SPREADS}
+    for name, share in drawn.items():
+        assert getattr(own.spread, name) >= 0.9 * share * getattr(theirs.spread, name), name
     page = write_acceptance(many, found, {}, {}).read_text()
     assert f"| {TASK} | sources | {theirs.spread.path_cm:.2f} |" in page
     assert f"| {TASK} | set | {own.spread.path_cm:.2f} |" in page
