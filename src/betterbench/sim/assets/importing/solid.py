@@ -66,9 +66,7 @@ def spread(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.
     return spread_points(vertices, faces, spacing), owners, weights
 
 
-def spread_points(
-    vertices: np.ndarray, faces: np.ndarray, spacing: float, *, most: int | None = None
-) -> np.ndarray:
+def spread_points(vertices: np.ndarray, faces: np.ndarray, spacing: float, *, most: int | None = None) -> np.ndarray:
     """Return only the (k, 3) points of :func:`spread`.
 
     Args:
@@ -106,21 +104,21 @@ def _columns(corners: np.ndarray, spacing: float, *, most: int | None = None) ->
         kept = np.arange(first, len(which) * len(w), step)
         first = (first - len(which) * len(w)) % step
         for axis, column in enumerate(found):
-            a, b, c = corners[which, :, axis].T
+            own = corners[which, :, axis].T
             if step > 1:
-                own, at = np.divmod(kept, len(w))
-                column.append(_sum_of_products(w[at, 0], a[own], w[at, 1], b[own], w[at, 2], c[own]))
+                triangle, at = np.divmod(kept, len(w))
+                column.append(_sum_of_products(w[at].T, own[:, triangle]))
             elif len(w) < len(which):  # the inner loop runs over the longer side
-                column.append(_sum_of_products(w[:, 0, None], a, w[:, 1, None], b, w[:, 2, None], c).T.ravel())
+                column.append(_sum_of_products(w.T[:, :, None], own[:, None, :]).T.ravel())
             else:
-                column.append(_sum_of_products(w[:, 0], a[:, None], w[:, 1], b[:, None], w[:, 2], c[:, None]).ravel())
+                column.append(_sum_of_products(w.T[:, None, :], own[:, :, None]).ravel())
     return [np.concatenate(column) for column in found]
 
 
-def _sum_of_products(u: np.ndarray, a: np.ndarray, v: np.ndarray, b: np.ndarray, w: np.ndarray, c: np.ndarray) -> np.ndarray:
-    found = u * a
-    found += v * b
-    found += w * c
+def _sum_of_products(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
+    found: np.ndarray = weights[0] * values[0]
+    found += weights[1] * values[1]
+    found += weights[2] * values[2]
     return found
 
 
@@ -132,7 +130,9 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> So
     origin = low - 1.5 * pitch
     shape = np.ceil((high - origin) / pitch).astype(int) + 2
     columns = _columns(vertices[faces], 0.6 * pitch)
-    fine = [np.floor((column - start) / pitch * 2.0).astype(np.int64) for column, start in zip(columns, origin, strict=True)]
+    fine = [
+        np.floor((column - start) / pitch * 2.0).astype(np.int64) for column, start in zip(columns, origin, strict=True)
+    ]
     i, j, k = (np.clip(index >> 1, 0, count - 1) for index, count in zip(fine, shape.tolist(), strict=True))
     upright = i * shape[1] + j
     at = upright * shape[2] + k
