@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import itertools
 import json
 from pathlib import Path
 
@@ -216,6 +217,23 @@ def test_a_box_that_leans_on_a_spike_does_not_stand(tub):
     assert result.outcome == "failed", result
     assert 5.0 < result.measured < 20.0
     assert result.limit == 10.0
+
+
+@pytest.mark.parametrize(("slit", "outcome"), [(0.004, "passed"), (0.012, "failed")])
+def test_a_few_slits_are_not_a_leak_unless_objects_fall_through(tub, slit, outcome):
+    """A reduced colander keeps less than the twelve gaps that make a grid."""
+    x, y, wall = TUB[0] / 2 - 0.003, TUB[1] / 2 - 0.003, 0.006
+    edges = np.linspace(-x, x, 6)
+    slats = [
+        trimesh.creation.box(bounds=[(low + slit / 2, -y, 0.0), (high - slit / 2, y, wall)])
+        for low, high in itertools.pairwise(edges)
+    ]
+    floor = trimesh.util.concatenate(slats)
+    vertices, faces = np.asarray(floor.vertices, np.float32), np.asarray(floor.faces, np.int32)
+    slatted = dataclasses.replace(tub.visual[0], vertices=vertices, faces=faces)
+    subject = Subject(dataclasses.replace(tub, visual=(slatted, *tub.visual[1:])), kind_of("lunchbox"))
+    assert run_check("opening_free", subject).outcome == outcome
+    assert run_check("upright", subject).outcome == outcome
 
 
 def test_a_lid_also_keeps_the_ball_out(planted, tub):
