@@ -14,16 +14,21 @@ from betterbench.sim.assets.importing import child
 from betterbench.sim.assets.importing.importer import Wishes, import_mesh
 
 
-@pytest.fixture
-def block(tmp_path):
+@pytest.fixture(scope="module")
+def block(tmp_path_factory):
     """A file of a block, and its options."""
-    path = tmp_path / "block.stl"
+    path = tmp_path_factory.mktemp("meshes") / "block.stl"
     trimesh.creation.box((0.05, 0.03, 0.04)).export(path)
     return path, Wishes("block", size_m=0.05, mass_kg=0.1)
 
 
-def test_a_grasp_that_fails_is_left_out_and_the_others_are_named_in_order(block):
-    found = import_mesh(*block)
+@pytest.fixture(scope="module")
+def found(block):
+    """The imported block with its proposed grasps."""
+    return import_mesh(*block)
+
+
+def test_a_grasp_that_fails_is_left_out_and_the_others_are_named_in_order(found):
     good = found.draft.grasps[0]
     beside = replace(good, name="beside", pose=good.pose.translated(0.2, 0.0, 0.0), preference=0)
     mixed = replace(found, draft=replace(found.draft, grasps=(beside, replace(good, preference=1))))
@@ -33,8 +38,7 @@ def test_a_grasp_that_fails_is_left_out_and_the_others_are_named_in_order(block)
     assert tried.notes[-1] == "1 of 2 grasps lift and carry it in simulation"
 
 
-def test_the_firmest_grasps_are_first_and_equal_ones_keep_their_order(block, monkeypatch):
-    found = import_mesh(*block)
+def test_the_firmest_grasps_are_first_and_equal_ones_keep_their_order(found, monkeypatch):
     first = found.draft.grasps[0]
     shifts = (0.0, 0.001, 0.002, 0.003, 0.004)
     several = tuple(
@@ -49,10 +53,9 @@ def test_the_firmest_grasps_are_first_and_equal_ones_keep_their_order(block, mon
     assert tried.notes[-1].startswith("4 of 5")
 
 
-def test_an_object_that_is_too_heavy_to_lift_keeps_its_proposals(block):
-    path, wishes = block
-    found = import_mesh(path, replace(wishes, mass_kg=4.0))
-    assert with_tried_grasps(found) is found
+def test_an_object_that_is_too_heavy_to_lift_keeps_its_proposals(found):
+    heavy = replace(found, draft=replace(found.draft, mass_kg=4.0))
+    assert with_tried_grasps(heavy) is heavy
 
 
 def test_an_import_tries_the_grasps_in_its_child(block, tmp_path, monkeypatch):

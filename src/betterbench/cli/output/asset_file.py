@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 def write_sheet(hits: Sequence[tuple[str, Hit]], out: Path, *, overwrite: bool) -> None:
     """Write the pictures of some assets with their scores and licenses."""
-    from PIL import Image
-
-    from betterbench.cli.output.asset_sheet import asset_sheet
-
     with picture_file(out, "assets", overwrite=overwrite) as write:
         if hits:
+            from PIL import Image
+
+            from betterbench.cli.output.asset_sheet import asset_sheet
+
             write(Image.fromarray(asset_sheet(hits)), ())

@@ -22,14 +22,14 @@ def picture_file(out: Path, verb: str, *, overwrite: bool) -> Iterator[Callable[
         InvalidInputError: If the suffix is not that of a PNG or JPEG file.
         RunConflictError: If the existing file must not be replaced, or another process is writing it.
     """
-    from betterbench.evaluation.figures.show import image_file
-    from betterbench.jobs import write_durably
-    from betterbench.jobs.outputs import OutputFile, mark_of
-
     if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise InvalidInputError(
             "--out", f"{out} ends with {out.suffix!r}", "Choose a file name that ends with .png or .jpg"
         )
+
+    from betterbench.evaluation.figures.show import image_file
+    from betterbench.jobs import write_durably
+    from betterbench.jobs.outputs import OutputFile, mark_of
 
     def write(image: Image.Image, remarks: Sequence[str]) -> None:
         write_durably(out, image_file(image, out.suffix, remark="\n".join([mark_of(verb), *remarks])))

@@ -55,8 +55,11 @@ class Subject:
 
     @functools.cached_property
     def cavity(self) -> Cavity | None:
-        """Visible hollow that is open at the top, or None."""
-        return cavity_of(self.solid)
+        """Visible hollow that is open at the top, or None.
+
+        Gaps that are as narrow as a seam are no leaks, such as the few holes that the reduced mesh of a colander keeps.
+        """
+        return cavity_of(self.solid) or cavity_of(self.solid, with_seams=True)
 
     @functools.cached_property
     def hulls(self) -> tuple[np.ndarray, ...]:
@@ -66,7 +69,7 @@ class Subject:
     @functools.cached_property
     def touched_cavity(self) -> Cavity | None:
         """Hollow that the collision parts leave free, or None."""
-        return cavity_of(surface_solid(self.hulls), of_hulls=True)
+        return cavity_of(surface_solid(self.hulls), with_seams=True)
 
     @functools.cached_property
     def distances(self) -> Distances:

@@ -208,6 +208,37 @@ def test_colors_of_corners_multiply_the_material(gltf, tmp_path):
     assert color_of(gltf.read(tmp_path)) == (0.0, 0.2, 1.0)
 
 
+GLOSS = "KHR_materials_pbrSpecularGlossiness"
+
+
+@pytest.mark.parametrize(
+    ("gloss", "color"),
+    [
+        ({"diffuseFactor": [1, 0, 0, 1]}, RED),
+        ({"diffuseTexture": {"index": 0}}, RED),
+        ({"diffuseTexture": {"index": 0}, "diffuseFactor": [0.5, 1, 1, 1]}, (0.5, 0.0, 0.0)),
+        ({}, (1.0, 1.0, 1.0)),
+    ],
+)
+def test_the_color_of_a_glossy_material_replaces_that_of_a_metallic_one(gltf, tmp_path, gloss, color):
+    gltf.textured(0.25)
+    plain = {"baseColorFactor": [0, 0, 1, 1]}
+    gltf.form["materials"] = [{"pbrMetallicRoughness": plain, "extensions": {GLOSS: gloss}}]
+    gltf.form["extensionsUsed"] = [GLOSS]
+    assert color_of(gltf.read(tmp_path)) == color
+
+
+def test_a_texture_that_is_webp_is_read(gltf, tmp_path):
+    gltf.textured(0.25)
+    written = io.BytesIO()
+    Image.new("RGB", (8, 8), (0, 0, 255)).save(written, "WEBP", lossless=True)
+    name = "EXT_texture_webp"
+    gltf.form["images"] = [{"bufferView": gltf.view(written.getvalue()), "mimeType": "image/webp"}]
+    gltf.form["textures"] = [{"extensions": {name: {"source": 0}}}]
+    gltf.form |= {"extensionsUsed": [name], "extensionsRequired": [name]}
+    assert color_of(gltf.read(tmp_path)) == BLUE
+
+
 def test_a_plain_file_is_not_rewritten(gltf, tmp_path, monkeypatch):
     monkeypatch.setattr("betterbench.sim.assets.importing.plain_gltf._Document.glb", lambda _: pytest.fail("rewritten"))
     gltf.textured(0.25)
@@ -315,3 +346,17 @@ def test_a_texture_of_a_cube_gives_its_mean_color(tmp_path):
 def test_an_invisible_region_without_contacts_is_no_shape(tmp_path):
     region = '<geom type="box" size=".5 .5 .5" rgba="0 0 0 0" contype="0" conaffinity="0" group="5"/>'
     assert size_of(mjcf(tmp_path, f'<geom type="mesh" mesh="box"/>{region}')) == [0.06, 0.04, 0.1]
+
+
+@pytest.mark.parametrize(("stated", "mass_kg"), [("", 0.12), ('mass="0.3"', 0.42)])
+def test_an_invisible_region_weighs_nothing_unless_its_mass_is_stated(tmp_path, stated, mass_kg):
+    """MuJoCo gives it the density of water; RoboCasa marks the bounding box of an object in this way."""
+    region = f'<geom type="box" size=".06 .06 .06" rgba="0 1 0 0" contype="0" conaffinity="0" {stated}/>'
+    found = mjcf(tmp_path, f'<geom type="mesh" mesh="box" density="500"/>{region}').stated
+    assert found.mass_kg == pytest.approx(mass_kg)
+
+
+def test_a_body_that_weighs_only_as_a_region_keeps_this_mass(tmp_path):
+    region = '<geom type="box" size=".05 .05 .05" rgba="0 1 0 0" contype="0" conaffinity="0"/>'
+    found = mjcf(tmp_path, f'<freejoint/><geom type="mesh" mesh="box" mass="0"/>{region}').stated
+    assert found.mass_kg == pytest.approx(1.0)

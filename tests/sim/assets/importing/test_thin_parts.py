@@ -87,7 +87,7 @@ def test_a_wire_basket_keeps_its_hoops_and_its_opening():
     assert visible.volume_m3 == pytest.approx(cavity.volume_m3, rel=0.1)
     hulls, _ = convex_hulls(solid, (points, faces), cavity)
     assert filled_share(hulls, solid, cavity) < 0.1
-    touched = cavity_of(surface_solid(hulls), of_hulls=True)
+    touched = cavity_of(surface_solid(hulls), with_seams=True)
     assert touched is not None, "a seam between two parts is not a leak"
     assert touched.volume_m3 > 0.6 * cavity.volume_m3
 
@@ -103,4 +103,4 @@ def test_a_hole_in_the_floor_of_collision_parts_is_no_seam():
         ]
         solid = surface_solid([np.asarray(part.vertices) for part in (*walls, *floor)])
         assert cavity_of(solid) is None
-        assert (cavity_of(solid, of_hulls=True) is not None) is holds
+        assert (cavity_of(solid, with_seams=True) is not None) is holds

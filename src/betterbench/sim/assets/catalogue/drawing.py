@@ -137,10 +137,13 @@ def _drawn(points: np.ndarray, normals: np.ndarray, colors: np.ndarray, pixels: 
     facing = np.where((normals @ back)[:, None] < 0.0, -normals, normals)
     shade = 0.55 + 0.5 * np.clip(facing @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
     lit = np.clip(colors * shade[:, None], 0.0, 1.0)
-    image = np.tile(_GROUND, (side, side, 1))
     order = np.argsort(depth, kind="stable")  # write the nearest point of each pixel last
+    rows, columns, lit = rows[order], columns[order], np.concatenate([lit[order], _GROUND[None]])
+    shown = np.full(side * side, len(order), dtype=np.int32)  # number of the point that each pixel shows
+    numbers = np.arange(len(order), dtype=np.int32)
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
-            image[(rows[order] + dy).clip(0, side - 1), (columns[order] + dx).clip(0, side - 1)] = lit[order]
+            shown[(rows + dy).clip(0, side - 1) * side + (columns + dx).clip(0, side - 1)] = numbers
+    image = lit[shown]
     small = image.reshape(pixels, 2, pixels, 2, 3).mean(axis=(1, 3))
     return np.asarray(np.rint(255.0 * small), np.uint8)

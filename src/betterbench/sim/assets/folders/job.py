@@ -154,7 +154,8 @@ class _Folder:
             if name is not None:
                 self._require_name(name, request, found)
             else:
-                name = before.get((request.path.name, _digest(request.path)))
+                known = any(source == request.path.name for source, _ in before)
+                name = before.get((request.path.name, _digest(request.path))) if known else None
                 if name is None or name in found.values():
                     name = _free_name(request.path, taken)
             taken.add(name)

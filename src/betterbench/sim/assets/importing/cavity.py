@@ -19,7 +19,8 @@ _GAP_M, _LEAST_GAPS = 0.012, 12
 """Maximum width of a gap that objects do not fall through [m], and minimum number of such gaps in a grid. Fewer gaps
 are leaks."""
 _SEAM_CELLS = 2.0
-"""Maximum gap between collision parts that counts as a seam [cells]. Hulls end at points, which are one cell apart."""
+"""Maximum gap that counts as a seam, such as one between collision parts [cells]. Hulls end at points, which are one
+cell apart."""
 _STEP_M = 0.0005
 _ALMOST = 0.9
 _LEVEL_M = 0.002
@@ -61,15 +62,15 @@ def tops_of(solid: Solid) -> np.ndarray:
     return tops
 
 
-def cavity_of(solid: Solid, *, of_hulls: bool = False) -> Cavity | None:
+def cavity_of(solid: Solid, *, with_seams: bool = False) -> Cavity | None:
     """Return the hollow of an object in its current pose, or None if the hollow holds hardly any water.
 
     Args:
         solid: The object.
-        of_hulls: Whether it consists of convex collision parts. Seams between them are not leaks.
+        with_seams: Whether gaps of up to two cells are not leaks, such as the seams between convex collision parts.
     """
     tops = tops_of(solid)
-    if of_hulls:
+    if with_seams:
         tops = _without_gaps(tops, solid.pitch_m, most_m=_SEAM_CELLS * solid.pitch_m, least=1)
     tops = _without_gaps(tops, solid.pitch_m, most_m=_GAP_M + solid.pitch_m, least=_LEAST_GAPS)
     level = _water(tops)

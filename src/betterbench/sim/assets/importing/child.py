@@ -24,7 +24,7 @@ from betterbench.sim.assets.importing.importer import Imported, Wishes, import_m
 from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderResolver
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
-VERSION = 9
+VERSION = 10
 """Version of the importer. Incremented when the same file gives another asset."""
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120.0

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from betterbench.sim.assets.importing.appearance import reduced
 from betterbench.sim.assets.importing.cavity import Cavity, columns_box
-from betterbench.sim.assets.importing.solid import Solid, spread
+from betterbench.sim.assets.importing.solid import Solid, spread_points
 
 SECTORS = 12
 """Sectors of a wall: the chord of a sector is up to 1.4 mm from a circle of 40 mm."""
@@ -428,7 +428,7 @@ def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
     low, high = (np.array([side(body.points, axis=0) for body in bodies]) for side in (np.min, np.max))
     kept = []
     for own, body in enumerate(bodies):
-        points, _, _ = spread(body.points, body.simplices, spacing)
+        points = spread_points(body.points, body.simplices, spacing)
         outside = np.ones(len(points), dtype=bool)
         for other in np.flatnonzero(((low < high[own]) & (low[own] < high)).all(axis=1)):  # boxes that overlap
             if other != own:

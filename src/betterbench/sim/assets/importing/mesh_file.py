@@ -53,6 +53,7 @@ _CURE = "Export the object again, or leave out this file"
 _PICTURES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"))
 _READABLE_EXTENSIONS = frozenset(
     (
+        "EXT_texture_webp",
         "KHR_draco_mesh_compression",
         "KHR_materials_unlit",
         "KHR_materials_specular",

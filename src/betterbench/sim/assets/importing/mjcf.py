@@ -62,13 +62,47 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
     for size in root.findall("size"):  # a prop needs no reserved memory: a billion key frames take minutes
         root.remove(size)
     assets = _with_bytes(root, files, where)
+    text = ET.tostring(root, encoding="unicode")
     try:
-        model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"), assets)
+        model = mujoco.MjModel.from_xml_string(text, assets)
+        if states_mass and any(not _is_seen_or_felt(model, geom) for geom in range(model.ngeom)):
+            model = _with_weightless_regions(text, assets)
     except ValueError as error:
         problem = f"MuJoCo rejects it ({one_line(error, most=200)})"
         raise InvalidInputError(where, problem, _CURE) from error
     notes = _require_rigid(model, where, freeze=freeze)
     return _Compiled(model, where).mesh(root.get("model", ""), notes, states_mass=states_mass)
+
+
+def _with_weightless_regions(text: str, assets: dict[str, bytes]) -> Any:  # noqa: ANN401 - of MuJoCo
+    """Compile a file without the mass that MuJoCo gives to regions: invisible geoms without contacts or a stated mass.
+
+    A body that moves and has no other mass keeps its mass.
+    """
+    spec = mujoco.MjSpec.from_string(text, assets=assets)
+    model = spec.compile()
+    for geom in spec.geoms:
+        if not _is_seen_or_felt(model, geom.id) and np.isnan(geom.mass):
+            geom.mass = 0.0
+    try:
+        return spec.compile()
+    except ValueError:
+        return model
+
+
+def _is_seen_or_felt(model: Any, geom: int) -> bool:  # noqa: ANN401 - of MuJoCo
+    """Return whether a geom is visible or has contacts. Props mark regions with geoms that have neither."""
+    touches = model.geom_contype[geom] or model.geom_conaffinity[geom]
+    return bool(touches or _rgba(model, geom)[3] > 0.0)
+
+
+def _rgba(model: Any, geom: int) -> Rgba:  # noqa: ANN401 - of MuJoCo
+    material = int(model.geom_matid[geom])
+    found = model.geom_rgba[geom]
+    if material >= 0 and np.allclose(found, _UNCOLORED):
+        found = model.mat_rgba[material]
+    r, g, b, a = (float(v) for v in np.clip(found, 0.0, 1.0))
+    return r, g, b, a
 
 
 def _checked(root: ET.Element, where: str) -> bool:
@@ -162,7 +196,7 @@ class _Compiled:
 
     def mesh(self, name: str, notes: tuple[str, ...], *, states_mass: bool) -> RawMesh:
         m = self._model
-        geoms = [g for g in range(m.ngeom) if int(m.geom_type[g]) not in _FLAT and self._is_seen_or_felt(g)]
+        geoms = [g for g in range(m.ngeom) if int(m.geom_type[g]) not in _FLAT and _is_seen_or_felt(m, g)]
         of_bodies = [g for g in geoms if m.geom_bodyid[g] != 0]
         geoms = of_bodies or geoms
         if not geoms:
@@ -171,7 +205,7 @@ class _Compiled:
         only_seen = [g for g in geoms if g not in touching]
         groups = {int(m.geom_group[g]) for g in only_seen}
         seen = [g for g in geoms if g in only_seen or not only_seen or int(m.geom_group[g]) in groups]
-        seen = [g for g in seen if self._rgba(g)[3] > 0.0] or geoms
+        seen = [g for g in seen if _rgba(m, g)[3] > 0.0] or geoms
         parts = tuple(part for g in seen for part in self._parts(g))
         if sum(len(part.faces) for part in parts) > MAX_FACES:
             cure = "Reduce the mesh in a mesh editor"
@@ -182,11 +216,6 @@ class _Compiled:
         if mass is not None:
             stated = Stated(mass.mass_kg, mass.center, mass.inertia, hulls, stated.name, notes)
         return RawMesh(parts, "z", 1.0, stated)
-
-    def _is_seen_or_felt(self, geom: int) -> bool:
-        """Return whether a geom is visible or has contacts. Props mark regions with geoms that have neither."""
-        m = self._model
-        return bool(m.geom_contype[geom] or m.geom_conaffinity[geom] or self._rgba(geom)[3] > 0.0)
 
     def _masses(self) -> Iterator[PointMass]:
         m, d = self._model, self._data
@@ -233,7 +262,7 @@ class _Compiled:
     def _parts(self, geom: int) -> Iterator[RawPart]:
         vertices, faces, corners = self._shape(geom)
         vertices, faces = self._placed(geom, vertices, faces)
-        rgba, (image, is_flat) = self._rgba(geom), self._image(geom)
+        rgba, (image, is_flat) = _rgba(self._model, geom), self._image(geom)
         name = one_line(self._model.geom(geom).name or f"geom {geom}", most=60)
         # MuJoCo's own mapping of a texture, also onto a cube: the mean color is close enough.
         if image is not None and (corners is None or not is_flat):
@@ -244,15 +273,6 @@ class _Compiled:
             return
         own = np.arange(3 * len(faces)).reshape(-1, 3)
         yield RawPart(name, vertices[faces.ravel()], own, rgba, image, corners)
-
-    def _rgba(self, geom: int) -> Rgba:
-        m = self._model
-        material = int(m.geom_matid[geom])
-        found = m.geom_rgba[geom]
-        if material >= 0 and np.allclose(found, _UNCOLORED):
-            found = m.mat_rgba[material]
-        r, g, b, a = (float(v) for v in np.clip(found, 0.0, 1.0))
-        return r, g, b, a
 
     def _image(self, geom: int) -> tuple[np.ndarray | None, bool]:
         """Return the pixels of the texture of a geom, None without one, and whether they are one flat image."""

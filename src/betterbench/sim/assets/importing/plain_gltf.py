@@ -1,7 +1,8 @@
 """Rewriting of glTF features that trimesh drops without a message, as plain nodes, triangles and coordinates.
 
 It rewrites skins in their rest pose, triangle fans, quantized positions and texture coordinates, transforms and further
-sets of texture coordinates, and files without a scene. Shape keys in use, posed skeletons and instances raise an error.
+sets of texture coordinates, glossy materials, and files without a scene. Shape keys in use, posed skeletons and
+instances raise an error.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ Form = dict[str, Any]
 """JSON description of a glTF file (glTF 2.0, section 5)."""
 
 _TRANSFORM = "KHR_texture_transform"
+_GLOSS = "KHR_materials_pbrSpecularGlossiness"
 _INSTANCES = "EXT_mesh_gpu_instancing"
 _FLOAT, _UINT = 5126, 5125
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -48,6 +50,7 @@ def plain(data: bytes, form: Form, read: Callable[[str], bytes], where: str) -> 
     changes = [
         _with_a_scene(document.form),
         _without_skins(document, where),
+        _without_gloss(document.form),
         *(_plain_surface(document, surface) for surface in _surfaces(document.form)),
     ]
     return document.glb() if any(changes) else None
@@ -79,6 +82,21 @@ def _with_a_scene(form: Form) -> bool:
     below = {child for node in form["nodes"] for child in node.get("children", [])}
     form["scenes"], form["scene"] = [{"nodes": [k for k in range(len(form["nodes"])) if k not in below]}], 0
     return True
+
+
+def _without_gloss(form: Form) -> bool:
+    """Make the diffuse color of glossy materials their base color, and return whether there are glossy materials.
+
+    The extension replaces the metallic values of a material. trimesh reads neither its factor nor its texture alone.
+    """
+    glossy = [material for material in form.get("materials", []) if _GLOSS in material.get("extensions", {})]
+    for material in glossy:
+        gloss = material["extensions"].pop(_GLOSS)
+        base = {"baseColorFactor": gloss.get("diffuseFactor", [1.0, 1.0, 1.0, 1.0]), "metallicFactor": 0.0}
+        if "diffuseTexture" in gloss:
+            base["baseColorTexture"] = gloss["diffuseTexture"]
+        material["pbrMetallicRoughness"] = base
+    return bool(glossy)
 
 
 def _without_skins(document: _Document, where: str) -> bool:
@@ -167,9 +185,6 @@ def _plain_coordinates(document: _Document, surface: Form) -> bool:
     attributes, form = surface["attributes"], document.form
     material = form["materials"][surface["material"]] if "material" in surface else {}
     texture = material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
-    texture = texture or material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {}).get(
-        "diffuseTexture", {}
-    )
     change = texture.get("extensions", {}).get(_TRANSFORM, {})
     number = change.get("texCoord", texture.get("texCoord", 0))
     used = attributes.get(f"TEXCOORD_{number}")
