@@ -45,6 +45,7 @@ SETS = {
     "fifth": judged.FIFTH,
     "sixth": judged.SIXTH,
     "seventh": judged.SEVENTH,
+    "eighth": judged.EIGHTH,
 }
 UPRIGHT, FLAT = math.radians(5.0), math.radians(10.0)
 
