@@ -99,7 +99,7 @@ grasp attempt. None of its 312 trials without a fault was labeled as a reasoning
 remained. With these notes, the two faults of the diagnosis that caused most of the mistakes were fixed before the
 present sixth part was written.
 
-Three more families were written by authors who had read only the documentation. Their true labels were fixed before the
+Four more families were written by authors who had read only the documentation. Their true labels were fixed before the
 diagnosis was run. They were judged once and are not packaged. A false accusation is a trial of a policy without a fault
 that was labeled as a reasoning failure:
 
@@ -112,6 +112,15 @@ that was labeled as a reasoning failure:
   contradicted the suite, and was corrected. Four more wrong labels (a policy that follows the word for a finished step)
   and the false accusation (a mug that jams on the open fingers) led to changes in the diagnosis. For the last two,
   either label can be defended.
+- 60 policies, 763 trials in all ten tasks: 92.0 % correct by label (355/386) and 98.7 % by kind (381/386). There was
+  no false accusation in 184 trials of 14 policies without a fault, and 54 of 60 runs got the correct headline. The
+  other six headlines claim nothing or give no reason, because their runs had too few trials. Sixteen of the 31 wrong
+  labels (`wrong_object` instead of `visual_layout_bias`) belong to two policies that do not use the instruction. They
+  had only 8 pairs, although the test needs ten. In a second set of runs with at least 12 twins, all 8 policies of
+  this type were recognized, and none of these trials got `wrong_object`. In five trials, a drawer was shut in order
+  to put a wrong object into the drawer below, but the label was a skipped step. This led to a change in the
+  diagnosis. In five trials, the order of the labels in the documentation was unclear, and was stated more precisely.
+  In the last five trials, the policy did not do what its author had intended.
 
 """,
     "fifth": """**The fifth part misses one of the four bounds** that were set in advance. The bound was 95 % by label,
