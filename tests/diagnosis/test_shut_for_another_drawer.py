@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from betterbench.diagnosis import Label, diagnose_record
 
 
@@ -21,4 +23,20 @@ def test_content_that_is_brought_to_the_drawer_below_is_at_a_wrong_target(stage)
 
 def test_a_drawer_that_is_shut_without_its_content_is_a_skipped_step(stage):
     found = diagnose_record(shut_upper(stage("office_drawer", "train2")).home().wait(4).end())
+    assert (found.label, found.evidence.rule) == (Label.CAUSAL_CONFUSION, "required_step_skipped")
+
+
+@pytest.mark.parametrize("name", ["train2", "L1"])
+def test_a_drawer_that_is_shut_for_a_wrong_object_belongs_to_the_choice_of_that_object(stage, name):
+    s = shut_upper(stage("office_drawer", name))
+    s.bring(s.of("tape"), s.place("inside", "lower")).draw("lower", 0.0)
+    found = diagnose_record(s.home().wait(4).end())
+    assert found.label is not Label.CAUSAL_CONFUSION
+    assert found.evidence.objects[0] == s.of("tape")
+
+
+def test_a_drawer_that_is_shut_before_its_own_content_is_taken_is_still_a_skipped_step(stage):
+    s = stage("office_drawer", "train2").draw("upper", 0.0)
+    s.grasp(s.of("tape")).lift().open().lift()
+    found = diagnose_record(s.home().wait(4).end())
     assert (found.label, found.evidence.rule) == (Label.CAUSAL_CONFUSION, "required_step_skipped")

@@ -132,10 +132,10 @@ class EpisodeAnalysis:
     def decisions(self) -> tuple[Step, ...]:
         """All steps that show a target, in order of time: grasp attempts, pushes, and a final stay.
 
-        Drawers that were opened for a wrong first choice are excluded.
+        Drawers that were opened or shut for a wrong first choice are excluded.
         """
-        opened = self.opened_first
-        return tuple(s for s in self._in_order if s not in opened)
+        apart = (*self.opened_first, *self.shut_first)
+        return tuple(s for s in self._in_order if s not in apart)
 
     @property
     def opened_first(self) -> tuple[Step, ...]:
@@ -147,6 +147,21 @@ class EpisodeAnalysis:
         if first is None or first.target is AttemptTarget.ASKED:
             return ()
         return tuple(s for s in self._in_order if s.grasp.start < first.grasp.start and self._opens(s))
+
+    @property
+    def shut_first(self) -> tuple[Step, ...]:
+        """Attempts that shut a drawer before another drawer is opened for a wrong first choice.
+
+        An open drawer blocks the drawer below, so shutting it belongs to that choice, like opening the other drawer.
+        """
+        opened = self.opened_first
+        return tuple(
+            s
+            for s in self._in_order
+            if self.pushes_in(s)
+            and not self._may_be_choice(s)
+            and any(o.at != s.at and o.grasp.start > s.grasp.start for o in opened)
+        )
 
     @property
     def _in_order(self) -> tuple[Step, ...]:

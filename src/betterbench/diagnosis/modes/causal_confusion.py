@@ -123,7 +123,7 @@ def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
         late = episode.attempted_after(j, rows[0])
         if late and (episode.instruction.ordered or episode.attempted_before(j, rows[0])):
             continue  # another mode: a wrong order, or an earlier miss
-        if _fills_another(episode, i, j, rows[0]):
+        if _fills_another(episode, i, j, rows[0]) or any(step.at == i for step in episode.shut_first):
             continue
         if not trace.closing[rows[1]] and (late or find_halt(episode) is None):
             continue  # an open gripper may have bumped into the drawer in passing
