@@ -114,11 +114,11 @@ without a fault that was labeled as a reasoning failure:
 | 60, in all ten tasks | 763 | 92.0 % (355/386) | 98.7 % (381/386) | none of 184 trials |
 1 of 646 trials, and none of 320 trials in which a fault was not active |
 
-In the family of 66 policies, all 5 policies that do not use the instruction were recognized, and 62 of 65 runs got the correct
-headline. Twelve of the 18 wrong labels belong to one policy that grasps the placement target. For this policy, the
-documented definition of `semantic_feature_collapse` contradicted the suite, and the definition was corrected. Four more
-wrong labels (a policy that follows the word for a finished step) and the false accusation (a mug that jams on the open
-fingers) led to changes in the diagnosis. For the last two wrong labels, either label can be defended.
+In the family of 66 policies, all 5 policies that do not use the instruction were recognized, and 62 of 65 runs got the
+correct headline. Twelve of the 18 wrong labels belong to one policy that grasps the placement target. For this policy,
+the documented definition of `semantic_feature_collapse` contradicted the suite, and the definition was corrected. Four
+more wrong labels (a policy that follows the word for a finished step) and the false accusation (a mug that jams on the
+open fingers) led to changes in the diagnosis. For the last two wrong labels, either label can be defended.
 
 The results of the last family: 54 of 60 runs got the correct headline. The other six runs had too few trials, and their
 headlines claim nothing or give no reason. These are the 31 wrong labels:
