@@ -32,7 +32,7 @@ class StatedTruth:
     """True label of a trial, as stated before its first action.
 
     Attributes:
-        label: The label that the trial deserves if its goal is not met, or :data:`HONEST`.
+        label: Label of the trial if its goal is not met, or :data:`HONEST`.
         first_right: Whether the first grasp attempt is at the right object. It is None if no grasp is attempted.
         debatable: Reason why another careful reader of the suite might give another label, or "".
         left_out: Reason why the trial says nothing about the habit, or "" if it is used in a calibration.
