@@ -267,7 +267,7 @@ def _picture(way: Way) -> str:
 
 def main() -> None:
     """Write the page and its pictures below the folder given by ``--out``."""
-    parser = argparse.ArgumentParser(description="Draw the packages and the ways through them.")
+    parser = argparse.ArgumentParser(description="Draw the imports between packages and the calls of typical commands.")
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the documentation")
     out = parser.parse_args().out
     mpl.rcParams["font.family"] = "DejaVu Sans"

@@ -13,7 +13,8 @@ If only the wording of instructions has changed (and perhaps a rule), part of AF
 
 The faulty policies decide by the steps of an instruction and by whether two instructions are the same, so the wording
 must not make equal instructions different, or different ones equal. The states of BEFORE are judged again as above, and
-every record of AFTER must hold the bytes of the same trial in BEFORE, with at least one trial of each condition.
+every record of AFTER must contain the same bytes as the same trial in BEFORE, with at least one trial of each
+condition.
 
 A label may depend on all trials of a policy, so the counts of one task cannot be replaced by new ones. If every record
 contains the same bytes under both versions, all labels stay the same, and only the versions in the file have to change.
@@ -144,7 +145,7 @@ def has_same_verdicts(record: Record) -> bool:
 
 
 def _require_same_sample(before: Path, sample: Path) -> None:
-    """Raise InvalidInputError unless the records of a sample hold the same bytes and differ only in their wording."""
+    """Raise InvalidInputError unless the records of a sample have the same bytes and differ only in their wording."""
     pairs: set[tuple[str, str]] = set()
     conditions: dict[bool, set[str]] = {True: set(), False: set()}
     for path in sorted(before.glob("*/records/**/*.parquet")):
@@ -157,7 +158,7 @@ def _require_same_sample(before: Path, sample: Path) -> None:
         pairs.add((f"{known.task}: {known.instruction}", f"{known.task}: {read_record(other).metadata.instruction}"))
     if missing := sorted(conditions[False] - conditions[True]):
         problem = f"it has no trial of {', '.join(missing)}"
-        raise InvalidInputError(str(sample), problem, "Let better calibrate run longer into this folder")
+        raise InvalidInputError(str(sample), problem, "Continue better calibrate in this folder")
     for texts in zip(*pairs, strict=True):
         twice = next((text for text, times in Counter(texts).items() if times > 1), None)
         if twice is not None:

@@ -42,7 +42,7 @@ EMPTY_M = 0.026
 RESTS = ((3.0, 0.005), (8.0, 0.03))
 """Time at the end [s] and largest distance from the last position [m] of an arm at rest: still, or trembling."""
 LEAST_HELD_S = 0.25
-"""Shortest hold that has to be found [s]."""
+"""Minimum duration of a hold that must be found [s]."""
 
 
 def samples_of(record: Record, *, unit: Unit = "degrees", rate_hz: float = 20.0, noise: int | None = None) -> Samples:
