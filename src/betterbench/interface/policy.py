@@ -31,10 +31,10 @@ class Execution:
         ahead: Number of control steps before the end of a chunk at which the next chunk is requested. The rest of the
             old chunk is executed in the meantime. The same number of actions is dropped from the beginning of the new
             chunk, because their steps have passed. With 0, the simulation waits for every reply.
-        ensemble: None, or the rate m of temporal ensembling. The policy is called at every step, and the action for a
-            step is the mean of all predictions for it, weighted by exp(-m i) with i = 0 for the oldest prediction (Zhao
-            et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV). A negative rate
-            gives newer predictions more weight.
+        ensemble: None, or the rate m of temporal ensembling. The policy is called at every step. The action for a step
+            is the mean of all predictions for it, weighted by exp(-m i) with i = 0 for the oldest prediction. See Zhao
+            et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV. A negative rate gives
+            newer predictions more weight.
     """
 
     horizon: int | None = None

@@ -186,8 +186,8 @@ def close_arm(arm: Any) -> None:  # noqa: ANN401 - lerobot's class
 def clear_port(bus: Any) -> None:  # noqa: ANN401 - lerobot's FeetechMotorsBus
     """Discard unread data in the port, before a request.
 
-    An answer does not identify its request, so a late answer would be read as the answer to the next request, and every
-    following answer would be shifted too. Loads would then be read as positions, for example.
+    An answer does not identify its request. A late answer would be read as the answer to the next request, and all
+    following answers would be shifted too. Loads would then be read as positions, for example.
     """
     port = bus.port_handler
     port.is_using = False  # remains set after a request that raised an error, and would block all later requests

@@ -1,7 +1,7 @@
 """Conservative detection of the objects named in an instruction. Unclear nouns are reported as undecided.
 
-Known nouns are the names of the task's objects, the categories of our library, and the words of the catalogue's word
-list, which also contains classes such as "fruit".
+Known nouns are the names of the task's objects, the categories of our library, and the words in the catalogue's word
+list. That list also contains classes such as "fruit".
 """
 
 from __future__ import annotations
