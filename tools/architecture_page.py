@@ -1,7 +1,7 @@
 """Draw the imports between packages and the calls of typical commands, and write docs/architecture.md.
 
-The imports are read from the source. The calls are traced: the script runs a trial, diagnoses it, asks questions about
-it and records a demonstration, and notes the first call from each package into another.
+The imports are read from the source. The calls are traced. The script runs a trial, diagnoses it, asks questions about
+it and records a demonstration. It notes the first call from each package into another.
 
 Example:
     MUJOCO_GL=egl python tools/architecture_page.py

@@ -11,10 +11,10 @@ If only the wording of instructions has changed (and perhaps a rule), part of AF
 
     python tools/carry_calibration.py BEFORE --sample AFTER
 
-The faulty policies decide by the steps of an instruction and by whether two instructions are the same, so the wording
-must not make equal instructions different, or different ones equal. The states of BEFORE are judged again as above, and
-every record of AFTER must contain the same bytes as the same trial in BEFORE, with at least one trial of each
-condition.
+The faulty policies decide by the steps of an instruction and by whether two instructions are the same. Equal
+instructions must therefore stay equal in the new wording, and different instructions must stay different. The states of
+BEFORE are judged again as above. AFTER must contain at least one trial of each condition, and each of its records must
+contain the same bytes as the record of the same trial in BEFORE.
 
 A label may depend on all trials of a policy, so the counts of one task cannot be replaced by new ones. If every record
 contains the same bytes under both versions, all labels stay the same, and only the versions in the file have to change.
@@ -82,9 +82,9 @@ def carry(packaged: Calibration, before: Path, after: Path | None, *, sample: Pa
     """Return the packaged calibration with the task versions of ``after``, or of the present tasks if it is None.
 
     Raises:
-        InvalidInputError: If ``before`` was measured under other versions than the packaged calibration or with other
-            policies, if anything but a task's version differs between the two folders, if ``after`` is None and a
-            record of ``before`` is judged differently now, or if a record of ``sample`` differs.
+        InvalidInputError: If ``before`` was measured under other versions or with other policies than the packaged
+            calibration; if anything but a task's version differs between the two folders; if ``after`` is None and a
+            record of ``before`` is judged differently now; or if a record of ``sample`` differs.
     """
     old = read(before / "calibration.json")
     for name, version in old.versions.items():
@@ -129,8 +129,9 @@ def _require_same_verdicts(before: Path, *, trials: int) -> None:
 def has_same_verdicts(record: Record) -> bool:
     """Return whether every state of a record gets the recorded verdicts when it is judged with the present rules.
 
-    The relations cover all objects at the instructed targets. A trial whose verdicts are the same in every state takes
-    the same course and gets the same label, because policies and diagnosis read the targets through these relations.
+    The relations cover all objects at the instructed targets. Policies and the diagnosis read the targets through these
+    relations. A trial whose verdicts are the same in every state therefore takes the same course and gets the same
+    label.
     """
     truths = offline_truth(record)
     columns = {

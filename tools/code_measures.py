@@ -3,7 +3,7 @@
 Rules of counting:
 
 - A line is a physical line of a ``.py`` file, blank lines and comments included.
-- A docstring line is a line in a string that is a statement of its own: the docstrings of modules, classes and
+- A docstring line is a line of a string that is a statement by itself. These are the docstrings of modules, classes and
   functions, and the strings below fields and constants.
 - A function's length runs from its ``def`` to its last line, docstring included. A nested function counts by
   itself and also as lines of the function around it.

@@ -1,8 +1,8 @@
 """Compare signals derived from joint states alone with the simulator state of the same trials.
 
 The joint states, openings and commands of a simulated run of the SO-101 are read as if a real arm had recorded them,
-optionally with the noise of its encoders, at another rate or in the other unit, and without the load of the motors. The
-signals of ``betterbench.real.signals`` are compared with held objects, finger contacts and the diagnosis of the record.
+but without the load of the motors. Encoder noise, another rate or the other unit can be simulated. The signals of
+``betterbench.real.signals`` are compared with held objects, finger contacts and the diagnosis of the record.
 
 Example:
     python tools/joint_signals.py runs/zoo_clumsy runs/zoo_phase --noise

@@ -479,8 +479,8 @@ def drawn(
         poser: Source of random numbers.
         make: Function that returns a random question.
         near: Whether the scene is near the border.
-        end: End of the line, 0 or 1, near which a scene lies that is not near the border; None for the whole line,
-            which is also used if half of the tries give no possible scene.
+        end: End of the line, 0 or 1, for a scene that is not near the border; None for the whole line. The whole line
+            is also used if half of the tries give no possible scene.
     """
     for k in range(TRIES):
         question = make()

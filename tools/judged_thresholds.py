@@ -4,10 +4,10 @@
     python tools/judged_thresholds.py --scenes side_close
 
 For each rule, the script measures its quantity in all judged scenes (``tests/tasks/judged_*.txt``) in which this rule
-alone decides. It prints the threshold in use, the wrong scenes, the interval of thresholds with the fewest wrong
-scenes, and the wrong scenes if the threshold for each set is fitted to the other sets. ``--scenes`` lists the scenes
-of one rule instead. Scenes of which all three judges are sure have weight 2. The scenes of ``judged_blind.txt``, which
-had a single judge, have weight 1/3.
+alone decides. It prints the threshold in use with its wrong scenes, and the interval of thresholds with the fewest
+wrong scenes. For cross-validation, it also prints the wrong scenes if the threshold for each set is fitted to the other
+sets. ``--scenes`` lists the scenes of one rule instead. Scenes of which all three judges are sure have weight 2. The
+scenes of ``judged_blind.txt``, which had a single judge, have weight 1/3.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Render the procedural asset library into one contact sheet.
 
-Each category is a strip of four pictures from the front camera's angle: three looks in its default color, seen from
-three sides, and one look in another color, if there is one. Strips are arranged in three columns. Run from the
-repository root::
+Each category is a strip of four pictures from the front camera's angle. Three pictures show looks in the default color,
+seen from three sides. The last one shows a look in another color, if there is one. Strips are arranged in three
+columns. Run from the repository root::
 
     MUJOCO_GL=egl python tools/library_sheet.py library.png
 """

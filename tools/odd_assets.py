@@ -2,9 +2,9 @@
 
     .venv/bin/python tools/odd_assets.py --seed 0 --out runs/odd
 
-Twelve unusual shapes (wire basket, ladle, colander, ...) must be kept; the bad assets are common objects with one
-fault each (``odd_shapes.py``), planted in the file, in the physics that a URDF or MJCF file states, or in the asset
-after its import. Items, results and rates are those of ``planted_assets.py``.
+Twelve unusual shapes (wire basket, ladle, colander, ...) must be kept. The bad assets are common objects with one fault
+each (``odd_shapes.py``). The fault is planted in the file, in the physics that a URDF or MJCF file states, or in the
+asset after its import. Items, results and rates are those of ``planted_assets.py``.
 """
 
 from __future__ import annotations
