@@ -99,7 +99,7 @@ class PolicyInfo:
         metadata: Strings by name (checkpoint, revision, server). The mapping is copied.
         execution: Execution settings for its action chunks.
         heavy: True if the policy keeps large model weights in memory. All workers of a run share one instance if the
-            policy supports batches (:class:`BatchPolicy`). Otherwise, a run uses one worker unless more are requested.
+            policy supports batches (:class:`BatchPolicy`). Otherwise, a run uses one worker by default.
     """
 
     name: str

@@ -1,7 +1,7 @@
 """Operator input from browser and devices, collected between control steps; thread-safe.
 
-One page controls the robot, the first one opened; others watch until one of them takes over. Input cannot block or
-crash the loop. Unreadable input is reported in one line, and held keys expire unless they are renewed.
+The page that is opened first controls the robot. Other pages only watch until one of them takes over. Input cannot
+block or crash the loop. Unreadable input is reported in one line, and held keys expire unless they are renewed.
 """
 
 from __future__ import annotations

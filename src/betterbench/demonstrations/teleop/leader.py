@@ -88,7 +88,7 @@ class Follower:
         self._closed = False
 
     def tool(self, degrees: Mapping[str, float]) -> Pose:
-        """Return :func:`leader_tool`."""
+        """Return the pose of the leader's tool; see :func:`leader_tool`."""
         return leader_tool(degrees)
 
     def take_hold(self, robot: Pose, leader: Pose) -> None:

@@ -413,7 +413,7 @@ class _Auditor:
         elif noun.every and len(wanted) < len(present):
             more = [name for name in present if name not in goals]
             kinds = " and ".join(self._with_group(variation, name) for name in more)
-            text = f"“{variation.instruction}” covers every {noun.text}, also {kinds}; the goals are: {shown}."
+            text = f"“{variation.instruction}” covers every {noun.text}, including {kinds}; the goals are: {shown}."
             numbers = {"covered": len(present), "goals": len(wanted)}
             yield Finding(variation.name, "names_more", text, numbers, tuple(more))
         elif len(wanted) < len(present):

@@ -204,6 +204,6 @@ def _words_about(instance: ReleaseInstance) -> list[str]:
 
 
 def color_of(instance: ReleaseInstance) -> str | None:
-    """Return the color in the description of an object, or None unless there is exactly one."""
+    """Return the color in the description of an object, or None if it names no color or several."""
     colors = {word for word in _words_about(instance) if word in COLORS} - {noun[0] for noun in nouns_of(instance)[:1]}
     return next(iter(colors)) if len(colors) == 1 else None

@@ -153,7 +153,7 @@ def training_questions(
     objects: int,
     draw: Callable[[Sequence[np.ndarray]], FrameStore] | None,
 ) -> TrainingQuestions:
-    """Return questions as arrays.
+    """Convert the questions about demonstrations to arrays.
 
     Args:
         asked: The questions.
