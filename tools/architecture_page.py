@@ -1,7 +1,7 @@
 """Draw the imports between packages and the calls of typical commands, and write docs/architecture.md.
 
-The imports are read from the source. The calls are traced: the script runs a trial, diagnoses it, asks questions about
-it and records a demonstration, and notes the first call from each package into another.
+The imports are read from the source. The calls are traced. The script runs a trial, diagnoses it, asks questions about
+it and records a demonstration. It notes the first call from each package into another.
 
 Example:
     MUJOCO_GL=egl python tools/architecture_page.py
@@ -267,7 +267,7 @@ def _picture(way: Way) -> str:
 
 def main() -> None:
     """Write the page and its pictures below the folder given by ``--out``."""
-    parser = argparse.ArgumentParser(description="Draw the packages and the ways through them.")
+    parser = argparse.ArgumentParser(description="Draw the imports between packages and the calls of typical commands.")
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the documentation")
     out = parser.parse_args().out
     mpl.rcParams["font.family"] = "DejaVu Sans"

@@ -11,9 +11,10 @@ If only the wording of instructions has changed (and perhaps a rule), part of AF
 
     python tools/carry_calibration.py BEFORE --sample AFTER
 
-The faulty policies decide by the steps of an instruction and by whether two instructions are the same, so the wording
-must not make equal instructions different, or different ones equal. The states of BEFORE are judged again as above, and
-every record of AFTER must hold the bytes of the same trial in BEFORE, with at least one trial of each condition.
+The faulty policies decide by the steps of an instruction and by whether two instructions are the same. Equal
+instructions must therefore stay equal in the new wording, and different instructions must stay different. The states of
+BEFORE are judged again as above. AFTER must contain at least one trial of each condition, and each of its records must
+contain the same bytes as the record of the same trial in BEFORE.
 
 A label may depend on all trials of a policy, so the counts of one task cannot be replaced by new ones. If every record
 contains the same bytes under both versions, all labels stay the same, and only the versions in the file have to change.
@@ -81,9 +82,9 @@ def carry(packaged: Calibration, before: Path, after: Path | None, *, sample: Pa
     """Return the packaged calibration with the task versions of ``after``, or of the present tasks if it is None.
 
     Raises:
-        InvalidInputError: If ``before`` was measured under other versions than the packaged calibration or with other
-            policies, if anything but a task's version differs between the two folders, if ``after`` is None and a
-            record of ``before`` is judged differently now, or if a record of ``sample`` differs.
+        InvalidInputError: If ``before`` was measured under other versions or with other policies than the packaged
+            calibration; if anything but a task's version differs between the two folders; if ``after`` is None and a
+            record of ``before`` is judged differently now; or if a record of ``sample`` differs.
     """
     old = read(before / "calibration.json")
     for name, version in old.versions.items():
@@ -128,8 +129,9 @@ def _require_same_verdicts(before: Path, *, trials: int) -> None:
 def has_same_verdicts(record: Record) -> bool:
     """Return whether every state of a record gets the recorded verdicts when it is judged with the present rules.
 
-    The relations cover all objects at the instructed targets. A trial whose verdicts are the same in every state takes
-    the same course and gets the same label, because policies and diagnosis read the targets through these relations.
+    The relations cover all objects at the instructed targets. Policies and the diagnosis read the targets through these
+    relations. A trial whose verdicts are the same in every state therefore takes the same course and gets the same
+    label.
     """
     truths = offline_truth(record)
     columns = {
@@ -144,7 +146,7 @@ def has_same_verdicts(record: Record) -> bool:
 
 
 def _require_same_sample(before: Path, sample: Path) -> None:
-    """Raise InvalidInputError unless the records of a sample hold the same bytes and differ only in their wording."""
+    """Raise InvalidInputError unless the records of a sample have the same bytes and differ only in their wording."""
     pairs: set[tuple[str, str]] = set()
     conditions: dict[bool, set[str]] = {True: set(), False: set()}
     for path in sorted(before.glob("*/records/**/*.parquet")):
@@ -157,7 +159,7 @@ def _require_same_sample(before: Path, sample: Path) -> None:
         pairs.add((f"{known.task}: {known.instruction}", f"{known.task}: {read_record(other).metadata.instruction}"))
     if missing := sorted(conditions[False] - conditions[True]):
         problem = f"it has no trial of {', '.join(missing)}"
-        raise InvalidInputError(str(sample), problem, "Let better calibrate run longer into this folder")
+        raise InvalidInputError(str(sample), problem, "Continue better calibrate in this folder")
     for texts in zip(*pairs, strict=True):
         twice = next((text for text, times in Counter(texts).items() if times > 1), None)
         if twice is not None:

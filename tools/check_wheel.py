@@ -6,7 +6,7 @@ checked; running it requires LeRobot (tests/episodes/test_lerobot_plugin.py).
 
 Examples:
     python tools/check_wheel.py                 all wheels into dist/, with one trial per variation
-    python tools/check_wheel.py --trials 4      as much as `better demo` does by itself
+    python tools/check_wheel.py --trials 4      as many trials as `better demo` by default
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SOURCES = {
 
 
 class CheckError(Exception):
-    """The wheel has a fault; the message describes it."""
+    """Fault of a wheel, described by the message."""
 
 
 def call(command: Sequence[str | Path], *, env: Mapping[str, str], cwd: Path = ROOT) -> str:
@@ -72,13 +72,15 @@ def added(source: Path) -> list[str]:
 
 
 def content_problem(wheel: Path, tracked: Sequence[str]) -> str:
-    """Return how the package in a wheel differs from its tracked source files; empty if it does not."""
+    """Describe the differences between the package in a wheel and its tracked source files; empty if there are none."""
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
     wanted = {name.partition("src/")[2] for name in tracked}
     lacking, more = sorted(wanted - packed), sorted(packed - wanted)
     words = [f"{wheel.name} lacks {', '.join(lacking[:5])}"] if lacking else []
-    return " and ".join([*words, *([f"{wheel.name} holds {', '.join(more[:5])}, which git does not"] if more else [])])
+    return " and ".join(
+        [*words, *([f"{wheel.name} contains {', '.join(more[:5])}, which git does not track"] if more else [])]
+    )
 
 
 def try_out(uv: Path, wheel: Path, env: Mapping[str, str], *, trials: int) -> None:
@@ -103,7 +105,7 @@ def try_out(uv: Path, wheel: Path, env: Mapping[str, str], *, trials: int) -> No
         told = call([better, "demo", "--out", "demo", "--trials", str(trials)], env=clean, cwd=work)
         report = work / "demo" / "report" / "index.html"
         if not report.is_file():
-            raise CheckError(f"better demo has written no {report.relative_to(work)}; it said:\n{told}")
+            raise CheckError(f"better demo has not written {report.relative_to(work)}. Its output:\n{told}")
         size = report.stat().st_size / 1e6
         print(f"better demo: {time.monotonic() - began:.0f} s, a report of {size:.1f} MB")
 

@@ -3,7 +3,7 @@
 Rules of counting:
 
 - A line is a physical line of a ``.py`` file, blank lines and comments included.
-- A docstring line is a line in a string that is a statement of its own: the docstrings of modules, classes and
+- A docstring line is a line of a string that is a statement by itself. These are the docstrings of modules, classes and
   functions, and the strings below fields and constants.
 - A function's length runs from its ``def`` to its last line, docstring included. A nested function counts by
   itself and also as lines of the function around it.
@@ -213,7 +213,7 @@ def _named_functions(node: ast.AST, prefix: str) -> Iterator[tuple[str, Function
 
 
 def _depth(node: ast.AST) -> int:
-    """Return how many blocks are nested at ``node``, including ``node`` itself."""
+    """Return the number of blocks nested at ``node``, including ``node`` itself."""
     if isinstance(node, FunctionNode | ast.ClassDef):
         return 0
     if isinstance(node, ast.If) and _is_elif(node.orelse):
@@ -267,7 +267,7 @@ def _defined(statement: ast.stmt) -> Iterator[str]:
 
 
 def _single_target(statement: ast.stmt) -> ast.expr | None:
-    """Return what ``name: type = ...`` or ``type name = ...`` defines; the latter needs Python 3.12 to be parsed."""
+    """Return the name defined by ``name: type = ...``, or by ``type name = ...`` (Python 3.12 or newer)."""
     if isinstance(statement, ast.AnnAssign):
         return statement.target
     name = getattr(statement, "name", None)

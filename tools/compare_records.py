@@ -70,7 +70,7 @@ def runs(before: Path, after: Path, renames: Sequence[tuple[str, ...]]) -> Itera
 
 
 def compare(before: Path, after: Path, renames: Sequence[tuple[str, ...]]) -> Findings:
-    """Return what differs between the records of two runs."""
+    """Return the differences between the records of two runs."""
     found = Findings()
     for path in sorted((before / "records").rglob("*.parquet")):
         name = str(path.relative_to(before / "records"))

@@ -180,7 +180,7 @@ def _view(task: Task, seed: int, looks: Looks, name: str) -> Image.Image:
     with Renderer(scene.model, width=256, height=256, quality=scene.quality) as renderer:
         rgb = renderer.render(scene.data, "front").rgb
     if rgb is None:
-        raise AssertionError("colors were asked for")
+        raise AssertionError("colors were requested")
     image = Image.fromarray(rgb).resize((PICTURE_TASK_SIZE, PICTURE_TASK_SIZE), Image.Resampling.LANCZOS)
     ImageDraw.Draw(image).text((4, 3), name, fill=(255, 255, 255), stroke_width=1, stroke_fill=(0, 0, 0))
     return image

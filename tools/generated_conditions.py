@@ -91,7 +91,7 @@ class Measured:
         gripper_px: Pixels of the gripper.
         background: Fraction of the image without table, robot and object.
         named: Longer side in pixels and visible fraction of each object in the instruction.
-        others: The same of the other movable objects that are not pre-placed.
+        others: The same for the other movable objects that are not pre-placed.
         problem: Reason why nothing could be measured, or empty.
     """
 
@@ -199,7 +199,7 @@ def conditions_of(task: Task, balanced: int | None) -> Iterator[tuple[str, Condi
 
     Args:
         task: The task.
-        balanced: Largest number of balanced conditions, taken at equal distances; None for all.
+        balanced: Maximum number of balanced conditions, evenly selected from all; None for all.
     """
     for condition in task.training:
         yield "training", condition, task
@@ -406,11 +406,11 @@ def measure_all(items: Sequence[Item], out: Path, *, workers: int) -> list[Resul
 def main() -> None:
     """Measure the tasks, and print and write the summary and the failures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--suite", type=Path, action="append", help="folder of a built suite, may be repeated")
+    parser.add_argument("--suite", type=Path, action="append", help="folder of a built suite; can be repeated")
     parser.add_argument("--seed", type=int, default=0, help="seed of the offline author")
-    parser.add_argument("--num", type=int, default=10, help="scenarios of each template")
-    parser.add_argument("--trials", type=int, default=1, help="seeds of each condition")
-    parser.add_argument("--balanced", type=int, default=None, help="most balanced conditions of each task")
+    parser.add_argument("--num", type=int, default=10, help="number of scenarios per template")
+    parser.add_argument("--trials", type=int, default=1, help="number of seeds per condition")
+    parser.add_argument("--balanced", type=int, default=None, help="maximum number of balanced conditions per task")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()

@@ -1,8 +1,8 @@
 """Compare signals derived from joint states alone with the simulator state of the same trials.
 
 The joint states, openings and commands of a simulated run of the SO-101 are read as if a real arm had recorded them,
-optionally with the noise of its encoders, at another rate or in the other unit, and without the load of the motors. The
-signals of ``betterbench.real.signals`` are compared with held objects, finger contacts and the diagnosis of the record.
+but without the load of the motors. Encoder noise, another rate or the other unit can be simulated. The signals of
+``betterbench.real.signals`` are compared with held objects, finger contacts and the diagnosis of the record.
 
 Example:
     python tools/joint_signals.py runs/zoo_clumsy runs/zoo_phase --noise
@@ -42,7 +42,7 @@ EMPTY_M = 0.026
 RESTS = ((3.0, 0.005), (8.0, 0.03))
 """Time at the end [s] and largest distance from the last position [m] of an arm at rest: still, or trembling."""
 LEAST_HELD_S = 0.25
-"""Shortest hold that has to be found [s]."""
+"""Minimum duration of a hold that must be found [s]."""
 
 
 def samples_of(record: Record, *, unit: Unit = "degrees", rate_hz: float = 20.0, noise: int | None = None) -> Samples:

@@ -15,15 +15,16 @@ A scene is a point on a line between an arrangement that the program accepts and
 this line is found by bisection. Half of the scenes are within a quarter of the line from the border, and the others
 anywhere on the line. One scene in five is about harm, and one in five about the posture of cutlery, which is random.
 
-A set as a person would pose it to check the program has few scenes near a border, and few odd postures::
+If a person poses scenes to check the program, few of them are near a border, and few have unusual postures. A similar
+set is drawn with::
 
     python tools/judged_scenes.py draw OUT --count 66 --seed 1 --near-border 0.15 --cutlery 0.1
 
-Then the other scenes are ordinary: in each second one, the step is done (or nothing was harmed) within the first fifth
-of the line, and in the rest it is not, within the last fifth.
+The scenes that are not near a border are then ordinary. Half of them are within the first fifth of the line, so that
+the step is clearly done or nothing was harmed. The other half are within the last fifth, so that the opposite is clear.
 
-Scenes written by hand, for example by a person who does not know the rules, are drawn by a third command. It computes
-no verdict of the program; ``judge`` does, after the votes were given::
+Scenes written by hand, for example by a person who does not know the rules, are drawn by a third command. This command
+does not compute the program's verdicts; ``judge`` computes them after the votes::
 
     python tools/judged_scenes.py pose SCENES.txt OUT --seed 1
 
@@ -76,7 +77,7 @@ SIDE_PX, HEAD_PX, MARGIN_PX = 720, 92, 6
 NEAR, BISECTIONS, TRIES = 0.25, 6, 60
 HALF, FIFTH = Fraction(1, 2), Fraction(1, 5)
 ENDS = 0.2
-"""Length of the ends of a line, in which an ordinary scene lies."""
+"""Length of the two end parts of a line that contain the ordinary scenes, as a fraction of the line."""
 ABOVE_M, ABOVE_FOV_DEG, CLOSE_FOV_DEG = 1.75, 23.0, 15.0
 HIDDEN_GROUP = 5
 MOVED_M, SUNK_M, JUMPED_M = 0.004, -0.004, 0.2
@@ -142,7 +143,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Question:
-    """A scene to pose: the clauses of an arrangement, one of which is in question, and what is asked about it."""
+    """A scene to pose: the clauses of an arrangement, with a question about one of them."""
 
     kind: str
     setting: str
@@ -218,7 +219,7 @@ class Poser:
 
     def cutlery(self, posture: str) -> Question:
         """Return a question about cutlery in one of :data:`POSTURES` at its side of a plate."""
-        setting, condition = self.setting("breakfast_table")  # each instruction names a fork or a spoon
+        setting, condition = self.setting("breakfast_table")  # every instruction names a fork or a spoon
         goal, thing, below = self.one_of([step for step in steps_of(condition) if step[1] in ("fork", "spoon")])
         place, flags = f"{goal.target}.{goal.region}", ("flip",) if "face down" in posture else ()
         numbers = {**self.polar(0.0, 20.0), "z": 4.0, "turn": self.uniform(-20.0, 20.0)}
@@ -248,7 +249,7 @@ class Poser:
         used = {thing for _, thing, _ in steps}
         targets = {goal.target for goal, _, _ in steps}
         others = [o for o in condition.objects if not o.fixed and o.name not in used]
-        if task_id == "office_drawer":  # what lies in a drawer moves with it
+        if task_id == "office_drawer":  # the content of a drawer moves with the drawer
             others = [o for o in others if o.name not in targets]
         thing = self.one_of(others)
         if thing.mount is not None:
@@ -270,7 +271,7 @@ class Poser:
         return Question("harm", setting, "-", "-", "-", (moved, *done), condition.instruction.text, HARM_QUESTION)
 
     def done(self, setting: str, goal: Subgoal, thing: str, below: str) -> Pose:
-        """Return the clause of a step that is done well."""
+        """Return the clause of a correctly executed step."""
         place, spread = {
             "beside": (f"{goal.target}.{goal.region}", 8.0),
             "on_plate": (f"{goal.target}.floor", 4.0),
@@ -289,7 +290,7 @@ class Poser:
     def in_question(
         self, setting: str, condition: Condition, goal: Subgoal, thing: str, below: str
     ) -> tuple[Pose, ...]:
-        """Return the clauses of a step that is done at the good end of a line and not at the other end."""
+        """Return the clauses of a step that is done at the good end of a line, but not at the other end."""
         turn = {"turn": self.uniform(-180.0, 180.0)}
         if goal.relation == "beside":
             cutlery = thing in ("fork", "spoon")
@@ -354,7 +355,7 @@ def step_words(condition: Condition, goal: Subgoal, thing: str, below: str) -> s
     """Return the question about a step."""
     spec, target = condition.object(thing), condition.object(goal.target)
     name = f"the {spec.kind}"
-    if goal.reference.slot is not None:  # the end does not show where it stood at the start
+    if goal.reference.slot is not None:  # the final image does not show the start position
         name = f"the {spec.kind}, which was the {goal.word} one at the start,"
     if goal.count > 1 or (below and below != goal.target and condition.object(below).kind == spec.kind):
         name = f"the second {spec.kind}"
@@ -442,7 +443,7 @@ def unfair_of(question: Question, arrangement: str) -> str:
 
 
 def outside_of_views(scene: Scene, name: str, *, above: bool) -> bool:
-    """Return whether the center of an object is not in the front view or, if asked for, not in the view from above."""
+    """Return whether the center of an object is outside the front view or, if requested, the view from above."""
     state = scene.state()
     center = state.pose(name).apply((0.0, 0.0, 0.5 * state.info.object(name).size_m[2]))
     if not in_image(scene, "front", center):
@@ -478,8 +479,8 @@ def drawn(
         poser: Source of random numbers.
         make: Function that returns a random question.
         near: Whether the scene is near the border.
-        end: End of the line, 0 or 1, near which a scene lies that is not near the border; None for the whole line,
-            which is also used if half of the tries give no possible scene.
+        end: End of the line, 0 or 1, for a scene that is not near the border; None for the whole line. The whole line
+            is also used if half of the tries give no possible scene.
     """
     for k in range(TRIES):
         question = make()
@@ -605,7 +606,7 @@ def write_set(out: Path, rows: Sequence[Mapping[str, str]], hidden: Sequence[Map
     write_table(shown / "scenes.tsv", rows)
     write_table(out / "hidden" / "verdicts.tsv", hidden)
     (shown / "HOW.md").write_text(HOW, encoding="utf-8")
-    for path in shown.iterdir():  # the order in which pictures were written would tell what was posed
+    for path in shown.iterdir():  # the order in which pictures were written would reveal the posed kinds
         os.utime(path, (0.0, 0.0))
 
 
@@ -844,7 +845,7 @@ def share(text: str) -> Fraction:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw scenes, show written ones, or compare answers with the program."""
+    """Draw scenes, pose scenes from a file, or compare answers with the program."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     verbs = parser.add_subparsers(dest="verb", required=True)
     drawing = verbs.add_parser("draw", help="pose scenes")
@@ -863,7 +864,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     drawing.add_argument(
         "--workers", type=int, default=None, help="number of processes; each scene then has its own random numbers"
     )
-    posing = verbs.add_parser("pose", help="show scenes that a person wrote, without verdicts of the program")
+    posing = verbs.add_parser("pose", help="pose scenes from a file, without verdicts of the program")
     posing.add_argument("scenes", type=Path, help="file with one scene per line")
     posing.add_argument("out", type=Path)
     posing.add_argument("--seed", type=int, required=True, help="seed of the order of the scenes")

@@ -4,10 +4,10 @@
     python tools/judged_thresholds.py --scenes side_close
 
 For each rule, the script measures its quantity in all judged scenes (``tests/tasks/judged_*.txt``) in which this rule
-alone decides. It prints the threshold in use, the wrong scenes, the interval of thresholds with the fewest wrong
-scenes, and the wrong scenes if the threshold for each set is fitted to the other sets. ``--scenes`` lists the scenes
-of one rule instead. Scenes with three judges that are sure count twice. The set ``judged_blind.txt`` has a single
-judge, and its scenes count a third.
+alone decides. It prints the threshold in use with its wrong scenes, and the interval of thresholds with the fewest
+wrong scenes. For cross-validation, it also prints the wrong scenes if the threshold for each set is fitted to the other
+sets. ``--scenes`` lists the scenes of one rule instead. Scenes of which all three judges are sure have weight 2. The
+scenes of ``judged_blind.txt``, which had a single judge, have weight 1/3.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Judged:
 
     @property
     def thing(self) -> str:
-        """Name of the object; of harm, the first object that was moved from its start, or the first posed object."""
+        """Name of the object. For harm, it is the first object moved from its start, or else the first posed object."""
         pair: str = self.scene.pair
         if pair != "-":
             return pair.split(" > ", maxsplit=1)[0]
@@ -116,7 +116,7 @@ class Judged:
         return horizontal_distance(foot(self.state, self.thing), there)
 
     def beside(self) -> tuple[float, float, float, float] | None:
-        """Return how far an upright object is off the named side, past its ends and off a round edge, and its angle.
+        """Return an upright object's distances from the named side, past its ends and from a round edge, and its angle.
 
         The lengths are in meters, the angle from right to behind in radians. None if the object is not upright on the
         table, or if its handle points elsewhere.
@@ -231,13 +231,13 @@ def pushed_limit(scene: Judged, *, target: bool) -> str:
 
 
 def is_pushed_and_turned(scene: Judged, *, target: bool) -> bool:
-    """Return whether the outermost point of an object alone is beyond its limit."""
+    """Return whether only the outermost point of an object is beyond its limit."""
     within = scene.moved <= judged_limit(pushed_limit(scene, target=target)) and scene.ends <= judged_limit("turned")
     return not target and within and scene.outermost > judged_limit("outermost_moved")
 
 
 def pushed(scene: Judged, limit: str) -> float | None:
-    """Return the displacement of an object that is decided by this limit alone."""
+    """Return the displacement of an object if this limit alone decides the scene, otherwise None."""
     target = limit != "displaced"
     if not harm(scene, target=target) or scene.ends > judged_limit("turned"):
         return None

@@ -35,7 +35,7 @@ SHOWN_PX = 224
 SEEN = 0.6
 """Minimum visible fraction of an object for it to be included."""
 REQUIRED = 0.95
-"""Share of answers that have to be right."""
+"""Required share of correct answers."""
 
 ACCEPTED: dict[str, str] = {
     "apple": "apple",
@@ -189,7 +189,7 @@ def _numbered(crop: Crop, number: int) -> Crop:
 
 
 def _places() -> dict[str, list[tuple[Task, Condition, str]]]:
-    """Return where each category of better60 occurs: task, condition and name of the object."""
+    """Return the occurrences of each category in better60: task, condition and name of the object."""
     places: dict[str, list[tuple[Task, Condition, str]]] = {}
     for task in map(get_task, suite_tasks("better60")):
         for condition in (*task.training, *(vary(task, v)[0] for v in task.variations)):
@@ -205,7 +205,7 @@ def _crop(task: Task, condition: Condition, name: str, seed: int) -> Crop | None
         view = renderer.render(scene.data, "front", masks=True)
         body = int(scene.compiled.bodies[scene.info.index(name)])
         if view.rgb is None or view.masks is None:
-            raise AssertionError("colors and masks were asked for")
+            raise AssertionError("colors and masks were requested")
     framing = FramingView(scene)
     seen = framing.of(name)
     framing.close()
@@ -310,7 +310,7 @@ def main() -> None:
     """Draw the sheets, or judge answers."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("what", choices=("draw", "judge"))
-    parser.add_argument("path", type=Path, nargs="+", help="folder of the sheets, or files of answers, one a reader")
+    parser.add_argument("path", type=Path, nargs="+", help="folder of the sheets, or answer files, one per reader")
     parser.add_argument("--out", type=Path, default=Path("docs"), help="folder of the documentation")
     options = parser.parse_args()
     found = crops()

@@ -1,8 +1,8 @@
 """Render the procedural asset library into one contact sheet.
 
-Each category is a strip of four pictures from the front camera's angle: three looks in its default color, seen from
-three sides, and one look in another color, if there is one. Strips are arranged in three columns. Run from the
-repository root::
+Each category is a strip of four pictures from the front camera's angle. Three pictures show looks in the default color,
+seen from three sides. The last one shows a look in another color, if there is one. Strips are arranged in three
+columns. Run from the repository root::
 
     MUJOCO_GL=egl python tools/library_sheet.py library.png
 """
@@ -87,7 +87,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("out", type=Path, help="PNG to write")
     parser.add_argument("--categories", nargs="*", default=None, help="only these categories")
-    parser.add_argument("--columns", type=int, default=3, help="categories beside each other")
+    parser.add_argument("--columns", type=int, default=3, help="number of columns")
     options = parser.parse_args()
     options.out.parent.mkdir(parents=True, exist_ok=True)
     sheet(options.categories or categories(), columns=options.columns).save(options.out, optimize=True)

@@ -39,11 +39,11 @@ class Page(HTMLParser):
     loaded: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Begin with an empty page."""
+        """Initialize the parser for one page."""
         HTMLParser.__init__(self)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Take in one element."""
+        """Process the start of an element."""
         values = {name: value for name, value in attrs if value is not None}
         self.anchors |= {values[name] for name in ("id", "name") if name in values}
         if tag == "a" and "href" in values:
@@ -135,7 +135,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "site", help="folder of the site")
     site: Path = parser.parse_args().out.resolve()
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--clean", "--site-dir", str(site)]
-    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}  # an advertisement of another program
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}  # hides an advertisement for another program
     if subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode != 0:
         return 1
     write_index_script(site)

@@ -32,7 +32,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n", maxsplit=1)[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--trial", action="append", required=True, help="TASK/CONDITION/SEED; repeatable")
-    parser.add_argument("--at", type=float, default=0.45, help="where in the trial, from 0 to 1")
+    parser.add_argument("--at", type=float, default=0.45, help="moment of the trial, from 0 (start) to 1 (end)")
     parser.add_argument("--out", type=Path, default=Path("docs/pictures/modalities.jpg"))
     options = parser.parse_args()
     run = RunFolder.open(options.run)
@@ -42,7 +42,7 @@ def main() -> None:
 
 
 def panels_of(run: RunFolder, trial: str, at: float) -> list[tuple[str, list[Image.Image]]]:
-    """Return per view of a trial its name and its pictures."""
+    """Return the name and the pictures of each view of a trial."""
     task, condition, seed = trial.split("/")
     record = run.read_record(task, condition, int(seed))
     meta, row = record.metadata, round(at * (len(record) - 1))

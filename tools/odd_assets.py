@@ -2,9 +2,9 @@
 
     .venv/bin/python tools/odd_assets.py --seed 0 --out runs/odd
 
-Twelve unusual shapes (wire basket, ladle, colander, ...) must be kept; the bad assets are common objects with one
-fault each (``odd_shapes.py``), planted in the file, in the physics that a URDF or MJCF file states, or in the asset
-after its import. Items, results and rates are those of ``planted_assets.py``.
+Twelve unusual shapes (wire basket, ladle, colander, ...) must be kept. The bad assets are common objects with one fault
+each (``odd_shapes.py``). The fault is planted in the file, in the physics that a URDF or MJCF file states, or in the
+asset after its import. Items, results and rates are those of ``planted_assets.py``.
 """
 
 from __future__ import annotations
@@ -190,7 +190,7 @@ def measure(items: list[Item], out: Path, *, workers: int) -> list[Judged]:
 def main(arguments: list[str] | None = None) -> None:
     """Make and judge the items."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--seed", type=int, required=True, help="seed of shapes, victims and faults")
+    parser.add_argument("--seed", type=int, required=True, help="seed of shapes, faulty objects and faults")
     parser.add_argument("--out", type=Path, required=True, help="folder of the items and their results")
     parser.add_argument("--each", type=int, default=3, help="items of each good shape and of each fault")
     parser.add_argument("--workers", type=int, default=2, help="processes")

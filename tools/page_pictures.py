@@ -1,9 +1,8 @@
 """Take screenshots of our pages for the documentation, in a headless Chromium.
 
-The report covers the full suite, one trial per variation; the section on knowledge is of a run with a model's answers;
-the teleoperation page shows two packed items; the review page shows a mug set upright;
-the page of a real arm shows a scene of the mock; the judge's page shows a film of a simulated protocol, with one
-entry made.
+The report covers the full suite with one trial per variation, and its section on knowledge a run with a model's
+answers. The teleoperation page shows two packed items, and the review page a mug that was set upright. The page of a
+real arm shows a scene of the mock. The judge's page shows a film of a simulated protocol, after one entry.
 
 Example:
     better eval --policy zoo:lexical --trials 1 --out runs/lexical

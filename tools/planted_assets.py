@@ -370,7 +370,7 @@ def print_table(results: list[Judged]) -> dict[str, float]:
 def main(arguments: list[str] | None = None) -> None:
     """Make the items and, with ``--measure``, judge them."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--seed", type=int, required=True, help="seed of shapes, victims and faults")
+    parser.add_argument("--seed", type=int, required=True, help="seed of shapes, faulty objects and faults")
     parser.add_argument("--out", type=Path, required=True, help="folder of the items and their results")
     parser.add_argument("--meshes", type=Path, help="folder of good meshes, in addition to generated meshes")
     parser.add_argument("--each", type=int, default=4, help="bad assets per fault")

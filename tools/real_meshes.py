@@ -3,9 +3,9 @@
     .venv/bin/python tools/real_meshes.py MESHES --out runs/meshes [--workers 2]
 
 Each file (``*.glb``, and ``NAME/*.obj`` with NAME as the name of the object) is imported with its name and a license as
-its only options. The seconds are CPU seconds of the import, without the certificate. Each result is a line
-of ``journal.jsonl``, and the same command continues after an interruption; ``--pictures`` also
-writes a picture per object: visible parts, collision parts, and pose at rest.
+its only options. The seconds are CPU seconds of the import, without the certificate. Each result is a line of
+``journal.jsonl``, and the same command continues after an interruption. ``--pictures`` also writes a picture of each
+object with its visible parts, its collision parts and its pose at rest.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Write the numbers of the page for builders of the real scene, as the twin has them, and its marker sheets.
+"""Write the tables of the page about building the real scene, from the simulated scene, and its marker sheets.
 
 Example:
     python tools/real_setup_tables.py

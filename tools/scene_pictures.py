@@ -132,7 +132,7 @@ def _render(task: Task, condition: Condition, outlined: frozenset[str], seed: in
     with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, "front", masks=True)
     if view.rgb is None or view.masks is None:
-        raise AssertionError("colors and masks were asked for")
+        raise AssertionError("colors and masks were requested")
     bodies = [int(b) for b, p in zip(scene.compiled.bodies, scene.placements, strict=True) if p.spec.name in outlined]
     inner = np.isin(view.masks, bodies)
     grown = np.asarray(Image.fromarray(inner).convert("L").filter(ImageFilter.MaxFilter(5))) > 0

@@ -70,9 +70,9 @@ NVIDIA_DEVICES = (Path("/proc/driver/nvidia/version"), Path("/dev/nvidiactl"), P
 ON_X86_LINUX = "sys_platform == 'linux' and platform_machine == 'x86_64'"
 ELSEWHERE = "sys_platform != 'linux' or platform_machine != 'x86_64'"
 
-# Asks a GL back end for an off-screen display, as MuJoCo will: a loader library without a driver fails here rather than
-# in the middle of a run. It runs in a process of its own because broken drivers crash. The numbers are from the
-# headers: EGL_PLATFORM_DEVICE_EXT = 0x313F (Khronos registry), OSMESA_RGBA = GL_RGBA = 0x1908 (Mesa, OpenGL).
+# Asks a GL back end for an off-screen display, as MuJoCo will: a loader library without a driver fails here and not in
+# the middle of a run. This runs in a separate process, because broken drivers crash. The numbers are from the headers:
+# EGL_PLATFORM_DEVICE_EXT = 0x313F (Khronos registry), OSMESA_RGBA = GL_RGBA = 0x1908 (Mesa, OpenGL).
 PROBES = {
     "egl": """
 import ctypes
@@ -532,7 +532,7 @@ def chosen_python(*, named: bool, places: Sequence[Path] | None = None) -> str:
     if least[fastest] > CLEARLY * own:
         return sys.executable
     faster = own / least[fastest]
-    say(f"{fastest} is {faster:.1f} times as fast as {sys.executable}and is used (choose another with PYTHON=...)")
+    say(f"{fastest} is {faster:.1f} times as fast as {sys.executable} and is used (choose another with PYTHON=...)")
     return fastest
 
 
@@ -658,7 +658,7 @@ def relock(*, upgrade: bool) -> None:
             raise SetupError(f"uv could not resolve {lock.name}; its message is shown above.")
 
     steps: dict[Path, list[str | Path]] = {
-        # The extras that tests need decide first: what a user gets is what was tested.
+        # The extras that tests need are resolved first, so that users get the tested versions.
         dev: [project, "--extra", "dev"],
         runtime: [project, "--constraints", dev],
         # Environments made by tests and benchmarks for packages that cannot share one with this project.
@@ -741,14 +741,14 @@ def main() -> int:
         "--lock", choices=("dev", "runtime"), default="dev", help="which packages (default: %(default)s)"
     )
     parser.add_argument("--extras", default="", metavar="NAMES", help='further extras for .venv: "train lerobot"')
-    parser.add_argument("--no-gl", action="store_true", help="leave the graphics library out")
-    parser.add_argument("--relock", action="store_true", help="write requirements/*.lock anew and stop")
-    parser.add_argument("--upgrade", action="store_true", help="with --relock: take the newest versions")
-    parser.add_argument("--this-python", action="store_true", help="no other build of the same Python for .venv")
+    parser.add_argument("--no-gl", action="store_true", help="do not install the graphics library")
+    parser.add_argument("--relock", action="store_true", help="write requirements/*.lock again and stop")
+    parser.add_argument("--upgrade", action="store_true", help="with --relock: use the newest versions")
+    parser.add_argument("--this-python", action="store_true", help="use this Python and no other build for .venv")
     options = parser.parse_args()
     if sys.version_info < OLDEST_PYTHON:
         wanted = ".".join(map(str, OLDEST_PYTHON))
-        say(f"Python {wanted} or newer is needed and {sys.executable} is {sys.version.split()[0]}.")
+        say(f"Python {wanted} or newer is required, but {sys.executable} is {sys.version.split()[0]}.")
         say("Choose another one: make PYTHON=python3.12 test")
         return 2
     try:

@@ -34,7 +34,7 @@ def view(task_id: str, anchor: str, size: int) -> Image.Image:
     with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
         seen = renderer.render(scene.data, "front").rgb
     if seen is None:
-        raise AssertionError("colors were asked for")
+        raise AssertionError("colors were requested")
     image = Image.fromarray(seen).convert("RGBA")
     layer = Image.new("RGBA", image.size)
     pen = ImageDraw.Draw(layer)
@@ -66,9 +66,7 @@ def view(task_id: str, anchor: str, size: int) -> Image.Image:
 def main(arguments: list[str]) -> None:
     """Write the picture."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--out", type=Path, default=Path("docs/pictures/sides.jpg"), help="where the picture is written"
-    )
+    parser.add_argument("--out", type=Path, default=Path("docs/pictures/sides.jpg"), help="file of the picture")
     parser.add_argument("--size", type=int, default=440, help="side of each of the two views [pixel]")
     wanted = parser.parse_args(arguments)
     views = [view(task, anchor, wanted.size) for task, anchor in SHOWN]

@@ -6,9 +6,9 @@ FOLDER contains the STL files of the model ``robotstudio_so101`` in MuJoCo Menag
 4c358ef9d9d7f32ca58b40b490884a0c1726a440 (Apache-2.0), as the wheel ``so101-nexus`` 0.10.0 contains them in
 ``so101_nexus/assets/SO101_menagerie/assets``. The parts are TheRobotStudio's (SO-ARM100, Apache-2.0).
 
-Changes to the files: each part is simplified within a tolerance as a closed solid, decimated to a number of triangles,
-its vertices are split at sharp edges for shading and rounded to a hundredth of a millimeter. Without the first step,
-slivers of the CAD files remain, and their collapse tears cracks into the surface.
+The files are changed as follows. Each part is simplified within a tolerance as a closed solid, and decimated to a
+number of triangles. Its vertices are split at sharp edges for shading, and rounded to a hundredth of a millimeter.
+Without the first step, slivers of the CAD files remain, and their collapse tears cracks into the surface.
 """
 
 from __future__ import annotations

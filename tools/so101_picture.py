@@ -59,7 +59,7 @@ def picking() -> list[np.ndarray]:
 def main() -> None:
     """Write the picture."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path, default=Path("docs/pictures/so101.jpg"), help="where to write the picture")
+    parser.add_argument("--out", type=Path, default=Path("docs/pictures/so101.jpg"), help="file of the picture")
     wanted = parser.parse_args()
     Image.fromarray(np.hstack([*arm_alone(), *picking()])).save(wanted.out, quality=82)
 

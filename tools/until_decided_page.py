@@ -35,7 +35,7 @@ from betterbench.tasks import suite_tasks
 PAGE = Path("docs/until-decided.md")
 TABLE = Path(__file__).with_name("until_decided_outcomes.json")
 MOST = 20
-"""Trials per variation of the fixed design, and the most of the other one."""
+"""Trials per variation of the fixed design, and their maximum in the sequential design."""
 STRENGTHS = (1.0, 0.6, 0.3)
 """Fractions of trials in which a faulty policy's rule applies, as in the calibration."""
 REPEATS = 20
@@ -69,7 +69,7 @@ def whole_suite() -> Suite:
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """One run: by condition, whether each seed was solved, and which part of it was run until decided."""
+    """One run: all outcomes by condition, and the verdicts and number of trials with ``--until-decided``."""
 
     outcomes: Mapping[str, Sequence[bool]]
     verdicts: Mapping[str, Verdict]
@@ -92,7 +92,7 @@ def simulate(suite: Suite, rates: Rates, generator: np.random.Generator, *, most
 
 
 def alarm_rows(suite: Suite, suites: int) -> Iterator[list[str]]:
-    """Yield how often policies with a known verdict get a wrong one, each over a number of simulated suites."""
+    """Yield the rates of wrong verdicts on policies with a known verdict, over a number of simulated suites."""
     honest = [(rate, rate) for rate in (1.0, 0.95, 0.8, 0.5, 0.2, 0.05)]
     halved = [(1.0, 0.5), (0.75, 0.25), (0.5, 0.0)]
     for number, (twin, varied) in enumerate((*honest, *halved)):
@@ -121,7 +121,7 @@ def alarm_rows(suite: Suite, suites: int) -> Iterator[list[str]]:
 
 
 def mixed_rows(suite: Suite, suites: int) -> Iterator[list[str]]:
-    """Yield the share of wrong verdicts for policies that drop in some variations, averaged over some suites."""
+    """Yield the share of wrong verdicts on policies that drop in some variations, averaged over simulated suites."""
     for number, (share, kept, lost) in enumerate([(0.1, 0.95, 0.05), (0.5, 0.95, 0.05), (0.2, 0.8, 0.3)]):
         generator = np.random.default_rng([61, number])
         dropping = round(share * len(suite.questions))

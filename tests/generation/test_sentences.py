@@ -169,7 +169,7 @@ REFUSED = [
     ("Stack the plates from largest to smallest", "largest"),
     ("Stack the plates sideways", "sideways"),
     ("Put the apple into the lunchbox and close it", "close"),
-    ("Don't put the apple into the lunchbox", "no goal leaves something out"),
+    ("Don't put the apple into the lunchbox", "goals cannot exclude objects"),
     ("Open the drawer and put the stapler into it", "open"),
     ("Put the top bun on the bottom bun", "on"),
     ("Close both drawers of the cabinet", "Close"),

@@ -57,7 +57,7 @@ class PlainServer:
         port: int,
         verb: str,
     ) -> None:
-        """Listen.
+        """Start listening.
 
         Args:
             get: Functions by path after the token ("", "state"). Each returns the response, or None for status 404, and

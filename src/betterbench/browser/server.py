@@ -58,7 +58,7 @@ class PageServer:
     """
 
     def __init__(self, *, host: str, port: int, verb: str, complain: Callable[[str], None]) -> None:
-        """Listen.
+        """Start listening.
 
         Args:
             host: Interface.

@@ -190,8 +190,9 @@ class _Judge:
 
     Between two physics steps, the CPU caches are cold, and judging states one at a time takes two to three times as
     long as judging several at once. A goal must hold for some time, so no decision depends on the states in the current
-    block. Measured by ``make bench ARGS="--only step"`` (2026-11-26, minimum time per block, three tasks): the loop
-    takes 1.15 to 1.16 times as long as the bare physics, and 1.21 to 1.32 times if every state is judged immediately.
+    block. The loop takes 1.15 to 1.16 times as long as the physics alone, and 1.21 to 1.32 times if every state is
+    judged immediately. This was measured by ``make bench ARGS="--only step"`` (2026-11-26, minimum time per block,
+    three tasks).
     """
 
     def __init__(self, tracker: Tracker, builder: RecordBuilder, scene: TrialScene) -> None:

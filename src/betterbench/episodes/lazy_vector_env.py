@@ -59,14 +59,14 @@ class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
 
 
 class LazySyncVectorEnv(_LazyVectorEnv, SyncVectorEnv[dict[str, Any], np.ndarray]):
-    """Environments in this process."""
+    """Lazy vector environment whose environments run in this process."""
 
     def _make_envs(self) -> None:
         SyncVectorEnv.__init__(self, self._make, autoreset_mode=AutoresetMode.SAME_STEP)
 
 
 class LazyAsyncVectorEnv(_LazyVectorEnv, AsyncVectorEnv[dict[str, Any], np.ndarray]):  # type: ignore[misc] # narrower close_extras
-    """Environments in separate processes. Code that reads ``envs`` gets the ``stand_ins`` in this process."""
+    """Lazy vector environment with one process per environment. Its ``envs`` are ``stand_ins`` in this process."""
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv, *, stand_ins: Sequence[object] = ()) -> None:
         super().__init__(make, group)

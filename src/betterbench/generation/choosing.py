@@ -143,7 +143,7 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
     """Return scenarios for a sentence. Each contains the objects that the sentence names.
 
     Raises:
-        InvalidInputError: If no template fits, an object is not in the library, or there are fewer such scenarios.
+        InvalidInputError: If no template fits, an object is not in the library, or there are too few such scenarios.
     """
     text = checked_sentence(sentence)
     template = choose_template(text)

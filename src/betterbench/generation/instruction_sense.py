@@ -53,9 +53,9 @@ def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Fou
 
     The rules for nouns are conservative. A known noun, and the last word of a phrase with an article, must occur in the
     description, query, name or tags of an object. The instruction may also name places ("the desk"), occasions ("the
-    picnic"), general nouns ("the supplies"), words of the context and of the scenario's name, and the result of an
-    assembly ("a sandwich"). A color before a known noun must be the color of such an object. Collective nouns such as
-    "fruit" and "toys" require at least one such object.
+    picnic") and general nouns ("the supplies"). Words of the context and of the scenario's name are allowed too, and so
+    is the result of an assembly ("a sandwich"). A color before a known noun must be the color of such an object.
+    Collective nouns such as "fruit" and "toys" require at least one such object.
     """
     for problem, cure in (
         *_sentence_problems(scenario.instruction, read_text(scenario)),

@@ -30,7 +30,7 @@ LARGEST_ITEM_M = 0.25
 """Maximum size of an item [m]. The largest moved object of the suite is a serving plate of 20 cm."""
 SIZE_SLACK = 2.0
 """Tolerance factor for the usual sizes of a kind. For example, a pill bottle is smaller than other bottles but has no
-row in the table of kinds, and a lunchbox with an open lid is longer than a closed one.
+row in the table of kinds. A lunchbox with an open lid is longer than a closed one.
 """
 HEAVIEST_FIXTURE_KG = 20.0
 """Maximum mass of an object that is not lifted [kg], as in the importer."""

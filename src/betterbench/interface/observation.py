@@ -74,10 +74,12 @@ _PRESETS = {
 def observation_spec(name: str) -> ObservationSpec:
     """Return an observation preset by name.
 
-    The presets are "default" (front and wrist, 256 x 256), "official" (the three fixed 448 x 448 views in the paper's
-    release), "droid" (side and wrist views, 320 x 180, for policies trained on DROID), "calvin" (front, 200 x 200, and
-    wrist, 84 x 84, as in CALVIN), "calvin_depth" (the same with depth images) and "state_only" (only proprioception and
-    instruction).
+    - "default": front and wrist views, 256 x 256.
+    - "official": the three fixed views of the paper's release, 448 x 448.
+    - "droid": side and wrist views, 320 x 180, for policies trained on DROID.
+    - "calvin": front view, 200 x 200, and wrist view, 84 x 84, as in CALVIN.
+    - "calvin_depth": the same with depth images.
+    - "state_only": only proprioception and instruction.
     """
     try:
         return _PRESETS[name]

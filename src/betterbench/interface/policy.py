@@ -31,10 +31,10 @@ class Execution:
         ahead: Number of control steps before the end of a chunk at which the next chunk is requested. The rest of the
             old chunk is executed in the meantime. The same number of actions is dropped from the beginning of the new
             chunk, because their steps have passed. With 0, the simulation waits for every reply.
-        ensemble: None, or the rate m of temporal ensembling. The policy is called at every step, and the action for a
-            step is the mean of all predictions for it, weighted by exp(-m i) with i = 0 for the oldest prediction (Zhao
-            et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV). A negative rate
-            gives newer predictions more weight.
+        ensemble: None, or the rate m of temporal ensembling. The policy is called at every step. The action for a step
+            is the mean of all predictions for it, weighted by exp(-m i) with i = 0 for the oldest prediction. See Zhao
+            et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV. A negative rate gives
+            newer predictions more weight.
     """
 
     horizon: int | None = None
@@ -99,7 +99,7 @@ class PolicyInfo:
         metadata: Strings by name (checkpoint, revision, server). The mapping is copied.
         execution: Execution settings for its action chunks.
         heavy: True if the policy keeps large model weights in memory. All workers of a run share one instance if the
-            policy supports batches (:class:`BatchPolicy`). Otherwise, a run uses one worker unless more are requested.
+            policy supports batches (:class:`BatchPolicy`). Otherwise, a run uses one worker by default.
     """
 
     name: str

@@ -33,7 +33,7 @@ class _Ahead(Generic[ItemT]):
             for item in self._items:
                 if not self._put(item):
                     return
-        except BaseException as problem:  # noqa: BLE001 - it is raised where the items are used
+        except BaseException as problem:  # noqa: BLE001 - raised again in the thread that uses the items
             error = problem
         self._put(_End(error))
 

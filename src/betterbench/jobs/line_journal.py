@@ -195,7 +195,7 @@ def linked_forms(
 
 
 def _require_begun(path: Path, begun: bytes) -> None:
-    """Raise RecordError unless the end is the beginning of a line, or zeros from a machine crash."""
+    """Raise RecordError if the end is neither the beginning of a line nor zeros from a machine crash."""
     if begun not in (b"{", b"\0"):
         raise RecordError(f"{path}: its end is not an unfinished journal line. Restore the file from a copy.")
 

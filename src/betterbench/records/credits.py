@@ -25,7 +25,7 @@ class CreditedObject(Protocol):
 
     @property
     def license(self) -> str:
-        """Its license's name."""
+        """Name of its license."""
 
 
 @dataclass(frozen=True, slots=True, order=True)

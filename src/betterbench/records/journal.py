@@ -142,7 +142,7 @@ class Journal(LineJournal):
 
 
 def read_journal(path: Path) -> tuple[JournalEntry, ...]:
-    """Read a journal without changing it, also while a run appends to it; an incomplete last line is ignored.
+    """Read a journal without changing it, even while a run appends to it; an incomplete last line is ignored.
 
     Returns:
         The last entry of every trial, in order of first appearance.

@@ -83,8 +83,9 @@ class RecordMetadata:
         looks: Appearance set of the run ("seen" or "unseen").
         room: Name of the trial's room.
         view_jitter: Offsets of cameras and key light; together with scene and state they determine the images.
-        robot_dynamics: Drawn dynamics of the robot by quantity ("backlash" in rad, otherwise factors of the model's
-            numbers), one value per joint of the arm and the gripper; empty if they do not vary.
+        robot_dynamics: Drawn dynamics of the robot by quantity, with one value per joint of the arm and the gripper.
+            "backlash" is in rad; all other quantities are factors of the model's values. Empty if the dynamics do not
+            vary.
         predicate_names: Meaning of each column in ``predicates``.
         subgoal_names: Meaning of each column in ``subgoals``, in the instructed order.
         demonstrator: Source of the demonstration; None for an evaluated policy's trial.

@@ -55,7 +55,7 @@ _HASH = re.compile(r"[0-9a-f]{8,128}")
 
 @growing_form
 class _PolicyChange(TypedDict):
-    """Note that a run was continued with another policy, with the time."""
+    """Context entry for a run that was continued with another policy."""
 
     policy: dict[str, Any]
     trials_before: NotRequired[Annotated[int, Field(ge=0)]]

@@ -3,8 +3,8 @@
 A bet against "the mean is at most m" starts with wealth 1, which is multiplied by ``1 + c (x - m) / (m - low)`` for
 every value ``x``. The stake ``c`` is between 0 and 1, so the wealth never becomes negative. If the mean is at most m,
 the expected wealth does not grow. By Ville's inequality it then reaches ``1 / alpha`` at any time with a probability of
-at most ``alpha``. The evidence is the mean wealth over many stakes, and an interval contains every mean that the
-evidence does not refute (Waudby-Smith and Ramdas, Journal of the Royal Statistical Society B 86, 2024, 1-27).
+at most ``alpha``. The evidence is the mean wealth over many stakes. An interval contains every mean that the evidence
+does not refute (Waudby-Smith and Ramdas, Journal of the Royal Statistical Society B 86, 2024, 1-27).
 """
 
 from __future__ import annotations

@@ -46,11 +46,11 @@ def clustered_mean(
 ) -> ClusteredMean:
     """Return the mean of scores between 0 and 1 with an interval that accounts for clusters.
 
-    The interval is Wilson's with the effective sample size n* = p (1 - p) / v, where v is the variance of the mean
-    estimated from the totals of the clusters (linearization; Korn and Graubard, "Confidence intervals for proportions
-    with small expected number of positive counts", 1998; Dean and Pagano, "Evaluating confidence interval methods for
-    binomial proportions in clustered surveys", 2015). n* is at most the number of scores. If all scores are 0 or all
-    are 1, n* is the number of clusters.
+    The interval is Wilson's with the effective sample size n* = p (1 - p) / v. The variance v of the mean is estimated
+    from the totals of the clusters by linearization. See Korn and Graubard, "Confidence intervals for proportions with
+    small expected number of positive counts", 1998, and Dean and Pagano, "Evaluating confidence interval methods for
+    binomial proportions in clustered surveys", 2015. n* is at most the number of scores. If all scores are 0 or all are
+    1, n* is the number of clusters.
 
     Args:
         scores: The scores, shape (n,).

@@ -58,8 +58,8 @@ class Difference:
 def newcombe_difference(first: Rate, second: Rate, *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
     """Return the difference of two independent rates with Newcombe's interval.
 
-    This is the hybrid score interval (method 10 of Newcombe, Statistics in Medicine 17, 1998, 873-890): the distances
-    from each rate to the ends of its Wilson interval are added in quadrature.
+    This is the hybrid score interval (method 10 of Newcombe, Statistics in Medicine 17, 1998, 873-890). It adds the
+    distances from each rate to the ends of its Wilson interval in quadrature.
 
     Returns:
         ``first - second``; if a side has no trials, the value is None and the interval is [-1, 1].
@@ -72,7 +72,7 @@ def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float =
 
     The seen conditions have equal weight regardless of how many trials they have. The interval adds the distances to
     the ends of the Wilson intervals in quadrature with the weights of the contrast (Zou and Donner, Statistics in
-    Medicine 27, 2008, 1693-1702); with one seen condition it is Newcombe's interval.
+    Medicine 27, 2008, 1693-1702). With one seen condition, it is Newcombe's interval.
 
     Returns:
         The difference; if a condition has no trials, the value is None and the interval is [-1, 1].

@@ -26,7 +26,7 @@ def wilson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONFIDENCE) -
     """Return the score interval of Wilson (1927) without continuity correction.
 
     It contains all rates ``p`` with ``|k/n - p| <= z sqrt(p (1 - p) / n)``. Its coverage is close to the confidence
-    level on average over ``p``, also for few trials, but may fall below it for single values of ``p``.
+    level on average over ``p``, even for few trials, but may fall below it for single values of ``p``.
 
     Returns:
         The interval, inside [0, 1].

@@ -1,7 +1,7 @@
 """Statistical power of a number of trials, and the smallest difference that they can detect.
 
-Definition: the smallest detectable difference is the smallest true difference, in steps of 0.1 percentage points, at
-which the two-sided test at level ``alpha`` rejects "no difference" with a probability of at least ``power``.
+The smallest detectable difference is the smallest true difference that the two-sided test at level ``alpha`` detects
+with a probability of at least ``power``. It is computed in steps of 0.1 percentage points.
 """
 
 from __future__ import annotations

@@ -40,9 +40,9 @@ def ranking_area(
 ) -> RankingArea:
     """Return the area under the receiver operating characteristic (AUROC); ties count half.
 
-    The interval is Newcombe's score interval (Statistics in Medicine 25, 2006, 559-573, method 5): all areas whose
-    distance from the estimate is within the normal quantile, with Hanley and McNeil's variance at that area. Its width
-    is positive even if the ranking is perfect, and large if there are few positive or negative cases.
+    The interval is Newcombe's score interval (Statistics in Medicine 25, 2006, 559-573, method 5). It contains all
+    areas whose distance from the estimate is within the normal quantile, with Hanley and McNeil's variance at that
+    area. Its width is positive even if the ranking is perfect, and large if there are few positive or negative cases.
     """
     if len(scores) != len(happened):
         problem = f"{len(scores)} scores for {len(happened)} outcomes"

@@ -62,9 +62,9 @@ def discordant_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = D
     """Return the evidence from dependent pairs, such as two policies on the same trials.
 
     This is the sequential form of McNemar's test. If the two rates are equal, each discordant pair favors either side
-    with probability 1/2. The evidence predicts the next discordant pair from the earlier pairs, with probability ``(s +
-    1/2) / (t + 1)``, and is multiplied by twice the probability given to the actual outcome. Concordant pairs leave it
-    unchanged. The test makes no assumption on the dependence within a pair. If the outcomes often agree, it is more
+    with probability 1/2. The next discordant pair is predicted from the earlier pairs, with probability ``(s + 1/2) /
+    (t + 1)``. The evidence is multiplied by twice the probability given to the actual outcome. Concordant pairs leave
+    it unchanged. The test makes no assumption on the dependence within a pair. If the outcomes often agree, it is more
     powerful than :func:`two_rate_e_process`.
 
     Args:
@@ -86,10 +86,10 @@ def discordant_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = D
 def two_rate_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEFAULT_ALPHA) -> EProcess:
     """Return the evidence from two independent arms, with one trial of each per pair.
 
-    The safe test for two proportions in blocks of two (Turner and Grünwald): the likelihood of a pair under the two
-    rates estimated from earlier pairs, divided by its likelihood under their mean. The rates may drift from pair to
-    pair, but the outcomes of one pair must be independent. If one side tends to fail trials that the other side solves,
-    the false-positive rate exceeds the level. For policies on the same trials use :func:`discordant_e_process`.
+    This is the safe test for two proportions in blocks of two (Turner and Grünwald). The likelihood of a pair under the
+    two rates estimated from earlier pairs is divided by its likelihood under their mean. The rates may drift from pair
+    to pair, but the outcomes of one pair must be independent. If one side tends to fail trials that the other side
+    solves, the false-positive rate exceeds the level. For policies on the same trials use :func:`discordant_e_process`.
 
     Args:
         pairs: (first succeeded, second succeeded) in an order that does not depend on the outcomes.

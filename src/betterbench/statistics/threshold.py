@@ -5,9 +5,13 @@ Fitting, sampling, and goodness of fit", Perception & Psychophysics 63, 2001):
 
     P(correct) = f + (1 - f) k F(x),    F(x) = 1 / (1 + (x / s)^-b),    f = g c
 
-The chance ``c`` of guessing an item is known. The fitted parameters are the threshold ``s`` at which half of the items
-are read, the slope ``b``, the share ``g`` of unread items that are guessed (0 for a model that then gives no answer),
-and the knowledge ``k`` of each kind of item: the share of readable items that are answered correctly without guessing.
+The chance ``c`` of guessing an item is known. The fitted parameters are:
+
+- ``s``: the threshold, the size at which half of the items are read;
+- ``b``: the slope;
+- ``g``: the share of unread items that are guessed, 0 for a model that gives no answer to these items;
+- ``k``: the knowledge of each kind of item, the share of readable items that are answered correctly without guessing.
+
 Because ``k`` belongs to a kind, kinds that are difficult at every size do not move the threshold.
 
 With several conditions, such as image resolutions, one function is fitted to all items. If the sizes explain all
@@ -34,14 +38,14 @@ RESAMPLES = 100
 LEAST_ITEMS, LEAST_CLUSTERS = 40, 8
 """Minimum number of items, and minimum number of clusters, for a conclusion."""
 EDGE = 0.02
-"""Share of the items beyond each end of the interval's permitted range: a threshold among the smallest or largest 2 %
-of the sizes is not bracketed by data."""
+"""Minimum share of items that must be smaller than the interval, and minimum share that must be larger. A threshold
+among the smallest or largest 2 % of the sizes is not bracketed by data."""
 _SLOPES = (2.0, 40.0)
 """Range of the slope. At 40, F rises from 10 to 90 % within 11 % of the size, which is about a step."""
 _BINS = 100
 """Sizes are rounded to 1/100 of their natural logarithm (1 %), so that equal items are counted together."""
 _WIDER = 1.5
-"""Factor of the bootstrap's deviations of a further loss. The bootstrap underestimates them for sharp thresholds: on a
+"""Factor of the bootstrap's deviations of a further loss. The bootstrap underestimates them for sharp thresholds. On a
 set with 881 items in 34 clusters, the standard deviation over 14 simulations was 1.3 to 1.6 times that of the
 bootstrap."""
 _LEAST_P = 0.005

@@ -21,9 +21,10 @@ _TIE = 1e-9
 def barnard_p(first: Rate, second: Rate) -> float:
     """Return the two-sided p-value of Barnard's exact unconditional test with the pooled score statistic.
 
-    Unlike Fisher's test, it does not condition on the total number of successes, which the experiment does not fix, so
-    it is more powerful with few trials (Barnard 1947; Suissa and Shuster 1985). ``scipy.stats.barnard_exact`` is not
-    used because its search for the worst common rate stops at a local maximum for some tables (10/20 against 11/20).
+    Unlike Fisher's test, it does not condition on the total number of successes, because the experiment does not fix
+    this number. It is therefore more powerful with few trials (Barnard 1947; Suissa and Shuster 1985).
+    ``scipy.stats.barnard_exact`` is not used because its search for the worst common rate stops at a local maximum for
+    some tables (10/20 against 11/20).
 
     Returns:
         The p-value; 1.0 if a side has no trials or all trials have the same outcome.

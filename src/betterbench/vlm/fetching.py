@@ -50,8 +50,8 @@ def fetch_data(benchmark: Benchmark, folder: Path, *, on_progress: OnCount | Non
         on_progress: Called with the number of bytes so far and in total (0 if unknown) of the current file.
 
     Raises:
-        InvalidInputError: If the hub cannot be reached, or the hash of a file is wrong; the message says which files
-            to put where.
+        InvalidInputError: If the hub cannot be reached, or the hash of a file is wrong; the message names the file and
+            its destination.
         RunConflictError: If another process downloads into the folder.
     """
     with on_disk(folder), job_folder(folder):

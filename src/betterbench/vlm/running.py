@@ -96,7 +96,7 @@ class RunSettings:
 
 @dataclass(frozen=True, slots=True)
 class StaticRun:
-    """A finished run.
+    """A finished run of ``better vlm``.
 
     Attributes:
         head: Content of ``run.json``.

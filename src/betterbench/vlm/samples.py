@@ -1,9 +1,9 @@
 """Export of sample logs in the format of lmms-eval, for tools that read these logs.
 
-The format is that of ``save_results_samples`` in ``loggers/evaluation_tracker.py`` of lmms-eval (commit 75571cf): a
-file ``MODEL/DATE_samples_TASK.jsonl`` with one line per sample, without the document, and without ``resps`` where they
-equal ``filtered_resps``. The metric is our score, because lmms-eval's own parsers give other scores for the same texts
-(:mod:`betterbench.vlm.official`).
+The format is that of ``save_results_samples`` in ``loggers/evaluation_tracker.py`` of lmms-eval (commit 75571cf). A
+file ``MODEL/DATE_samples_TASK.jsonl`` has one line per sample, without the document. If ``resps`` equals
+``filtered_resps``, it is omitted. The metric is our score, because lmms-eval's own parsers give other scores for the
+same texts (:mod:`betterbench.vlm.official`).
 """
 
 from __future__ import annotations

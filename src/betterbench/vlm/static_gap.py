@@ -55,7 +55,7 @@ class StaticGap:
 
 @dataclass(frozen=True, slots=True)
 class StaticGaps:
-    """Gaps of a run.
+    """Static illusion gaps of a run.
 
     Attributes:
         questions: Number of questions about variations.

@@ -1,9 +1,8 @@
 """Stepwise comparison of ``better vlm`` runs, in the layout of the paper's Table 3.
 
 A row is a model with its image resolution and prompt. A column is a benchmark. Each row is compared with the row above
-it on the same items, and a step is supported only if its paired test passes Holm's correction over all steps of the
-table. The paper bases such steps on single numbers; for example, EgoPlan-Bench2 falls from 33.38 to 31.95 after co-
-training.
+it on the same items. A step is supported only if its paired test passes Holm's correction over all steps of the table.
+The paper bases such steps on single numbers; for example, EgoPlan-Bench2 falls from 33.38 to 31.95 after co-training.
 """
 
 from __future__ import annotations

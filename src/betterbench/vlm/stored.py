@@ -56,7 +56,7 @@ class StoredItem:
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """A finished run.
+    """A finished run of ``better vlm``, read from its folder.
 
     Attributes:
         head: Settings of the run, from ``run.json``.
@@ -108,7 +108,7 @@ def is_static_run(path: Path) -> bool:
 
 
 def read_static_run(path: Path) -> StoredRun:
-    """Read a finished run.
+    """Read a finished run of ``better vlm``.
 
     Raises:
         RecordError: If the run is not finished, or a file was changed or cannot be read.

@@ -1,8 +1,8 @@
 """Image-free baselines: the majority answer, and naive Bayes on the words of the question.
 
-The classifier is multinomial naive Bayes over words and pairs of neighboring words with add-one smoothing (McCallum and
-Nigam, "A comparison of event models for naive Bayes text classification", 1998), tested by cross-validation. For a box
-or a point, it predicts a cell of the image and gives a typical answer for that cell.
+The classifier is multinomial naive Bayes over words and pairs of neighboring words with add-one smoothing. See McCallum
+and Nigam, "A comparison of event models for naive Bayes text classification", 1998. It is tested by cross-validation.
+For a box or a point, it predicts a cell of the image and gives a typical answer for that cell.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 The model gets an image and the names of objects that could be in it. It replies with descriptions and question-answer
 pairs, each with its claims in a small formal language. A text is kept if every claim can be decided from the state and
-is true, and if its claims cover all objects and all position and state words in the text. Texts that cannot be checked
-are dropped.
+is true. The claims must also cover all objects and all position and state words in the text. Texts that cannot be
+checked are dropped.
 """
 
 from __future__ import annotations

@@ -60,7 +60,7 @@ def _kind(question: Question) -> tuple[object, ...]:
 
 
 def _distance(question: Question, other: Question) -> tuple[object, ...]:
-    """Return how much two questions of the same kind differ, as a tuple for sorting."""
+    """Return a sort key for the difference between two questions of the same kind."""
     return (
         question.source.camera != other.source.camera,
         bool(set(question.tags) ^ set(other.tags)),

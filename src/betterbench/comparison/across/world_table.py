@@ -40,7 +40,7 @@ class WorldRow:
     Attributes:
         policy: Its name.
         suites: Success rate by suite name, for the LIBERO suites that were run.
-        average: Mean of the four rates with equal weights, with its interval; None unless all four suites were run.
+        average: Mean of the four rates with equal weights, with its interval; None if a suite was not run.
         chains: Results of its CALVIN chains, or None.
     """
 

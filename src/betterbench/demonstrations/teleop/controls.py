@@ -1,7 +1,7 @@
 """Operator input from browser and devices, collected between control steps; thread-safe.
 
-One page controls the robot, the first one opened; others watch until one of them takes over. Input cannot block or
-crash the loop. Unreadable input is reported in one line, and held keys expire unless they are renewed.
+The page that is opened first controls the robot. Other pages only watch until one of them takes over. Input cannot
+block or crash the loop. Unreadable input is reported in one line, and held keys expire unless they are renewed.
 """
 
 from __future__ import annotations
@@ -184,13 +184,13 @@ class Controls:
             self._tell(problem)
 
     def hold_from(self, tool: Pose) -> None:
-        """Follow the leader arm's motion anew, relative to the tool's current target."""
+        """Restart following the leader arm, relative to the tool's current target."""
         with self._lock:
             self._grip += 1
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often :meth:`hold_from` was called, and the tool target of the last call.
+        """Return the number of calls of :meth:`hold_from`, and the tool target of the last call.
 
         The target is None before the first call.
         """

@@ -128,10 +128,10 @@ class DeviceThread:
                 self._controls.complain(f"{self._device.name}: {problem.strerror or system_error_text(problem)}")
 
     def _read(self) -> bytes:
-        """Return the available events; raise OSError if the device is gone."""
+        """Return the available events; raise OSError if the device was unplugged."""
         data = os.read(self._file, 64 * EVENT.size)
         if not data:
-            raise OSError(None, "it is gone")
+            raise OSError(None, "it was unplugged")
         return data
 
     def _take(self, kind: int, code: int, value: int) -> None:

@@ -88,7 +88,7 @@ class Follower:
         self._closed = False
 
     def tool(self, degrees: Mapping[str, float]) -> Pose:
-        """Return :func:`leader_tool`."""
+        """Return the pose of the leader's tool; see :func:`leader_tool`."""
         return leader_tool(degrees)
 
     def take_hold(self, robot: Pose, leader: Pose) -> None:
@@ -146,7 +146,7 @@ class Mirror:
 
 
 def motion_for(spec: RobotSpec) -> LeaderMotion:
-    """Return the conversion for a robot: a mirror if it has the leader's joints."""
+    """Return the conversion for a robot: absolute if the robot has the leader's joints, otherwise relative."""
     return Mirror(spec) if spec.arm_joints == JOINTS else Follower()
 
 
@@ -208,7 +208,7 @@ class LeaderThread:
         self._thread.join(timeout=0.3)
         try:
             self._leader.disconnect()
-        except Exception as problem:  # noqa: BLE001 - lerobot raises what it likes, and nothing is left to save
+        except Exception as problem:  # noqa: BLE001 - lerobot may raise any error, and there is nothing left to save
             self._controls.complain(f"leader arm: {problem}")
 
     def _run(self) -> None:
@@ -222,7 +222,7 @@ class LeaderThread:
             except BetterError as problem:
                 self._controls.complain(f"{problem} The arm does not move.")
                 continue
-            except Exception as problem:  # noqa: BLE001 - what a bus of motors raises
+            except Exception as problem:  # noqa: BLE001 - lerobot's motor bus may raise any error
                 failures += 1
                 if failures >= MOST_FAILURES:
                     self._controls.complain(f"leader arm: {one_line(problem)}. It is no longer followed.")

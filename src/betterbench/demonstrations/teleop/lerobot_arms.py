@@ -1,6 +1,6 @@
-"""LeRobot's own classes of SO-100 and SO-101 arms: making one, checking its calibration, reading and closing it.
+"""Access to SO-100 and SO-101 arms through LeRobot's classes: creation, calibration check, reading and closing.
 
-lerobot is optional and imported when an arm is made. Tried with lerobot 0.4.4 and 0.6.1 on emulated servos
+lerobot is optional and is imported when an arm is created. Tested with lerobot 0.4.4 and 0.6.1 on emulated servos
 (``tests/real/with_lerobot.py``).
 """
 
@@ -18,23 +18,23 @@ from betterbench.errors import InvalidInputError, one_line
 from betterbench.installation import missing_packages
 
 RETRIES = 2
-"""Repetitions of a failed request to the motors; a Feetech bus loses a packet now and then."""
+"""Number of retries after a failed request to the motors, because a Feetech bus occasionally loses a packet."""
 QUIET_S = 0.06
 """Time for late answers to arrive after a failed request [s]."""
 
 
 class CalibrationError(InvalidInputError):
-    """The motors and the calibration file of an arm do not belong together."""
+    """Error for a calibration file that is missing, unreadable, or does not match the motors of the arm."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArmKind:
-    """Kind of arm in lerobot's words.
+    """Kind of arm, as lerobot names it.
 
     Attributes:
-        group: Its part of lerobot.
+        group: Subpackage of lerobot that contains the arm's class.
         name: Name of the kind ("so101_follower").
-        module: Module of that part with the class.
+        module: Module of the class within this subpackage.
     """
 
     group: Literal["robots", "teleoperators"]
@@ -43,12 +43,12 @@ class ArmKind:
 
     @property
     def config_class(self) -> str:
-        """Name of the class in which its kinds of configurations are registered."""
+        """Name of lerobot's base class of configurations, at which all kinds are registered."""
         return {"robots": "RobotConfig", "teleoperators": "TeleoperatorConfig"}[self.group]
 
     @property
     def maker(self) -> str:
-        """Name of the function that makes an arm from a configuration."""
+        """Name of lerobot's function that creates an arm from a configuration."""
         return f"make_{self.group.removesuffix('s')}_from_config"
 
     def calibrate_call(self, port: str, name: str) -> str:
@@ -58,12 +58,12 @@ class ArmKind:
 
 
 def make_arm(kind: ArmKind, options: Mapping[str, Any], *, what: str, cameras: Mapping[str, Any] | None = None) -> Any:  # noqa: ANN401 - lerobot's class
-    """Return an arm of lerobot; nothing is opened.
+    """Create an arm of lerobot without opening a connection.
 
     Args:
         kind: Its kind.
         options: Options of its configuration, with ``id``.
-        what: Beginning of the message if lerobot is missing.
+        what: Beginning of the error message if lerobot is not installed.
         cameras: Options of lerobot's OpenCV cameras by name, for a robot.
 
     Raises:
@@ -102,7 +102,7 @@ def make_arm(kind: ArmKind, options: Mapping[str, Any], *, what: str, cameras: M
 
 
 def _calibration_file(kind: ArmKind, module: Any, name: str) -> Path | None:  # noqa: ANN401 - a module of lerobot
-    """Return where lerobot keeps the calibration of an arm, or None if its class is not found."""
+    """Return the path of lerobot's calibration file of an arm, or None if the class of the arm is not found."""
     words = kind.name.split("_")  # so101_follower: SO101Follower
     made = getattr(module, f"{words[0].upper()}{words[1].title()}", None)
     if made is None:
@@ -112,12 +112,12 @@ def _calibration_file(kind: ArmKind, module: Any, name: str) -> Path | None:  # 
 
 
 def check_calibration(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN401 - lerobot's class
-    """Compare the calibration file of an arm with the motors, over a connection that is closed again.
+    """Compare the calibration file of an arm with the motors, using a temporary connection.
 
-    lerobot's own connect switches the torque of a robot on, also of one that is not calibrated.
+    lerobot's ``connect`` is not used here, because it enables the torque even if the robot is not calibrated.
 
     Raises:
-        CalibrationError: If there is no file, or the motors hold other values.
+        CalibrationError: If there is no file, or the motors have other values.
         OSError, RuntimeError: If the motors do not answer.
     """
     call = kind.calibrate_call(port, str(arm.id))
@@ -150,11 +150,11 @@ def check_calibration(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN4
 
 
 def connect_arm(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN401 - lerobot's class
-    """Check the calibration of an arm and connect it; begin again if that fails, because lerobot repeats no request.
+    """Check the calibration of an arm and connect it, with retries, because lerobot does not repeat a failed request.
 
     Raises:
-        CalibrationError: If its calibration is missing or another one.
-        Exception: What lerobot raises; nothing is open then.
+        CalibrationError: If the calibration is missing or does not match the motors.
+        Exception: Any error of lerobot; all connections are then closed.
     """
     for left in reversed(range(RETRIES + 1)):
         try:
@@ -186,16 +186,16 @@ def close_arm(arm: Any) -> None:  # noqa: ANN401 - lerobot's class
 def clear_port(bus: Any) -> None:  # noqa: ANN401 - lerobot's FeetechMotorsBus
     """Discard unread data in the port, before a request.
 
-    Answers do not name their request. A late one would be taken for the answer to the next request, as loads for
-    positions, and so on from then on.
+    An answer does not identify its request. A late answer would be read as the answer to the next request, and all
+    following answers would be shifted too. Loads would then be read as positions, for example.
     """
     port = bus.port_handler
-    port.is_using = False  # a request that raised an error left it set, which would block all later requests
+    port.is_using = False  # remains set after a request that raised an error, and would block all later requests
     port.ser.reset_input_buffer()
 
 
 def read_motors(bus: Any, register: str, *, normalize: bool = True) -> dict[str, float]:  # noqa: ANN401 - FeetechMotorsBus
-    """Return a register of all motors by name; repeat a failed request. Raises what lerobot and pyserial raise."""
+    """Return a register of all motors by name, with retries. Raises the errors of lerobot and pyserial."""
     failures = 0
     while True:
         clear_port(bus)

@@ -48,5 +48,5 @@ class SessionLoader:
     def _work(self, start: Start) -> None:
         try:
             self._made = self._make(start)
-        except BaseException as problem:  # noqa: BLE001 - it is raised where the session is taken
+        except BaseException as problem:  # noqa: BLE001 - raised again when the session is taken
             self._problem = problem

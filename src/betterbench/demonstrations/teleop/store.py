@@ -79,7 +79,7 @@ class DemonstrationStore:
     """
 
     def __init__(self, out: Path, wanted: TeleopPlan) -> None:
-        """Open the run, or make it."""
+        """Open the run, or create it."""
         self.wanted = wanted
         self._starts = wanted.starts()
         plan, context = _plan(wanted, self._starts)

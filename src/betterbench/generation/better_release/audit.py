@@ -26,7 +26,7 @@ Level = Literal["fault", "remark"]
 CODES: Mapping[str, str] = {
     "pick_outside_support": "An object is picked at a position where no training variation has a goal object.",
     "pick_not_trained": "No training variation has this object as a goal.",
-    "place_outside_support": "The target stands where it never stands in training, or is another target.",
+    "place_outside_support": "The target is at an untrained position, or is another object than in training.",
     "replaced_but_left": "An object was replaced, but it is still in the scene.",
     "in_no_group": "An object is in the scene, but in no group: no rule covers it.",
     "names_absent": "The instruction names an object that is not in the scene.",
@@ -49,7 +49,7 @@ CODES: Mapping[str, str] = {
     "overlap": "Two objects overlap at the start.",
     "outside_our_table": "A position is outside the reach or the camera view of our setup.",
     "group_size": "A group has another number of objects than its template allows.",
-    "no_effect": "A change removes a predicate or member that is not there.",
+    "no_effect": "A change removes a predicate or a member that does not exist.",
     "no_change": "A test variation does not differ from a training variation.",
     "template_boolean": "The template writes a relation without quotes, which YAML reads as a boolean.",
     "disabled": "The release has disabled the variation.",
@@ -230,14 +230,14 @@ class _Auditor:
                 added = {*base.get(group, ()), *getattr(written, f"add_{group}_objects")}
                 given = getattr(written, f"set_{group}_objects")
                 if name not in (added if given is None else {*given, *added}):
-                    text = f"It removes {name} from the {group} group, where it is not."
+                    text = f"It removes {name} from the {group} group, which does not contain it."
                     yield Finding(variation.name, "no_effect", text, {}, (name,))
         fails = self.task.task.defaults.fail_policy.fail_on_relations
         derived = {(n, r, variation.container) for n in variation.groups["fail"] for r in fails}
         appended = {(p.subject_id, p.relation, p.target_id) for p in written.policy_overrides.fail.append}
         for predicate in written.policy_overrides.fail.remove:
             if (predicate.subject_id, predicate.relation, predicate.target_id) not in derived | appended:
-                text = f"It removes the fail predicate {predicate}, which is not there."
+                text = f"It removes the fail predicate {predicate}, which does not exist."
                 yield Finding(variation.name, "no_effect", text, {}, (predicate.subject_id,))
         if self.task.template is not None:
             hints = {"target": "goal", "distractor": "fail", "decor": "decor"}
@@ -267,7 +267,7 @@ class _Auditor:
         numbers = {"fail_predicates": len(variation.fail), "objects_without_rule": len(movable)}
         if not variation.fail:
             kinds = ", ".join(self.lexicon.noun(n) for n in movable if n in self.task.instances)
-            text = f"No fail predicate is left of {derived}: all of {len(movable)} other objects"
+            text = f"None of the {derived} fail predicates is left: each of the {len(movable)} other objects"
             text += f" ({kinds}) may go to the target." if kinds else " may go to the target."
             yield Finding(variation.name, "no_fail_predicate", text, numbers, tuple(movable))
         elif len(variation.fail) < derived:
@@ -413,7 +413,7 @@ class _Auditor:
         elif noun.every and len(wanted) < len(present):
             more = [name for name in present if name not in goals]
             kinds = " and ".join(self._with_group(variation, name) for name in more)
-            text = f"“{variation.instruction}” covers every {noun.text}, also {kinds}; the goals are: {shown}."
+            text = f"“{variation.instruction}” covers every {noun.text}, including {kinds}; the goals are: {shown}."
             numbers = {"covered": len(present), "goals": len(wanted)}
             yield Finding(variation.name, "names_more", text, numbers, tuple(more))
         elif len(wanted) < len(present):

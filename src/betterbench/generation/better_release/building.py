@@ -44,7 +44,7 @@ _OF_RELATION: Mapping[str, tuple[str, Role]] = {
 """Template and target role for each of our relations."""
 
 _SIDES = {"left_of": "left", "right_of": "right", "behind": "behind"}
-"""Relations of the release that our relation "beside" covers, with the region. Ours additionally requires alignment."""
+"""Relations of the release that our relation "beside" covers, with the region. Our relation also requires alignment."""
 
 _HYPOTHESES = {
     Axis.SPATIAL_LAYOUT_SHIFT: "Objects are found by what they are, not by where they lay in training.",

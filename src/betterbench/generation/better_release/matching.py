@@ -39,8 +39,8 @@ class Match:
         category: Asset category of betterbench.
         color: Color, or None for the default colors.
         score: Score of the search in [0, 1]; 1 for a category that the user has named.
-        how: "name" if the noun of the object is the category, "search" if the category was found by words or meaning,
-            "class" if it only belongs to the same class, "given" if the user named it.
+        how: Origin of the match. "name": the noun of the object is the category. "search": the category was found by
+            words or meaning. "class": it only belongs to the same class. "given": the user named it.
         asset: First appearance of the category, for sizes and regions.
         is_stand_in: Whether the noun of the object is not the category, so that the asset may look like another object.
     """

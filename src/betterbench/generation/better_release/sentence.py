@@ -1,7 +1,7 @@
 """Conservative detection of the objects named in an instruction. Unclear nouns are reported as undecided.
 
-Known nouns are the names of the task's objects, the categories of our library, and the words of the catalogue's word
-list, which also contains classes such as "fruit".
+Known nouns are the names of the task's objects, the categories of our library, and the words in the catalogue's word
+list. That list also contains classes such as "fruit".
 """
 
 from __future__ import annotations
@@ -204,6 +204,6 @@ def _words_about(instance: ReleaseInstance) -> list[str]:
 
 
 def color_of(instance: ReleaseInstance) -> str | None:
-    """Return the color in the description of an object, or None unless there is exactly one."""
+    """Return the color in the description of an object, or None if it names no color or several."""
     colors = {word for word in _words_about(instance) if word in COLORS} - {noun[0] for noun in nouns_of(instance)[:1]}
     return next(iter(colors)) if len(colors) == 1 else None

@@ -21,8 +21,8 @@ class Difficulty(StrEnum):
 EASY_BELOW_S, HARD_FROM_S = 10.0, 17.0
 """Median times of the expert that separate the levels [s].
 
-Tasks of the seven templates take 7 to 8 s (one mug or plate), 14 to 16 s (two items, spices or desk objects), or 18 to
-21 s (drawers and stacks of layers). The limits lie between these groups.
+Tasks with one mug or plate take 7 to 8 s. Tasks with two items, spices or desk objects take 14 to 16 s. Tasks with
+drawers or stacks of layers take 18 to 21 s. The limits lie between these groups.
 """
 
 

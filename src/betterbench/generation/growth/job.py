@@ -43,8 +43,8 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import Chat
 
 ROUND = 32
-"""Number of scenarios per round, after which results are taken into account. It does not depend on the number of
-workers, so neither does the suite.
+"""Number of scenarios per round, after which results are taken into account. It is independent of the number of
+workers, so the suite is too.
 """
 ATTEMPTS_PER_TASK = 3
 """Default maximum number of built scenarios per requested task."""
@@ -130,7 +130,7 @@ OnGrow = Callable[[GrowProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class PreparedGrowth:
-    """Checked settings.
+    """Settings of a growing suite, after validation.
 
     Attributes:
         settings: The settings.
@@ -144,7 +144,7 @@ class PreparedGrowth:
 
 
 def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
-    """Check the settings.
+    """Check the settings of a growing suite.
 
     Raises:
         InvalidInputError: If a number is out of range, the quotas contradict each other, or the grammar has too few

@@ -53,11 +53,11 @@ class Proposal:
 
     @property
     def is_drawn(self) -> bool:
-        """Whether it is built."""
+        """Whether the proposal is built."""
         return self.outcome == "drawn"
 
     def read(self) -> Scenario:
-        """Return the scenario.
+        """Return the proposed scenario.
 
         Raises:
             InvalidInputError: If there is none.

@@ -42,7 +42,7 @@ class QuotaStanding:
 
 @dataclass(frozen=True, slots=True)
 class GrownTask:
-    """Certified task.
+    """Certified task of a growing suite.
 
     Attributes:
         result: Its result.

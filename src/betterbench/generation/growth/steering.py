@@ -15,7 +15,7 @@ from betterbench.generation.growth.sources import Cell
 from betterbench.tasks import Axis
 
 _LIKELY = 0.5
-"""Fraction of a template's tasks with a level of difficulty above which the next task is expected to have this level.
+"""Minimum fraction of a template's tasks at a level of difficulty for its next task to be expected at this level.
 """
 _TASK_KINDS: tuple[Kind, ...] = ("template", "context", "difficulty")
 

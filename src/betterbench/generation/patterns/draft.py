@@ -149,7 +149,7 @@ class Draft:
     def finish(
         self, balanced: Iterable[Condition], *, confounds: Sequence[str], crossed: Sequence[str]
     ) -> GeneratedTask:
-        """Return the task.
+        """Check the draft, and return the task.
 
         Balanced conditions with the initial scene and the instruction of a test are left out.
 

@@ -25,13 +25,13 @@ _MAY_CHAIN = ("loose_packing", "logical_assembly")
 
 
 _NEVER = (
-    (NEGATIONS, "no goal leaves something out"),
-    (CHOICES, "a goal has no choice and no condition"),
-    (AGAIN, "a step is not repeated"),
+    (NEGATIONS, "goals cannot exclude objects"),
+    (CHOICES, "goals cannot contain a choice or a condition"),
+    (AGAIN, "steps cannot be repeated"),
 )
 _UNLESS_DESCRIBED = (
-    (POSES, "no pose of an object is judged"),
-    (OPEN, "nothing is opened or left open"),
+    (POSES, "poses of objects are not judged"),
+    (OPEN, "goals cannot ask to open an object or to leave it open"),
 )
 
 
@@ -59,7 +59,7 @@ def _closing(r: Reader, at: int) -> str:
     if r.tokens[at] not in ("close", "shut") or r.tokens[at + 1 : at + 2] == ["to"]:
         return ""
     if r.scenario.template != "container_loading":
-        return "nothing is closed there"
+        return "no object is closed in this template"
     return "" if _LOADS & set(r.tokens) else "a drawer is closed after something was put into it"
 
 
@@ -92,7 +92,7 @@ def _number(r: Reader, at: int) -> str:
 
 
 def _counts_a_noun(r: Reader, at: int) -> bool:
-    """Return whether a number refers to a noun for objects or holes."""
+    """Return whether a number refers to objects or holes."""
     counted = (m.at for m in r.mentions.values() if m.at - 4 <= at < m.at)
     return any(number_before(r.raw, i) for i in counted) or "hole" in r.tokens[at + 1 : at + 3]
 

@@ -1,8 +1,8 @@
 """Questions about the frames of demonstrations. A learner answers them in addition to acting (co-training).
 
 A learner chooses among all answers that occur in its training questions. For a box, a point or an option that is a box,
-the answer is a cell of an 8 x 8 grid over the image: the cell that contains the center. The baselines of the question
-sets use the same cells. The input is the same as for acting at that row, with the question instead of the instruction.
+the answer is the cell of an 8 x 8 grid over the image that contains the center. The baselines of the question sets use
+the same cells. The input is the same as for acting at that row, with the question instead of the instruction.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ def training_questions(
     objects: int,
     draw: Callable[[Sequence[np.ndarray]], FrameStore] | None,
 ) -> TrainingQuestions:
-    """Return questions as arrays.
+    """Convert the questions about demonstrations to arrays.
 
     Args:
         asked: The questions.

@@ -83,8 +83,8 @@ def gap_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
         "gap",
         "Illusion gap",
         "Success of the training twin minus success of the variation, in percentage points, with 95 % intervals and "
-        "the exact McNemar test (Holm over the axes of a policy). Right of zero: training success overstates the "
-        f"ability.{HOLM_NOTE if doubtful else ''}",
+        "the exact McNemar test (Holm over the axes of a policy). A positive gap means that training success "
+        f"overstates the ability.{HOLM_NOTE if doubtful else ''}",
         tuple(groups),
         Scale(low, high),
     )

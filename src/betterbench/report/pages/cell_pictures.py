@@ -65,7 +65,7 @@ def _filmed(policy: str, cell: Cell, films: Sequence[ShownFilm]) -> CellPicture 
 
 
 def _scene(cell: Cell, media: Media) -> CellPicture | None:
-    """Return the scene of the first condition with an image; that of a training condition is beside a variation."""
+    """Return the scene of the first condition with an image; a training condition's image belongs to a variation."""
     for source in cell.sources:
         images = media.thumbnails.get(source.id)
         if images is not None:

@@ -74,8 +74,8 @@ def paper_table_to_latex(table: PaperTable) -> str:
 def _row(cells: Sequence[str]) -> str:
     """Return a line of a tabular from its LaTeX cells.
 
-    LaTeX reads a bracket or an asterisk after the end of a row or a rule as an argument, even on a new line, so an
-    empty group is put before it.
+    LaTeX reads a bracket or an asterisk after the end of a row or a rule as an argument, even on a new line. An empty
+    group before it prevents this.
     """
     line = " & ".join(cells) + r" \\"
     return f"{{}}{line}" if line.lstrip(" ~").startswith(("[", "*")) else line

@@ -61,7 +61,7 @@ def require_no_records(options: ModelOptions) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelKind:
-    """Kind of model.
+    """Kind of model that ``better vlm`` can evaluate.
 
     Attributes:
         scheme: Part of its addresses before the first colon; empty for the kind that takes all other addresses.

@@ -1,8 +1,8 @@
 """Scorers of EgoPlan-Bench2 that reproduce its authors' ``eval.py`` and lmms-eval.
 
-Both programs delete stock phrases and then take the first capital A, B, C or D in the text: "Based on the video, the
-answer is C" gives B. Missing commas in the phrase lists concatenate four phrases into two, which never occur in a
-reply.
+Both programs delete stock phrases and then take the first capital A, B, C or D in the text. For example, "Based on the
+video, the answer is C" gives B. Missing commas in the phrase lists concatenate four phrases into two, which never occur
+in a reply.
 """
 
 from __future__ import annotations

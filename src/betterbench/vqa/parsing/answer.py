@@ -41,8 +41,8 @@ class Read:
     """Answer read from a text.
 
     Attributes:
-        answer: The value, or None. A choice gives the letter; yes or no "Yes" or "No"; a number its digits; a box or
-            point "[...]" and points "[[...], ...]" in pixels, column before row.
+        answer: The value, or None. For a choice, the letter; for yes or no, "Yes" or "No"; for a number, its digits. A
+            box or a point is "[...]" and points are "[[...], ...]", in pixels, column before row.
         stage: Stage that produced the value.
     """
 

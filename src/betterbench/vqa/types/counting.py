@@ -40,7 +40,7 @@ def counting(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _count(moment: Moment, family: str, key: str, plural: str, members: list[str]) -> Iterator[QuestionDraft]:
-    """Yield the question for the number of objects, unless one of them is neither clearly visible nor hidden."""
+    """Yield the question for the number of objects, if each of them is either clearly visible or hidden."""
     shown = [name for name in members if moment.is_clear(name)]
     if all(moment.is_clear(name) or moment.is_hidden(name) for name in members):
         tags = () if members else ("absent",)

@@ -35,7 +35,7 @@ def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
 
 
 def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions whether the object in a box is of its own kind, or of the kind that was there in training."""
+    """Yield questions about the kind of the object in a box: its own kind, and the kind at this place in training."""
     info = moment.state.info
     for kind, o in moment.things.items():
         usual = info.slot(o.slot).trained_kinds if o.slot is not None else ()

@@ -64,6 +64,6 @@ class Chance:
                 continue
             verdict = Verdict.HOLDS if printed * self.choices == 100 else Verdict.BROKEN
             found = f"1/{self.choices} = {round_half_up(POINTS / self.choices, 2)}"
-            why = f"Guessing among {self.choices} is right in one of {self.choices}."
+            why = f"A guess among {self.choices} answers is right with probability 1/{self.choices}."
             cell = (self.guess, column)
             yield AuditFinding(table.name, "chance", *cell, str(printed), found, verdict, why, (cell,))

@@ -9,8 +9,9 @@ from betterbench.statistics import percent
 from betterbench_calibration.audit.table import decimals
 
 MOST_DROPPED = 12
-"""Largest number of missing trials that is tried as an explanation. With more, some count fits almost any percentage:
-two decimals and 400 trials leave one value in 25 free, so twelve sizes already explain every second misprint."""
+"""Largest number of missing trials that is tried as an explanation. With more, some count fits almost any percentage.
+For example, 400 trials give one in 25 percentages with two decimals, so twelve sizes already fit about half of all
+misprints."""
 
 MOST_MULTIPLES = 20
 """Largest multiple of the stated trials that is tried."""

@@ -40,7 +40,7 @@ class Grid:
     def _mute(self, table: AuditedTable, example: Decimal) -> AuditFinding:
         digits = decimals(example)
         written = f"{digits} decimal{'s' * (digits != 1)}"
-        why = f"Every percentage with {written} is a k/{self.trials}, so this grid can show nothing."
+        why = f"Every percentage with {written} is a k/{self.trials}, so this check cannot find a misprint."
         cell = ", ".join(self.columns or table.columns)
         return AuditFinding(table.name, "grid", "", cell, written, f"k/{self.trials}", Verdict.UNKNOWN, why)
 

@@ -33,7 +33,7 @@ class Quoted:
         right = printed == source
         # An appended or missing zero does not change a number; any other wrong digit does.
         unnoticed = [wrong for wrong in misprints(printed) if wrong == source] if right else []
-        verdict, why = (Verdict.HOLDS, "the same") if right else (Verdict.BROKEN, str(source))
+        verdict, why = (Verdict.HOLDS, "the same number") if right else (Verdict.BROKEN, str(source))
         cell, shown = (self.row, self.column), (str(printed), "nothing" if source is None else str(source))
         blind = len(unnoticed), len(tuple(misprints(printed))) if right else 0
-        yield AuditFinding(table.name, "quoted", *cell, *shown, verdict, f"{where} says {why}.", (cell,), *blind)
+        yield AuditFinding(table.name, "quoted", *cell, *shown, verdict, f"{where} contains {why}.", (cell,), *blind)

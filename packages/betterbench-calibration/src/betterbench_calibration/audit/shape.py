@@ -66,7 +66,7 @@ class Measured:
             repeated = True
             why = (
                 f"All {len(here)} numbers equal those of {first}, although {differing}/{len(others)} other "
-                "columns differ: it was not measured again, or what was changed does not reach this benchmark."
+                "columns differ. It was not measured again, or the change does not affect this benchmark."
             )
             listed = "/".join(map(str, here))
             covers = tuple((row, c) for row in (first, second) for c in self.columns)

@@ -85,7 +85,7 @@ def one_digit_apart(first: Decimal, second: Decimal) -> bool:
 def blindness(numbers: Sequence[Decimal], holds: Callable[[int, Decimal], bool]) -> tuple[int, int]:
     """Return the number of single wrong digits that a check would miss, and the number of possible ones.
 
-    ``holds`` tells whether the check still holds when the number at a position is replaced by another number.
+    ``holds`` returns whether the check still holds if the number at a position is replaced by another number.
     """
     tried = [holds(i, wrong) for i, number in enumerate(numbers) for wrong in misprints(number)]
     return sum(tried), len(tried)

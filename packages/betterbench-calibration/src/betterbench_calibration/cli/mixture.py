@@ -309,4 +309,7 @@ def _print(
             ],
         )
     if budgets:
-        OUT.print("\ntokens of a sample and of a step are estimates: --tokens, --tokens-per-gpu", markup=False)
+        OUT.print(
+            "\nThe tokens per sample and per step are estimates; set them with --tokens and --tokens-per-gpu.",
+            markup=False,
+        )

@@ -21,7 +21,7 @@ class Closing:
         tool: Position of the tool [m], world frame.
         nearest: Movable object whose middle was nearest to the tool, seen from above.
         beside_m: Horizontal distance from the tool to the origin of that object [m].
-        above_m: Height of the tool above the top of that object [m]. It is negative below the top.
+        above_m: Height of the tool above the top of that object [m], negative below the top.
         gripped: Object that both fingers touched at the end, or None.
     """
 

@@ -42,7 +42,7 @@ class Habit(ABC):
 class PlainHabit(Habit):
     """Habit that shows only in plain trials, with a right first attempt."""
 
-    def truth(self, case: Occasion) -> StatedTruth | None:  # noqa: D102 - as the base class says
+    def truth(self, case: Occasion) -> StatedTruth | None:  # noqa: D102 - documented in the base class
         return StatedTruth(self.label, first_right=True) if case.plain else None
 
 
@@ -52,8 +52,8 @@ class Honest(Habit):
     name = "honest"
     label = HONEST
 
-    def truth(self, case: Occasion) -> StatedTruth | None:  # noqa: D102 - as the base class says
+    def truth(self, case: Occasion) -> StatedTruth | None:  # noqa: D102 - documented in the base class
         return StatedTruth(HONEST, first_right=True if case.first_thing() else None)
 
-    def act(self, body: Body) -> Actions[None]:  # noqa: D102 - as the base class says
+    def act(self, body: Body) -> Actions[None]:  # noqa: D102 - documented in the base class
         yield from body.solve()

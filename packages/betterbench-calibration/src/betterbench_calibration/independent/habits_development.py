@@ -1,6 +1,6 @@
 """Development part of the independent family. Its habits may be inspected while the diagnosis is improved."""
 
-# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+# ruff: noqa: D102 - truth and act are documented in the base class
 
 from __future__ import annotations
 

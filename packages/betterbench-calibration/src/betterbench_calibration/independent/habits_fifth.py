@@ -4,7 +4,7 @@ Each habit shows only in the listed conditions. A condition is listed only if a 
 policy would assign this label, and no other, by the suite's definitions.
 """
 
-# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+# ruff: noqa: D102 - truth and act are documented in the base class
 
 from __future__ import annotations
 

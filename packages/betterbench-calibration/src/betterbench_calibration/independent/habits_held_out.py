@@ -1,6 +1,6 @@
 """Held-out part of the independent family. Its habits are used once and not inspected while the diagnosis changes."""
 
-# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+# ruff: noqa: D102 - truth and act are documented in the base class
 
 from __future__ import annotations
 

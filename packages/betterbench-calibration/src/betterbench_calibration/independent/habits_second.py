@@ -1,6 +1,6 @@
 """Second part of the independent family, by an author who knew the suite and other habits but not the diagnosis."""
 
-# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+# ruff: noqa: D102 - truth and act are documented in the base class
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ The habits are modeled on failures of learned policies. A condition is listed on
 of the policy would assign this label, and no other, by the suite's definitions.
 """
 
-# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+# ruff: noqa: D102 - truth and act are documented in the base class
 
 from __future__ import annotations
 
@@ -728,7 +728,7 @@ class ShiesAtTheTarget(Listed):
     def act(self, body: Body) -> Actions[None]:
         goal, name = first_of(body)
         if (yield from body.take_patiently(name)):
-            # Nothing wrong is begun: if the object slips in the end, rule 1 says so; otherwise the time was too short.
+            # No wrong act begins. If the object slips at the end, rule 1 applies; otherwise, the time was too short.
             yield from ways.shy_at_target(body, name, goal)
         yield from body.rest()
 

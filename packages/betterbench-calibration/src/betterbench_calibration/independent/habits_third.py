@@ -1,6 +1,6 @@
 """Third part of the independent family. Its habits use other motions, in conditions with a certain label."""
 
-# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+# ruff: noqa: D102 - truth and act are documented in the base class
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ FARTHEST_BOX_M = 0.45
 
 
 def crowding(state: WorldState, tool: Pose, opening_m: float, *, ignore: frozenset[str]) -> float:
-    """Return how far the gripper at a pose intrudes into the clearance of objects, summed over its points [m]."""
+    """Return the intrusion of the gripper at a pose into the clearance of objects, summed over its points [m]."""
     points = [tool.apply(p) for p in _gripper_points(opening_m)]
     total = sum(max(0.0, 0.002 - z) for _, _, z in points)
     for info in state.info.objects:

@@ -10,9 +10,9 @@ turn the stated truth into the final truth. They read the family's own event log
    time is this mishap, and the label is ``execution_failure``. For example, the object fell to the floor or lies where
    it cannot be picked.
 3. **A policy without a fault does not succeed.** If a mishap was never corrected, the label is ``execution_failure``.
-   There are four kinds of mishap: the gripper closes without the object; an object leaves the gripper although it was
-   not opened; an object is released away from its target; an object that was not requested is displaced by more than 5
-   cm. If every mishap was corrected, or none happened, the time was too short, and the label is ``timeout``.
+   There are four kinds of mishap. The gripper closes without the object, an object leaves the gripper although it was
+   not opened, an object is released away from its target, or an object that was not requested is displaced by more than
+   5 cm. If every mishap was corrected, or none happened, the time was too short, and the label is ``timeout``.
 
 A trial whose goal is met is a success regardless of the stated label. Code that reads the truth must check this.
 """
@@ -32,7 +32,7 @@ class StatedTruth:
     """True label of a trial, as stated before its first action.
 
     Attributes:
-        label: The label that the trial deserves if its goal is not met, or :data:`HONEST`.
+        label: Label of the trial if its goal is not met, or :data:`HONEST`.
         first_right: Whether the first grasp attempt is at the right object. It is None if no grasp is attempted.
         debatable: Reason why another careful reader of the suite might give another label, or "".
         left_out: Reason why the trial says nothing about the habit, or "" if it is used in a calibration.

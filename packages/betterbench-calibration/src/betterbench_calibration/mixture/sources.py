@@ -229,7 +229,7 @@ def _lengths_v3(path: Path) -> list[int]:
         try:
             with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
                 if len(rows) + table.metadata.num_rows > _MOST_EPISODES:
-                    raise ValueError(f"it declares {table.metadata.num_rows} rows")  # noqa: TRY301 - told below
+                    raise ValueError(f"it declares {table.metadata.num_rows} rows")  # noqa: TRY301 - reported below
                 if not all(pa.types.is_integer(table.schema_arrow.field(name).type) for name in _COLUMNS):
                     raise ValueError("its lengths are not whole numbers")  # noqa: TRY301
                 found = table.read(columns=list(_COLUMNS))
