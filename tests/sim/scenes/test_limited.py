@@ -19,7 +19,7 @@ from betterbench.interface.state import NO_JITTER
 from betterbench.jobs import limited_process
 from betterbench.records.modalities.spec import ViewSpec
 from betterbench.sim.scenes import Scene, StoredView, limited, load_model
-from betterbench.sim.scenes.limited import LimitedView
+from betterbench.sim.scenes.limited import LimitedView, LimitedViews
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.sim.scenes.stored import MODEL_FILE
 from betterbench.tasks import get_task
@@ -49,6 +49,38 @@ def test_it_draws_what_is_drawn_here_and_survives_every_forgery(scene):
             view.open({**files, MODEL_FILE: files[MODEL_FILE][:1000]})
         view.open(files)
         np.testing.assert_array_equal(view.draw(qpos, "front", jitter=NO_JITTER), expected)
+
+
+def test_a_view_in_another_look_draws_what_a_new_one_draws(scene):
+    """In one process, also after the death of the process, and a scene must be opened again."""
+    files, qpos = scene.files(), scene.data.qpos.copy()
+    looks = {("standard", 96): [], ("fast", 64): []}
+    for (quality, size), expected in looks.items():
+        here = StoredView(load_model(files), quality_preset(quality), width=size, height=size)
+        expected.append(here.draw(qpos, "front", jitter=NO_JITTER).rgb)
+        here.close()
+    with LimitedViews() as views:
+        (first,) = views.take(1, quality="standard", size=96)
+        process = first.process_id
+        for quality, size in [*looks, *looks]:
+            view = views.take(2, quality=quality, size=size)[0]
+            assert (view, view.size) == (first, size)
+            with pytest.raises(RecordError, match="no scene is open"):
+                view.draw(qpos, "front", jitter=NO_JITTER)
+            view.open(files)
+            np.testing.assert_array_equal(view.draw(qpos, "front", jitter=NO_JITTER), looks[quality, size][0])
+        assert view.process_id == process
+        os.kill(process, signal.SIGKILL)
+        view.set_look(quality="standard", size=96)
+        assert view.process_id != process
+        view.open(files)
+        np.testing.assert_array_equal(view.draw(qpos, "front", jitter=NO_JITTER), looks["standard", 96][0])
+        taken = views.take(2, quality="standard", size=96)
+        taken[0].close()
+        again = views.take(2, quality="standard", size=96)
+        assert again[0] is taken[1]
+        assert not again[1].is_closed
+    assert all(view.is_closed for view in (*taken, *again))
 
 
 def test_a_forged_model_takes_nobody_along(scene, monkeypatch):
