@@ -244,8 +244,11 @@ def test_time_in_which_both_processes_were_stopped_does_not_count(scene, monkeyp
     assert late[0] > 3600.0
 
 
-def test_the_process_that_draws_loads_nothing_that_only_builds_scenes():
+def test_the_process_that_draws_loads_no_tasks_no_tables_and_nothing_that_only_builds_scenes():
     """It is started for every film of a report; assets and kinematics would double what its start costs."""
     code = "import sys, betterbench.sim.scenes.limited; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not set(done.stdout.split()) & {"mink", "scipy", "betterbench.sim.assets", "betterbench.sim.scenes.builder"}
+    modules = set(done.stdout.split())
+    assert "mujoco" in modules
+    assert not {"mink", "scipy", "betterbench.sim.assets", "betterbench.sim.scenes.builder"} & modules
+    assert not {"pyarrow", "trimesh", "PIL", "betterbench.tasks", "betterbench.records.run"} & modules
