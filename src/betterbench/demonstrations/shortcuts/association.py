@@ -252,6 +252,7 @@ def features_test(
     has = presence.astype(np.float32)
     logs = counts_log_counts(n)
     totals, with_feature = np.bincount(y, minlength=ny), presence.sum(axis=0)
+    terms = [logs[: total + 1] + logs[total::-1] for total in totals.tolist()]  # of each count and of the rest
     margin_y = logs[totals].sum()
     margin_x = logs[with_feature] + logs[n - with_feature]
     hy = math.log2(n) - margin_y / n
@@ -261,8 +262,8 @@ def features_test(
         """Return the mutual information of every feature with each row of outcomes, shape (rows, features)."""
         both = np.zeros((labels.shape[0], presence.shape[1]))
         for label in range(ny):
-            joint = np.rint((labels == label).astype(np.float32) @ has).astype(np.int64)
-            both += logs[joint] + logs[totals[label] - joint]
+            joint = ((labels == label).astype(np.float32) @ has).astype(np.int32)  # sums of ones are exact
+            both += terms[label].take(joint)
         found: _Floats = np.maximum(0.0, (both + logs[n] - margin_x - margin_y) / n)
         return found
 
