@@ -242,6 +242,16 @@ def test_orders_inside_blocks_are_those_of_random_numbers_and_blocks(n, blocks, 
     assert draw.random() == same.random(), "as many numbers are drawn"
 
 
+def test_words_that_are_tested_together_have_the_information_of_each_alone():
+    draw = np.random.default_rng(2)
+    presence, outcome = draw.random((40, 3)) < (0.1, 0.5, 0.9), draw.choice(["near", "far", "inside"], 40).tolist()
+    for word, found in zip(presence.T, strongest_of(presence, outcome, np.random.default_rng(1)), strict=True):
+        alone = association(outcome, word.tolist(), np.random.default_rng(1))
+        assert found.bits == pytest.approx(alone.bits, abs=2e-6)
+        assert found.expected_bits == pytest.approx(alone.expected_bits, abs=2e-6), "the same permutations"
+        assert found.p_value >= alone.p_value, "corrected for the other words"
+
+
 def test_the_test_has_its_level():
     rejected = 0
     for seed in range(60):
