@@ -17,6 +17,7 @@ from tests.evaluation.conftest import in_few_steps
 from betterbench.cli.main import every_command, main
 from betterbench.errors import StorageError
 from betterbench.records import RunFolder, read_record
+from betterbench.sim.scenes import limited
 from betterbench.sim.worlds.installation import Installation
 from betterbench.tasks import all_tasks
 from betterbench.tasks.authoring.registry import SUITES
@@ -456,9 +457,18 @@ def test_show_writes_a_image(capsys, tmp_path):
 
 
 @pytest.mark.render
-def test_report_is_one_page(capsys, brief_run, tmp_path):
+def test_report_is_one_page(capsys, brief_run, tmp_path, monkeypatch):
+    """All its pictures come from two processes, one for each side of a film."""
+    started, process = [], limited.LimitedProcess
+
+    def counted(*arguments, **options):
+        started.append(arguments)
+        return process(*arguments, **options)
+
+    monkeypatch.setattr(limited, "LimitedProcess", counted)
     status, out, _ = run(capsys, "report", str(brief_run), "--out", str(tmp_path), "--films", "1")
     assert status == 0
+    assert len(started) == 2
     page = (tmp_path / "index.html").read_text()
     assert out.strip().endswith("index.html")
     assert "zoo:lexical" in page

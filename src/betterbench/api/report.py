@@ -27,6 +27,7 @@ from betterbench.report.outcomes import is_abroad
 from betterbench.report.pages.page import is_report
 from betterbench.report.pages.page import write_report as write_page
 from betterbench.report.pages.trust import trust_of
+from betterbench.sim.scenes.limited import LimitedViews
 from betterbench.sim.worlds import WorldError
 from betterbench.statistics.wording import plural
 from betterbench.tasks import all_tasks
@@ -244,28 +245,34 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
     shown: dict[str, Film] = {}
     paths: dict[str, bytes] = {}
     thumbnails: dict[str, Thumbnails] = {}
-    for run, diagnosis in zip(runs, diagnoses, strict=True):
-        mine = [s for s in chosen if s.policy == diagnosis.policy]
-        shown |= _films(run, diagnosis, mine, listener)
-        left = [t for t in failed[diagnosis.policy] if film_key(diagnosis.policy, t.key) not in filmed]
-        paths |= _paths(run, diagnosis, left, listener)
-        thumbnails |= _thumbnails(run, diagnosis, thumbnails, listener)
+    with LimitedViews() as views:
+        for run, diagnosis in zip(runs, diagnoses, strict=True):
+            mine = [s for s in chosen if s.policy == diagnosis.policy]
+            shown |= _films(run, diagnosis, mine, views, listener)
+            left = [t for t in failed[diagnosis.policy] if film_key(diagnosis.policy, t.key) not in filmed]
+            paths |= _paths(run, diagnosis, left, views, listener)
+            thumbnails |= _thumbnails(run, diagnosis, thumbnails, views, listener)
     return Media(shown, paths, thumbnails)
 
 
 def _films(
-    run: RunFolder, diagnosis: RunDiagnosis, showings: Sequence[Showing], listener: ReportListener
+    run: RunFolder,
+    diagnosis: RunDiagnosis,
+    showings: Sequence[Showing],
+    views: LimitedViews,
+    listener: ReportListener,
 ) -> dict[str, Film]:
     wanted = list(dict.fromkeys(_shot(key, time) for s in showings for key, time in _moments(s)))
     trials = {t.key: t for t in diagnosis.trials}
     with listener.bar(f"film strips of {diagnosis.policy}") as told:
-        images = render_shots(run, wanted, on_progress=told)
+        images = render_shots(run, wanted, views=views, on_progress=told)
     if is_abroad(diagnosis):
         return {s.key: _film(s, images) for s in showings}
     with listener.bar(f"films of {diagnosis.policy}") as told:
         clips = render_twin_films(
             run,
             [[panel_of(trials[key], heading) for key, heading in _sides(s)] for s in showings],
+            views=views,
             on_progress=told,
         )
     return {s.key: replace(_film(s, images), clip=film.clip) for s, film in zip(showings, clips, strict=True)}
@@ -283,7 +290,11 @@ def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
 
 
 def _paths(
-    run: RunFolder, diagnosis: RunDiagnosis, failed: Sequence[TrialDiagnosis], listener: ReportListener
+    run: RunFolder,
+    diagnosis: RunDiagnosis,
+    failed: Sequence[TrialDiagnosis],
+    views: LimitedViews,
+    listener: ReportListener,
 ) -> dict[str, bytes]:
     """Return each trial's initial image with its gripper path, and with the twin's path if the twin is recorded."""
     if not failed:
@@ -296,13 +307,18 @@ def _paths(
         images = render_paths(
             run,
             [(s.task, s.condition, s.seed) for s in places.values()],
+            views=views,
             on_progress=told,
         )
     return {film_key(diagnosis.policy, key): images[s.task, s.condition, s.seed] for key, s in places.items()}
 
 
 def _thumbnails(
-    run: RunFolder, diagnosis: RunDiagnosis, made: Mapping[str, Thumbnails], listener: ReportListener
+    run: RunFolder,
+    diagnosis: RunDiagnosis,
+    made: Mapping[str, Thumbnails],
+    views: LimitedViews,
+    listener: ReportListener,
 ) -> dict[str, Thumbnails]:
     """Render the missing images of the variations' scenes, each with a trial and its twin at reset."""
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
@@ -316,7 +332,7 @@ def _thumbnails(
     twins = [t.twin_key for t in chosen.values() if t.twin_key in recorded]
     wanted = [_shot(key, 0.0) for key in dict.fromkeys([*(t.key for t in chosen.values()), *twins])]
     with listener.bar("scenes of the variations") as told:
-        images = render_shots(run, wanted, size=THUMBNAIL_PX, on_progress=told)
+        images = render_shots(run, wanted, size=THUMBNAIL_PX, views=views, on_progress=told)
     by_key = {f"{shot.task}/{shot.condition}/{shot.seed}": image for shot, image in images.items()}
     return {name: Thumbnails(by_key[t.key], by_key.get(t.twin_key or "")) for name, t in chosen.items()}
 

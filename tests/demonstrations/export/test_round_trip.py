@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.kept_views import KeptViews
 
 from betterbench.demonstrations.export import (
     ExportPlan,
@@ -18,6 +19,7 @@ from betterbench.demonstrations.export import (
     export_dataset,
     job,
     layout_of,
+    pictures,
     select_demonstrations,
 )
 from betterbench.demonstrations.export.frames import frame_numbers, shown_images
@@ -49,6 +51,16 @@ OTHER_ROOM = re.compile(r"_(90|goal|object|spatial|living_room|study)$")
 """Ending of a preset that differs from the one that ends with _10 in the origin of LIBERO's world alone."""
 
 
+@pytest.fixture(scope="module", autouse=True)
+def kept_views():
+    """Lets all tests draw in one process, or two where two draw at the same time."""
+    views = KeptViews()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pictures, "LimitedView", views)
+        yield
+    views.end()
+
+
 @pytest.fixture(scope="module")
 def drawn_in(demonstrations_in):
     """The pictures of each record in an action space, drawn again from the run folder alone."""
@@ -56,8 +68,8 @@ def drawn_in(demonstrations_in):
     @functools.cache
     def draw(space):
         made = demonstrations_in(space)
-        with Pictures(observation_spec("default").cameras, "fast") as pictures:
-            return {t: list(pictures.of(made.run, r)) for t, r in made.records.items()}
+        with Pictures(observation_spec("default").cameras, "fast") as drawing:
+            return {t: list(drawing.of(made.run, r)) for t, r in made.records.items()}
 
     return draw
 
@@ -169,8 +181,8 @@ def test_other_cameras_and_sizes_have_the_pixels_of_an_observer(demonstrations):
     observer = Observer(spec)
     wanted = {name: view.rgb for name, view in observer.look(scene).items()}
     observer.close()
-    with Pictures(spec.cameras, "fast") as pictures:
-        (found,) = pictures.of(demonstrations.run, record, [record.n_steps])
+    with Pictures(spec.cameras, "fast") as drawing:
+        (found,) = drawing.of(demonstrations.run, record, [record.n_steps])
     for camera in spec.cameras:
         np.testing.assert_array_equal(found[camera.name], wanted[camera.name])
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from betterbench.demonstrations.shortcuts.association import association, random_orders, strongest_of
+from betterbench.demonstrations.shortcuts.association import association, random_orders, shuffled_inside, strongest_of
 from betterbench.demonstrations.shortcuts.examine import audit_dataset
 from betterbench.demonstrations.shortcuts.facts import EpisodeFacts, ShownStep, facts_of_condition
 from betterbench.demonstrations.shortcuts.prediction import NAMESPACE, predict, read_prediction, sign, write_prediction
@@ -223,6 +223,33 @@ def test_random_orders_are_those_of_random_numbers(n, generator):
     for rows in (3, 20):
         assert np.array_equal(random_orders(draw, rows, n), np.argsort(same.random((rows, n)), axis=1))
     assert draw.random() == same.random(), "as many numbers are drawn"
+
+
+@pytest.mark.parametrize("generator", [np.random.PCG64, np.random.MT19937])
+@pytest.mark.parametrize(("n", "blocks"), [(1, 1), (40, 1), (40, 2), (300, 7), (2048, 2048), (2048, 90), (2049, 90)])
+def test_orders_inside_blocks_are_those_of_random_numbers_and_blocks(n, blocks, generator):
+    draw, same = (np.random.Generator(generator(5)) for _ in range(2))
+    block = np.random.default_rng(3).integers(0, blocks, n)
+    for rows in (3, 20):
+        expected = np.argsort(same.random((rows, n)) + block, axis=1)
+        assert np.array_equal(random_orders(draw, rows, n, block), expected)
+        x = np.arange(n)
+        shuffled = shuffled_inside(x, block, rows, draw)
+        back = np.empty((rows, n), dtype=np.int64)
+        back[:, np.argsort(block, kind="stable")] = np.argsort(same.random((rows, n)) + block, axis=1)
+        assert np.array_equal(shuffled, back)
+        assert np.array_equal(block[shuffled], np.tile(block, (rows, 1)))
+    assert draw.random() == same.random(), "as many numbers are drawn"
+
+
+def test_words_that_are_tested_together_have_the_information_of_each_alone():
+    draw = np.random.default_rng(2)
+    presence, outcome = draw.random((40, 3)) < (0.1, 0.5, 0.9), draw.choice(["near", "far", "inside"], 40).tolist()
+    for word, found in zip(presence.T, strongest_of(presence, outcome, np.random.default_rng(1)), strict=True):
+        alone = association(outcome, word.tolist(), np.random.default_rng(1))
+        assert found.bits == pytest.approx(alone.bits, abs=2e-6)
+        assert found.expected_bits == pytest.approx(alone.expected_bits, abs=2e-6), "the same permutations"
+        assert found.p_value >= alone.p_value, "corrected for the other words"
 
 
 def test_the_test_has_its_level():

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.kept_views import KeptView
 
 from betterbench.episodes import Observer, TrialContext, run_episode
 from betterbench.interface import CameraSpec, EpisodeStart, Observation, ObservationSpec, PolicyInfo
@@ -87,29 +88,14 @@ def recorded(tmp_path_factory) -> Recorded:
     return found
 
 
-class _Kept(LimitedView):
-    """A process that lives on after its context, unless it is within an answer: starting one takes seconds."""
-
-    _idle = True
-
-    def sights(self, qpos, *, jitter):
-        self._idle = False
-        yield from super().sights(qpos, jitter=jitter)
-        self._idle = True
-
-    def close(self) -> None:
-        if not self._idle:
-            super().close()
-
-
 @pytest.fixture
 def one_process(monkeypatch, processes):
     """Lets commands of several tests draw in one process."""
 
-    def kept(*, quality: str) -> _Kept:
+    def kept(*, quality: str) -> KeptView:
         alive = [process for process in processes if not process.is_closed]
         if not alive:
-            processes.append(_Kept(quality=quality))
+            processes.append(KeptView(quality=quality))
         return processes[-1] if not alive else alive[0]
 
     for module in (materialization_run, viewing):
@@ -118,7 +104,7 @@ def one_process(monkeypatch, processes):
 
 @pytest.fixture(scope="session")
 def processes():
-    made: list[_Kept] = []
+    made: list[KeptView] = []
     yield made
     for process in made:
         LimitedView.close(process)

@@ -19,7 +19,7 @@ from betterbench.interface.state import NO_JITTER
 from betterbench.jobs import limited_process
 from betterbench.records.modalities.spec import ViewSpec
 from betterbench.sim.scenes import Scene, StoredView, limited, load_model
-from betterbench.sim.scenes.limited import LimitedView
+from betterbench.sim.scenes.limited import LimitedView, LimitedViews
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.sim.scenes.stored import MODEL_FILE
 from betterbench.tasks import get_task
@@ -49,6 +49,38 @@ def test_it_draws_what_is_drawn_here_and_survives_every_forgery(scene):
             view.open({**files, MODEL_FILE: files[MODEL_FILE][:1000]})
         view.open(files)
         np.testing.assert_array_equal(view.draw(qpos, "front", jitter=NO_JITTER), expected)
+
+
+def test_a_view_in_another_look_draws_what_a_new_one_draws(scene):
+    """In one process, also after the death of the process, and a scene must be opened again."""
+    files, qpos = scene.files(), scene.data.qpos.copy()
+    looks = {("standard", 96): [], ("fast", 64): []}
+    for (quality, size), expected in looks.items():
+        here = StoredView(load_model(files), quality_preset(quality), width=size, height=size)
+        expected.append(here.draw(qpos, "front", jitter=NO_JITTER).rgb)
+        here.close()
+    with LimitedViews() as views:
+        (first,) = views.take(1, quality="standard", size=96)
+        process = first.process_id
+        for quality, size in [*looks, *looks]:
+            view = views.take(2, quality=quality, size=size)[0]
+            assert (view, view.size) == (first, size)
+            with pytest.raises(RecordError, match="no scene is open"):
+                view.draw(qpos, "front", jitter=NO_JITTER)
+            view.open(files)
+            np.testing.assert_array_equal(view.draw(qpos, "front", jitter=NO_JITTER), looks[quality, size][0])
+        assert view.process_id == process
+        os.kill(process, signal.SIGKILL)
+        view.set_look(quality="standard", size=96)
+        assert view.process_id != process
+        view.open(files)
+        np.testing.assert_array_equal(view.draw(qpos, "front", jitter=NO_JITTER), looks["standard", 96][0])
+        taken = views.take(2, quality="standard", size=96)
+        taken[0].close()
+        again = views.take(2, quality="standard", size=96)
+        assert again[0] is taken[1]
+        assert not again[1].is_closed
+    assert all(view.is_closed for view in (*taken, *again))
 
 
 def test_a_forged_model_takes_nobody_along(scene, monkeypatch):
@@ -129,14 +161,17 @@ def test_each_answer_has_its_own_time_on_whatever_clock_the_kernel_counts(lag, m
         assert view.process_id == first
 
 
-def images(scene: Scene, hit: str) -> list[np.ndarray]:
-    """Draws one image and a sequence of 24; the process is ended at the moments that are called ``hit``."""
+def images(scene: Scene, hits: tuple[str, ...]) -> tuple[list[np.ndarray], int]:
+    """Draws one image and a sequence of 24; the process is ended at the moments in ``hits``. Also counts processes."""
     files, rows = scene.files(), np.repeat(scene.data.qpos[None], 24, axis=0)
     rows[:, scene.arm_addresses[0]] += np.linspace(0.0, 0.3, 24)
     with LimitedView(quality="fast", size=64) as view:
+        lives = [view.process_id]
 
         def struck(moment):
-            if moment == hit:
+            if view.process_id not in lives:
+                lives.append(view.process_id)
+            if moment in hits:
                 os.kill(view.process_id, signal.SIGSEGV)
                 time.sleep(0.05)
 
@@ -152,18 +187,15 @@ def images(scene: Scene, hit: str) -> list[np.ndarray]:
             drawn.append(sight["rgb"].copy())
             if i in (3, 14):
                 struck("again")
-        return [first, *drawn]
+        struck("")
+        return [first, *drawn], len(lives)
 
 
-@pytest.fixture(scope="module")
-def calm(scene):
-    return images(scene, "")
-
-
-@pytest.mark.parametrize("asked", ["open", "prepare", "draw", "sights", "again"])
-def test_a_process_that_ends_by_chance_changes_nothing(scene, calm, asked):
+def test_a_process_that_ends_by_chance_changes_nothing(scene):
     """What it was asked is asked of a new one; images are those of an undisturbed process, and none is missing."""
-    disturbed = images(scene, asked)
+    calm, one_process = images(scene, ())
+    disturbed, processes = images(scene, ("open", "prepare", "draw", "sights", "again"))
+    assert (one_process, processes) == (1, 7)
     assert len(calm) == len(disturbed) == 25
     for one, other in zip(calm, disturbed, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -212,8 +244,11 @@ def test_time_in_which_both_processes_were_stopped_does_not_count(scene, monkeyp
     assert late[0] > 3600.0
 
 
-def test_the_process_that_draws_loads_nothing_that_only_builds_scenes():
+def test_the_process_that_draws_loads_no_tasks_no_tables_and_nothing_that_only_builds_scenes():
     """It is started for every film of a report; assets and kinematics would double what its start costs."""
     code = "import sys, betterbench.sim.scenes.limited; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not set(done.stdout.split()) & {"mink", "scipy", "betterbench.sim.assets", "betterbench.sim.scenes.builder"}
+    modules = set(done.stdout.split())
+    assert "mujoco" in modules
+    assert not {"mink", "scipy", "betterbench.sim.assets", "betterbench.sim.scenes.builder"} & modules
+    assert not {"pyarrow", "trimesh", "PIL", "betterbench.tasks", "betterbench.records.run"} & modules

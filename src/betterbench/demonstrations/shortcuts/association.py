@@ -135,18 +135,27 @@ def permutation_test(
     return PermutationTest(x, y, (nx, ny), block, within, found, result)
 
 
-def random_orders(draw: np.random.Generator, rows: int, n: int) -> _Ints:
+def random_orders(draw: np.random.Generator, rows: int, n: int, block: _Ints | None = None) -> _Ints:
     """Return rows of random orders of n values, shape (rows, n): ``np.argsort(draw.random((rows, n)), axis=1)``.
 
-    A random number is the upper 53 bits of a raw draw of PCG64. For up to 2,048 values, the position is stored in the
-    lower bits. Sorting these integers takes a third to three quarters of the CPU time of ``argsort``.
+    With the index of the block of each value, (n,), the orders are random within the blocks, which are in ascending
+    order: ``np.argsort(draw.random((rows, n)) + block, axis=1)``.
+
+    A random number is the upper 53 bits of a raw draw of PCG64. For up to 2,048 values, the block is stored in front of
+    these bits and the position behind them. Sorting these integers takes a fifth to three quarters of the CPU time of
+    ``argsort``. As in a sum, the block replaces the lowest bits of the random number.
     """
     if n > 1 << _LOW_BITS or not isinstance(draw.bit_generator, np.random.PCG64):
-        return np.argsort(draw.random((rows, n)), axis=1)
+        return np.argsort(draw.random((rows, n)) + (0 if block is None else block), axis=1)
     drawn = draw.bit_generator.random_raw(rows * n).reshape(rows, n)
     low = np.uint64((1 << _LOW_BITS) - 1)
+    place = np.arange(n, dtype=np.uint64)
+    block_bits = 0 if block is None else int(block.max()).bit_length()
+    if block is not None and block_bits:
+        drawn >>= np.uint64(block_bits)
+        place |= block.astype(np.uint64) << np.uint64(64 - block_bits)
     drawn &= ~low
-    drawn |= np.arange(n, dtype=np.uint64)
+    drawn |= place
     drawn.sort(axis=1)
     drawn &= low
     return drawn.view(np.int64)
@@ -154,9 +163,7 @@ def random_orders(draw: np.random.Generator, rows: int, n: int) -> _Ints:
 
 def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator) -> _Ints:
     """Return rows of values shuffled within each block, shape (rows, n)."""
-    keys = draw.random((rows, len(x)))
-    keys += block  # sorting by these keys shuffles within each block
-    sorted_by_block = x[np.argsort(keys, axis=1)]
+    sorted_by_block = x[random_orders(draw, rows, len(x), block)]
     if (block[1:] >= block[:-1]).all():
         return sorted_by_block
     mixed = np.empty((rows, len(x)), dtype=np.int64)
@@ -245,6 +252,7 @@ def features_test(
     has = presence.astype(np.float32)
     logs = counts_log_counts(n)
     totals, with_feature = np.bincount(y, minlength=ny), presence.sum(axis=0)
+    terms = [logs[: total + 1] + logs[total::-1] for total in totals.tolist()]  # of each count and of the rest
     margin_y = logs[totals].sum()
     margin_x = logs[with_feature] + logs[n - with_feature]
     hy = math.log2(n) - margin_y / n
@@ -254,8 +262,8 @@ def features_test(
         """Return the mutual information of every feature with each row of outcomes, shape (rows, features)."""
         both = np.zeros((labels.shape[0], presence.shape[1]))
         for label in range(ny):
-            joint = np.rint((labels == label).astype(np.float32) @ has).astype(np.int64)
-            both += logs[joint] + logs[totals[label] - joint]
+            joint = ((labels == label).astype(np.float32) @ has).astype(np.int32)  # sums of ones are exact
+            both += terms[label].take(joint)
         found: _Floats = np.maximum(0.0, (both + logs[n] - margin_x - margin_y) / n)
         return found
 

@@ -157,9 +157,9 @@ class Planted:
             return np.where(
                 by_chance[:, self.block], shuffled_inside(self.perfect, self.block, rows, draw), self.perfect
             )
-        each = np.tile(self.perfect[np.unique(self.block, return_index=True)[1]], (rows, 1))
-        moved = np.take_along_axis(each, chosen, axis=1)
-        np.put_along_axis(each, np.sort(chosen, axis=1), moved, axis=1)
+        values = self.perfect[np.unique(self.block, return_index=True)[1]]
+        each = np.tile(values, (rows, 1))
+        each[np.arange(rows)[:, None], np.sort(chosen, axis=1)] = values[chosen]
         return each[:, self.block]
 
     def threshold(self, level: float, tests: int) -> float:

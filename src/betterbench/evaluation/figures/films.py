@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from betterbench.jobs.durable import DurableFile
 from betterbench.jobs.outputs import mark_of
 from betterbench.records import Record, RunFolder
 from betterbench.sim.scenes.image_files import jpeg_bytes
-from betterbench.sim.scenes.limited import LimitedView
+from betterbench.sim.scenes.limited import LimitedView, LimitedViews
 from betterbench.sim.worlds import Photo, world_named
 
 
@@ -37,13 +38,15 @@ def render_shots(
     camera: str = "front",
     size: int = 320,
     quality: str = "standard",
+    views: LimitedViews | None = None,
     on_progress: OnCount | None = None,
 ) -> dict[Shot, bytes]:
     """Return one JPEG of ``size`` x ``size`` pixels per shot.
 
     Runs in other worlds are rendered by the world's own simulator; LIBERO uses its front camera.
 
-    ``on_progress`` is called with the number of images done and planned.
+    ``views`` contains the rendering processes to use; default: a new one. ``on_progress`` is called with the number of
+    images done and planned.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
@@ -57,7 +60,8 @@ def render_shots(
     images: dict[Shot, bytes] = {}
     if not records:
         return images
-    with LimitedView(quality=quality, size=size) as view:
+    with ExitStack() as stack:
+        (view,) = (views or stack.enter_context(LimitedViews())).take(1, quality=quality, size=size)
         for scene_hash in dict.fromkeys(r.metadata.scene_hash for r in records.values()):
             for shot in shots:
                 record = records[shot.task, shot.condition, shot.seed]

@@ -19,7 +19,7 @@ from betterbench.jobs import OnCount
 from betterbench.jobs.durable import DurableFile
 from betterbench.jobs.outputs import mark_of
 from betterbench.records import Record, RunFolder
-from betterbench.sim.scenes.limited import LimitedView
+from betterbench.sim.scenes.limited import LimitedView, LimitedViews
 
 OPEN, CLOSED = (40, 122, 200), (226, 88, 20)
 """Colors of the path for an open and a closed gripper command."""
@@ -90,18 +90,21 @@ def render_paths(
     trials: Sequence[tuple[str, str, int]],
     *,
     look: FilmLook = FilmLook(),
+    views: LimitedViews | None = None,
     on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
     """Return a JPEG per trial (task, condition, seed): the initial state with the end effector's path.
+
+    ``views`` contains the rendering processes to use; default: a new one.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
         MissingDependencyError: If no off-screen OpenGL works here.
     """
     images: dict[tuple[str, str, int], bytes] = {}
-    with _views(look, 1 if trials else 0) as views:
+    with _views(look, 1 if trials else 0, views) as sides:
         for trial in dict.fromkeys(trials):
-            images[trial] = _jpeg(_Side(views[0], run, trial, look).start)
+            images[trial] = _jpeg(_Side(sides[0], run, trial, look).start)
             if on_progress is not None:
                 on_progress(len(images), len(trials))
     return images
@@ -138,17 +141,18 @@ def render_twin_films(
     films: Sequence[Sequence[Panel]],
     *,
     look: FilmLook = FilmLook(),
+    views: LimitedViews | None = None,
     on_progress: OnCount | None = None,
 ) -> list[TwinFilm]:
     """Return videos of trials next to their twins, or of single trials.
 
-    Raises the errors of :func:`render_paths`.
+    ``views`` has the same meaning as in :func:`render_paths`. Raises the errors of :func:`render_paths`.
     """
     made: list[TwinFilm] = []
-    with _views(look, max(map(len, films), default=0)) as views:
+    with _views(look, max(map(len, films), default=0), views) as sides:
         for panels in films:
             target = io.BytesIO()
-            still = _film(views, run, panels, target, look=look)
+            still = _film(sides, run, panels, target, look=look)
             made.append(TwinFilm(target.getvalue(), _jpeg(still)))
             if on_progress is not None:
                 on_progress(len(made), len(films))
@@ -171,10 +175,11 @@ def write_twin_film(
 
 
 @contextmanager
-def _views(look: FilmLook, count: int) -> Iterator[list[LimitedView]]:
-    """Start rendering processes, one for each side of a video."""
+def _views(look: FilmLook, count: int, given: LimitedViews | None = None) -> Iterator[list[LimitedView]]:
+    """Provide rendering processes, one for each side of a video, and end those that were not given."""
     with ExitStack() as stack:
-        yield [stack.enter_context(LimitedView(quality=look.quality, size=look.size)) for _ in range(count)]
+        views = given or stack.enter_context(LimitedViews())
+        yield views.take(count, quality=look.quality, size=look.size)
 
 
 def _film(

@@ -117,6 +117,17 @@ class LimitedView:
         """Side of the images [pixel]."""
         return self._size
 
+    def set_look(self, *, quality: str, size: int) -> None:
+        """Use another preset and another size [pixel] for the next scene. The open scene is closed.
+
+        Raises RecordError if the process does not answer.
+        """
+        if (quality, size) == (self._quality, self._size):
+            return
+        self._quality, self._size = quality, size
+        self._opened, self._prepared, self._files = None, None, None
+        self._at_most_twice(lambda: self._ask({"quality": quality, "size": size}, b""))
+
     def open(self, files: Mapping[str, bytes]) -> None:
         """Open a stored scene from the result of :func:`betterbench.sim.scenes.stored.scene_files`.
 
@@ -315,6 +326,38 @@ class LimitedView:
         )
 
 
+class LimitedViews:
+    """Views that are used again for other steps of one command. A context manager that ends their processes.
+
+    A new process takes half a second of CPU time before its first image.
+    """
+
+    def __init__(self) -> None:
+        """Prepare. Processes are started on demand."""
+        self._views: list[LimitedView] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for view in self._views:
+            view.close()
+
+    def take(self, count: int, *, quality: str, size: int) -> list[LimitedView]:
+        """Return views of a preset and a size [pixel]. Their earlier users must have finished.
+
+        Raises the errors of :class:`LimitedView`.
+        """
+        self._views = [view for view in self._views if not view.is_closed]
+        for view in self._views[:count]:
+            view.set_look(quality=quality, size=size)
+        while len(self._views) < count:
+            self._views.append(LimitedView(quality=quality, size=size))
+        return self._views[:count]
+
+
 class _Drawer:
     """Process state between two requests, with a scene, its view, and the renderer of its sights."""
 
@@ -326,6 +369,11 @@ class _Drawer:
 
     def answers(self, request: Mapping[str, Any], data: bytes) -> Iterator[bytes]:
         """Yield the answers to a request."""
+        if "quality" in request:
+            self._close()
+            self._quality, self._size = quality_preset(request["quality"]), request["size"]
+            yield b""
+            return
         if "files" in request:
             self._close()
             self._model = load_model(_split(request["files"], data))
