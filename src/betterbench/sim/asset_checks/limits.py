@@ -110,6 +110,10 @@ middle side, whichever is larger. A share of the longest side would allow a 28 c
 of a scan has 3 to 5 mm (measured)."""
 INSIDE_MM, INSIDE_SHARE = 4.0, 0.08
 """Maximum distance of the visual shape from the collision shape, defined in the same way."""
+BARE_SHARE = 0.015
+"""Maximum share of the visible surface in one connected patch that is farther than this from the collision shape. The
+handle of a mug without collision parts has 4.3 to 6 %, the steam wand of the coffee machine, which has none, has 0.9 %.
+All imported good assets have 0 (measured)."""
 OPENING_SHARE = 0.60
 """Minimum share of the visible hollow's volume that the collision parts leave free."""
 GAP_MM, GAP_SHARE = 4.0, 0.04
