@@ -209,11 +209,12 @@ def test_a_further_fault_fails_a_check(tub, fault):
     assert run_check(check, Subject(bad, kind)).outcome == "failed"
 
 
-def test_a_box_that_leans_on_a_spike_does_not_stand(tub):
+@pytest.mark.parametrize("kind", ["lunchbox", "can"])
+def test_an_object_that_leans_on_a_spike_does_not_stand(tub, kind):
     spike = np.array([[0.04, 0.03, -0.026], [0.045, 0.03, 0.003], [0.04, 0.035, 0.003], [0.036, 0.027, 0.003]])
     part = dataclasses.replace(tub.collision[0], shape="hull", vertices=spike.astype(np.float32))
     leaning = dataclasses.replace(tub, collision=(*tub.collision, part))
-    result = run_check("rest_tilt", Subject(leaning, kind_of("lunchbox")))
+    result = run_check("rest_tilt", Subject(leaning, kind_of(kind)))
     assert result.outcome == "failed", result
     assert 5.0 < result.measured < 20.0
     assert result.limit == 10.0
