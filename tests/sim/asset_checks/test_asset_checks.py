@@ -160,6 +160,16 @@ def test_a_jar_with_a_wide_lid_and_a_narrow_foot_stands_upright():
     assert run_check("upright", Subject(build("jam_jar"), kind_of("jam jar"))).outcome == "passed"
 
 
+@pytest.mark.parametrize(("lean", "outcome"), [(0.0, "passed"), (6.0, "passed"), (14.0, "failed"), (-19.0, "failed")])
+@pytest.mark.parametrize("height", [0.05, 0.10, 0.16])
+def test_the_axis_of_a_can_does_not_lean_even_if_it_rests_so(tub, height, lean, outcome):
+    can = trimesh.creation.cylinder(0.033, height, sections=32)
+    can.apply_transform(trimesh.transformations.rotation_matrix(np.radians(lean), [0.6, 0.8, 0.0]))
+    vertices, faces = np.asarray(can.vertices, np.float32), np.asarray(can.faces, np.int32)
+    asset = dataclasses.replace(tub, visual=(dataclasses.replace(tub.visual[0], vertices=vertices, faces=faces),))
+    assert run_check("upright", Subject(asset, kind_of("can"))).outcome == outcome
+
+
 @pytest.mark.parametrize("category", ["dinner_plate", "cereal_bowl", "burger"])
 def test_a_hollow_or_a_dome_points_up(planted, category):
     """The tags of the bowl say that it is filled, so that it need not be open at the top."""
