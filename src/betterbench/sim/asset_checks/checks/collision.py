@@ -30,8 +30,8 @@ def collision_complete(subject: Subject) -> Finding:
     """Check that no visible part, such as a handle, is without collision parts."""
     share = subject.distances.bare_share
     said = (
-        f"the largest patch farther than {1000.0 * subject.inside_limit_m:.2g} mm from the collision parts has "
-        f"{100 * share:.2g} % of the visible surface"
+        f"the largest visible part farther than {1000.0 * subject.inside_limit_m:.2g} mm from the collision parts has "
+        f"{100 * share:.2g} % of the convex volume"
     )
     return at_most(share, limits.BARE_SHARE, "share", said, _CURE)
 

@@ -36,7 +36,8 @@ class Distances:
     Attributes:
         outside_m: From points on the collision parts to the visible surface: contacts in visibly empty space.
         inside_m: From points on the visible surface to the collision parts: visible parts without contact.
-        bare_share: Share of the visible surface in the largest connected patch that is far from all collision parts.
+        bare_share: Convex volume of the largest connected patch of visible points that are far from all collision
+            parts, as a share of the convex volume of the object.
     """
 
     outside_m: float
@@ -122,17 +123,29 @@ def collision_distances(
     for corners in hulls:  # points inside a part have contact
         inside[inside_hull(ConvexHull(corners), seen, 0.0)] = 0.0
     free = size / 120.0  # a distance below the spacing of the points is zero
-    bare = _largest_patch(seen[inside > near_m + free], _LINK_CELLS * solid.pitch_m) / len(seen)
+    bare = _largest_patch(seen[inside > near_m + free], _LINK_CELLS * solid.pitch_m) / _hull_volume(seen)
     return Distances(*(max(0.0, float(np.percentile(d, 95)) - free) for d in (outside, inside)), bare)
 
 
-def _largest_patch(points: np.ndarray, reach: float) -> int:
-    """Return the number of points in the largest patch. Points (k, 3) within reach of each other are in one patch."""
+def _largest_patch(points: np.ndarray, reach: float) -> float:
+    """Return the largest volume of the convex hull of a patch [m^3].
+
+    Points (k, 3) within reach of each other are in one patch.
+    """
     if len(points) == 0:
-        return 0
+        return 0.0
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     links = sparse.coo_matrix((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(len(points), len(points)))
-    return int(np.bincount(connected_components(links, directed=False)[1]).max())
+    count, patch_of = connected_components(links, directed=False)
+    return max(_hull_volume(points[patch_of == patch]) for patch in range(count))
+
+
+def _hull_volume(points: np.ndarray) -> float:
+    """Return the volume of the convex hull of points (k, 3) [m^3], or zero if they are flat."""
+    try:
+        return float(ConvexHull(points).volume)
+    except (QhullError, ValueError):
+        return 0.0
 
 
 def depth_in_hull(point: Sequence[float] | np.ndarray, points: np.ndarray) -> float:
