@@ -124,7 +124,8 @@ def collision_distances(
         inside[inside_hull(ConvexHull(corners), seen, 0.0)] = 0.0
     free = size / 120.0  # a distance below the spacing of the points is zero
     bare = _largest_patch(seen[inside > near_m + free], _LINK_CELLS * solid.pitch_m) / _hull_volume(seen)
-    return Distances(*(max(0.0, float(np.percentile(d, 95)) - free) for d in (outside, inside)), bare)
+    outside_m, inside_m = (max(0.0, float(np.percentile(d, 95)) - free) for d in (outside, inside))
+    return Distances(outside_m, inside_m, bare)
 
 
 def _largest_patch(points: np.ndarray, reach: float) -> float:
