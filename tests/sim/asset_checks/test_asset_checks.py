@@ -160,6 +160,16 @@ def test_a_jar_with_a_wide_lid_and_a_narrow_foot_stands_upright():
     assert run_check("upright", Subject(build("jam_jar"), kind_of("jam jar"))).outcome == "passed"
 
 
+@pytest.mark.parametrize(("lean", "outcome"), [(0.0, "passed"), (6.0, "passed"), (14.0, "failed"), (-19.0, "failed")])
+@pytest.mark.parametrize("height", [0.05, 0.10, 0.16])
+def test_the_axis_of_a_can_does_not_lean_even_if_it_rests_so(tub, height, lean, outcome):
+    can = trimesh.creation.cylinder(0.033, height, sections=32)
+    can.apply_transform(trimesh.transformations.rotation_matrix(np.radians(lean), [0.6, 0.8, 0.0]))
+    vertices, faces = np.asarray(can.vertices, np.float32), np.asarray(can.faces, np.int32)
+    asset = dataclasses.replace(tub, visual=(dataclasses.replace(tub.visual[0], vertices=vertices, faces=faces),))
+    assert run_check("upright", Subject(asset, kind_of("can"))).outcome == outcome
+
+
 @pytest.mark.parametrize("category", ["dinner_plate", "cereal_bowl", "burger"])
 def test_a_hollow_or_a_dome_points_up(planted, category):
     """The tags of the bowl say that it is filled, so that it need not be open at the top."""
@@ -209,11 +219,12 @@ def test_a_further_fault_fails_a_check(tub, fault):
     assert run_check(check, Subject(bad, kind)).outcome == "failed"
 
 
-def test_a_box_that_leans_on_a_spike_does_not_stand(tub):
+@pytest.mark.parametrize("kind", ["lunchbox", "can"])
+def test_an_object_that_leans_on_a_spike_does_not_stand(tub, kind):
     spike = np.array([[0.04, 0.03, -0.026], [0.045, 0.03, 0.003], [0.04, 0.035, 0.003], [0.036, 0.027, 0.003]])
     part = dataclasses.replace(tub.collision[0], shape="hull", vertices=spike.astype(np.float32))
     leaning = dataclasses.replace(tub, collision=(*tub.collision, part))
-    result = run_check("rest_tilt", Subject(leaning, kind_of("lunchbox")))
+    result = run_check("rest_tilt", Subject(leaning, kind_of(kind)))
     assert result.outcome == "failed", result
     assert 5.0 < result.measured < 20.0
     assert result.limit == 10.0
@@ -234,6 +245,20 @@ def test_a_few_slits_are_not_a_leak_unless_objects_fall_through(tub, slit, outco
     subject = Subject(dataclasses.replace(tub, visual=(slatted, *tub.visual[1:])), kind_of("lunchbox"))
     assert run_check("opening_free", subject).outcome == outcome
     assert run_check("upright", subject).outcome == outcome
+
+
+def test_a_handle_without_collision_parts_fails_though_it_is_a_small_part_of_the_surface(tub):
+    bars = [((0.08, -0.005, z), (0.13, 0.005, z + 0.008)) for z in (0.005, 0.045)]
+    bars.append(((0.122, -0.005, 0.005), (0.13, 0.005, 0.053)))
+    shown, touched = zip(*(block(f"h{k}", *bar, (0.2, 0.5, 0.8)) for k, bar in enumerate(bars)), strict=True)
+    whole = dataclasses.replace(tub, visual=(*tub.visual, *shown), collision=(*tub.collision, *touched))
+    bare = dataclasses.replace(whole, collision=tub.collision)
+    assert run_check("collision_inside", Subject(bare, None)).outcome == "passed"
+    assert run_check("collision_complete", Subject(whole, None)).measured == 0.0
+    result = run_check("collision_complete", Subject(bare, None))
+    assert result.outcome == "failed"
+    assert result.limit < result.measured < 0.05
+    assert "farther than 8.8 mm from the collision parts" in result.sentence
 
 
 def test_a_lid_also_keeps_the_ball_out(planted, tub):

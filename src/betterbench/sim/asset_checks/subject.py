@@ -6,7 +6,7 @@ import functools
 
 import numpy as np
 
-from betterbench.sim.asset_checks.limits import CLOSED_WORDS
+from betterbench.sim.asset_checks.limits import CLOSED_WORDS, INSIDE_MM, INSIDE_SHARE
 from betterbench.sim.asset_checks.rest import Rest, settled
 from betterbench.sim.assets import Asset
 from betterbench.sim.assets.importing.cavity import Cavity, cavity_of
@@ -74,7 +74,13 @@ class Subject:
     @functools.cached_property
     def distances(self) -> Distances:
         """Distances between the collision shape and the visual shape."""
-        return collision_distances(self.hulls, self.solid, filled=None if self.holds else self.cavity)
+        filled = None if self.holds else self.cavity
+        return collision_distances(self.hulls, self.solid, near_m=self.inside_limit_m, filled=filled)
+
+    @property
+    def inside_limit_m(self) -> float:
+        """Largest distance of the visible surface from the collision parts [m]."""
+        return max(0.001 * INSIDE_MM, INSIDE_SHARE * self.middle_m)
 
     @functools.cached_property
     def rest(self) -> Rest:

@@ -217,6 +217,18 @@ def test_an_object_is_set_down_in_the_nearest_pose_in_which_it_stays(degrees, tu
     assert any("to lie as it comes to rest" in note for note in placed.notes) is turned
 
 
+@pytest.mark.parametrize(("degrees", "turned"), [(8.0, True), (15.0, False)])
+def test_a_can_that_would_lean_far_keeps_the_pose_of_its_file(degrees, turned):
+    """A spike under the base must not look as if it belonged there."""
+    can = trimesh.creation.cylinder(0.033, 0.1, sections=24)
+    length = 0.045 * np.tan(np.radians(degrees))  # the spike is 45 mm from the opposite edge
+    spike = trimesh.creation.cone(0.003, length + 0.002, sections=8)
+    spike.apply_transform(trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]))
+    spike.apply_translation([0.012, 0.0, -0.048])
+    placed = place(raw(trimesh.util.concatenate([can, spike]), "z", 1.0), kind_of("can"), "can.glb")
+    assert any("to lie as it comes to rest" in note for note in placed.notes) is turned
+
+
 def test_triangles_that_face_inward_are_turned_around(tmp_path):
     mesh = trimesh.creation.box((0.05, 0.016, 0.012))
     mesh.invert()

@@ -208,6 +208,24 @@ def test_colors_of_corners_multiply_the_material(gltf, tmp_path):
     assert color_of(gltf.read(tmp_path)) == (0.0, 0.2, 1.0)
 
 
+@pytest.mark.parametrize(
+    ("mode", "alpha"),
+    [
+        ({}, 1.0),
+        ({"alphaMode": "OPAQUE"}, 1.0),
+        ({"alphaMode": "BLEND"}, 0.2),
+        ({"alphaMode": "MASK"}, 0.0),
+        ({"alphaMode": "MASK", "alphaCutoff": 0.1}, 1.0),
+    ],
+)
+@pytest.mark.parametrize("textured", [False, True])
+def test_opacity_counts_only_in_the_mode_of_the_material(gltf, tmp_path, mode, alpha, textured):
+    gltf.textured(0.25)
+    look = {"baseColorFactor": [1, 1, 1, 0.2]} | ({"baseColorTexture": {"index": 0}} if textured else {})
+    gltf.form["materials"] = [{"pbrMetallicRoughness": look, **mode}]
+    assert gltf.read(tmp_path).parts[0].rgba[3] == pytest.approx(alpha, abs=0.01)
+
+
 GLOSS = "KHR_materials_pbrSpecularGlossiness"
 
 
@@ -315,6 +333,15 @@ def test_options_of_a_texture_are_no_part_of_its_name(tmp_path, line):
 def test_options_that_move_a_texture_are_refused(tmp_path):
     with pytest.raises(InvalidInputError, match="the texture option -s 2 2 1 is not supported"):
         obj(tmp_path, f"mtllib m.mtl\nusemtl m\n{PRISM}", "newmtl m\nmap_Kd -s 2 2 1 TEX.PNG\n")
+
+
+def test_a_texture_that_no_face_uses_may_be_missing(tmp_path):
+    """SketchUp also writes the materials that were deleted from the object."""
+    materials = "newmtl old\nKd 1 1 1\nmap_Kd gone.png\nnewmtl m\nmap_Kd TEX.PNG\nnewmtl other\n\tmap_Kd gone.png\n"
+    assert color_of(obj(tmp_path, f"mtllib m.mtl\nusemtl m\n{PRISM}", materials)) == RED
+    for used in ("old", "other"):
+        with pytest.raises(InvalidInputError, match=r"'gone\.png', which does not exist"):
+            obj(tmp_path, f"mtllib m.mtl\nusemtl {used}\n{PRISM}", materials)
 
 
 def test_a_byte_order_mark_does_not_drop_the_first_material(tmp_path):

@@ -152,7 +152,7 @@ def test_a_support_plane_levels_the_object_and_cuts_what_touches(block):
     assert points(raised)[:, 2].min() == pytest.approx(-0.01, abs=1e-6)
     hulls = np.concatenate([p.vertices for p in raised.draft.parts if not isinstance(p, VisualPart)])
     assert hulls[:, 2].min() >= -1e-6
-    with pytest.raises(InvalidInputError, match="above its support plane"):
+    with pytest.raises(InvalidInputError, match="below its support plane"):
         apply(block, [SupportChange(Plane(), Plane(height_m=0.5))])
     with pytest.raises(InvalidInputError, match="length 2"):
         apply(block, [SupportChange(Plane(), Plane((0.0, 0.0, 2.0)))])

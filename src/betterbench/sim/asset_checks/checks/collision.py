@@ -19,10 +19,21 @@ def collision_outside(subject: Subject) -> Finding:
 
 @check
 def collision_inside(subject: Subject) -> Finding:
-    """Check that collision parts cover the whole visible surface."""
+    """Check that collision parts cover nearly the whole visible surface."""
     found = 1000.0 * subject.distances.inside_m
-    limit = max(limits.INSIDE_MM, 1000.0 * limits.INSIDE_SHARE * subject.middle_m)
+    limit = 1000.0 * subject.inside_limit_m
     return at_most(found, limit, "mm", f"visible surface up to {found:.2g} mm away from the collision shape", _CURE)
+
+
+@check
+def collision_complete(subject: Subject) -> Finding:
+    """Check that no visible part, such as a handle, is without collision parts."""
+    share = subject.distances.bare_share
+    said = (
+        f"the largest visible part farther than {1000.0 * subject.inside_limit_m:.2g} mm from the collision parts has "
+        f"{100 * share:.2g} % of the convex volume"
+    )
+    return at_most(share, limits.BARE_SHARE, "share", said, _CURE)
 
 
 @check

@@ -15,7 +15,7 @@ def rest_tilt(subject: Subject) -> Finding:
     found = subject.rest.tilt_degrees
     is_ball = float(subject.size_m.min()) > limits.ROUND_SHARE * subject.longest_m
     limit = limits.ROUND_TILT_DEGREES if is_ball and not subject.is_open else limits.TILT_DEGREES
-    if subject.is_open or (subject.kind is not None and subject.kind.is_tall):
+    if subject.kind is not None and subject.kind.stands:
         limit = limits.STANDING_TILT_DEGREES
     return at_most(found, limit, "degrees", f"tips by {found:.2g} degrees until it rests", _CURE)
 

@@ -12,6 +12,8 @@ from betterbench.sim.assets.importing.kinds import FLAT_SHARE, TALL_SHARE
 from betterbench.sim.assets.importing.solid import solid_of
 from betterbench.sim.assets.importing.upright import end_areas, footing
 
+_AXIS_ERROR_DEGREES = 6.0
+"""Largest angle between the axis of a round object and the nearest principal axis of its surface points."""
 _CURE = "Give the axis of the file that points up with --up"
 
 
@@ -25,6 +27,7 @@ def upright(subject: Subject) -> Finding:
         (kind.is_tall, _tall),
         (kind.is_flat, _flat),
         (kind.name in limits.ROUND_KINDS, _round),
+        (kind.name in limits.ROUND_KINDS, _leaning),
         (kind.name in limits.FOOTED_KINDS, _footed),
         (kind.name in limits.NARROW_TOP_KINDS, _narrow_top),
         (kind.is_open or kind.name in limits.HOLLOW_TOP_KINDS, _hollow_top),
@@ -73,6 +76,24 @@ def _round(subject: Subject) -> Finding:
     across = [f"{100 * (each - 1):.2g} %" for each in (vertical, lying)]
     said = f"its widths across the vertical differ by {across[0]}, across a horizontal axis by {across[1]}"
     return at_most(ratio, limits.LYING_RATIO, "ratio", said, f"A {_name(subject)} should stand on its base. {_CURE}")
+
+
+def _leaning(subject: Subject) -> Finding:
+    """Compare the widths across the vertical and across the axis of the shape, for an object that leans in its file."""
+    points = subject.solid.points[:: max(1, len(subject.solid.points) // 4_000)]
+    directions = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+    near = directions[int(np.argmax(np.abs(directions[:, 2])))]
+    sides = directions[np.argsort(np.abs(directions[:, 2]))[:2]]
+    steps = np.radians(np.arange(-_AXIS_ERROR_DEGREES, _AXIS_ERROR_DEGREES + 1.0, 2.0))
+    axes = [near + np.tan(a) * sides[0] + np.tan(b) * sides[1] for a in steps for b in steps]
+    even = [_uneven(points, axis / np.linalg.norm(axis)) for axis in axes]
+    axis = axes[int(np.argmin(even))]
+    lean = float(np.degrees(np.arccos(min(1.0, abs(axis[2]) / np.linalg.norm(axis)))))
+    is_leaning = min(even) < limits.ROUND_RATIO and _uneven(points, np.array([0.0, 0.0, 1.0])) > limits.LYING_RATIO
+    found = lean if is_leaning else 0.0
+    said = f"its axis leans by {found:.2g} degrees"
+    cure = f"A {_name(subject)} should stand on its base. Look for a part below its base, or turn it in a mesh editor"
+    return at_most(found, limits.STANDING_TILT_DEGREES, "degrees", said, cure)
 
 
 def _uneven(points: np.ndarray, axis: np.ndarray) -> float:

@@ -25,6 +25,7 @@ class Kind:
         is_open: Whether the object is hollow and open at the top in use.
         is_tall: Whether it stands with its longest side up.
         is_flat: Whether it lies on its broadest side.
+        is_round: Whether it is often round about the vertical, but never about a horizontal axis.
         names: All names, each as words separated by spaces.
     """
 
@@ -35,7 +36,13 @@ class Kind:
     is_open: bool
     is_tall: bool
     is_flat: bool
+    is_round: bool
     names: tuple[str, ...]
+
+    @property
+    def stands(self) -> bool:
+        """Whether it stands on its base with its axis vertical."""
+        return self.is_open or self.is_tall or self.is_round
 
     @property
     def middle_m(self) -> float:
@@ -70,6 +77,7 @@ def _kind(line: str) -> Kind:
         is_open="open" in uses,
         is_tall="tall" in uses,
         is_flat="flat" in uses,
+        is_round="round" in uses,
         names=tuple(dict.fromkeys((name, *(other.strip() for other in others.split(",") if other.strip())))),
     )
 

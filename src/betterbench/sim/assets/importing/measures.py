@@ -25,6 +25,10 @@ _MOST_POINTS = 12_000
 """Number of points on the visible surface whose distance is measured, enough for a percentile."""
 
 
+_LINK_CELLS = 2.5
+"""Largest distance of neighboring points of a patch, in cells of the solid."""
+
+
 @dataclass(frozen=True, slots=True)
 class Distances:
     """Distances between collision parts and visible surface [m]: 95 of 100 points are closer.
@@ -32,10 +36,13 @@ class Distances:
     Attributes:
         outside_m: From points on the collision parts to the visible surface: contacts in visibly empty space.
         inside_m: From points on the visible surface to the collision parts: visible parts without contact.
+        bare_share: Convex volume of the largest connected patch of visible points that are far from all collision
+            parts, as a share of the convex volume of the object.
     """
 
     outside_m: float
     inside_m: float
+    bare_share: float
 
 
 def visual_surface(asset: Asset) -> tuple[np.ndarray, np.ndarray]:
@@ -93,12 +100,15 @@ def surface_solid(hulls: Sequence[np.ndarray]) -> Solid:
     return solid_of(np.concatenate([body.points for body in bodies]), faces)
 
 
-def collision_distances(hulls: Sequence[np.ndarray], solid: Solid, *, filled: Cavity | None = None) -> Distances:
+def collision_distances(
+    hulls: Sequence[np.ndarray], solid: Solid, *, near_m: float, filled: Cavity | None = None
+) -> Distances:
     """Return the distances between the collision shape and the visual shape.
 
     Args:
         hulls: (n, 3) corners of each collision part [m].
         solid: Solid of the visible surface.
+        near_m: Distance from the collision parts above which a visible point is far from them [m].
         filled: Hollow that collision parts may fill, if no task puts anything into the object.
     """
     size = float(np.ptp(solid.points, axis=0).max())
@@ -113,7 +123,30 @@ def collision_distances(hulls: Sequence[np.ndarray], solid: Solid, *, filled: Ca
     for corners in hulls:  # points inside a part have contact
         inside[inside_hull(ConvexHull(corners), seen, 0.0)] = 0.0
     free = size / 120.0  # a distance below the spacing of the points is zero
-    return Distances(*(max(0.0, float(np.percentile(d, 95)) - free) for d in (outside, inside)))
+    bare = _largest_patch(seen[inside > near_m + free], _LINK_CELLS * solid.pitch_m) / _hull_volume(seen)
+    outside_m, inside_m = (max(0.0, float(np.percentile(d, 95)) - free) for d in (outside, inside))
+    return Distances(outside_m, inside_m, bare)
+
+
+def _largest_patch(points: np.ndarray, reach: float) -> float:
+    """Return the largest volume of the convex hull of a patch [m^3].
+
+    Points (k, 3) within reach of each other are in one patch.
+    """
+    if len(points) == 0:
+        return 0.0
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    links = sparse.coo_matrix((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(len(points), len(points)))
+    count, patch_of = connected_components(links, directed=False)
+    return max(_hull_volume(points[patch_of == patch]) for patch in range(count))
+
+
+def _hull_volume(points: np.ndarray) -> float:
+    """Return the volume of the convex hull of points (k, 3) [m^3], or zero if they are flat."""
+    try:
+        return float(ConvexHull(points).volume)
+    except (QhullError, ValueError):
+        return 0.0
 
 
 def depth_in_hull(point: Sequence[float] | np.ndarray, points: np.ndarray) -> float:

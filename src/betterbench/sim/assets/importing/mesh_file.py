@@ -47,6 +47,9 @@ _COMMENTED_MATERIALS = re.compile(rb"^[ \t]*#[^\n]*mtllib[^\n]*$", re.MULTILINE)
 """Lines of an OBJ file that name a file of materials, and comments in which trimesh would read such a name."""
 _OPTION = re.compile(r"-([a-z]+)((?:[ \t]+[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?|[ \t]+o(?:n|ff)\b|[ \t]+[rgbmlz]\b)*)[ \t]+")
 """Option before the file name of a texture in MTL, with its values."""
+_USED_MATERIAL = re.compile(rb"usemtl[ \t]+([^\r\n]*)")
+_MATERIAL_LINE = re.compile(r"\s*(newmtl|map_kd)\s+(.*)", re.IGNORECASE)
+"""Use of a material in OBJ, and lines of MTL that begin a material and name its texture."""
 _NEUTRAL = {"s": 1.0, "o": 0.0, "t": 0.0}
 """Values of the options of MTL that move a texture, with which they do nothing."""
 _CURE = "Export the object again, or leave out this file"
@@ -78,6 +81,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
         """Resolve names against a folder, or against the subfolder ``at`` of the folder of the resolver ``above``."""
         self._folder, self._where, self._at = folder.resolve(), where, at
         self._above = above
+        self._used: frozenset[str] | None = None
         self.problem: BetterError | None = None
         self.digests: dict[str, str] = {} if above is None else above.digests
         self._read_bytes = 0
@@ -107,8 +111,10 @@ class FolderResolver(trimesh.resolvers.Resolver):
             check_picture(found, one_line(path.name, most=80), self._where)
         self._count(len(found))
         self.digests[inside] = hashlib.sha256(found).hexdigest()
+        if path.suffix.lower() != ".mtl":
+            return found
         # After a byte order mark, trimesh would drop the first material.
-        return found.removeprefix(codecs.BOM_UTF8) if path.suffix.lower() == ".mtl" else found
+        return _without_unused_textures(found.removeprefix(codecs.BOM_UTF8), self._used)
 
     def holds(self, name: str) -> bool:
         """Return whether a name is the name of a file in the folder."""
@@ -127,6 +133,12 @@ class FolderResolver(trimesh.resolvers.Resolver):
         """Return the resolver for references of a file in the folder, relative to that file."""
         at = os.path.normpath(PurePosixPath(self._at) / PurePosixPath(name).parent)
         return FolderResolver(self._folder, where, at="" if at == "." else at, above=self)
+
+    def using(self, materials: frozenset[str]) -> FolderResolver:
+        """Return a resolver that leaves out the textures of other materials, which trimesh would read."""
+        resolver = FolderResolver(self._folder, self._where, at=self._at, above=self)
+        resolver._used = materials
+        return resolver
 
     def keys(self) -> list[str]:
         """Return no names, because files are not searched by pattern."""
@@ -191,6 +203,7 @@ def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawM
         data, kind = _readable(data, kind, files, where)
     if kind == "obj":
         data = _plain_obj(data, where)
+        files = files.using(_used_materials(data))
     if kind == "stl" and _stated_triangles(data) > MAX_FACES:
         raise _too_many(where)  # before a surface of gigabytes is made of them
     try:
@@ -224,6 +237,31 @@ def _plain_obj(data: bytes, where: str) -> bytes:
         problem = f"its materials are in several files ({first}, {second}), expected one"
         raise InvalidInputError(where, problem, "Export the object again, or join the files of materials")
     return _COMMENTED_MATERIALS.sub(b"#", data.removeprefix(codecs.BOM_UTF8))
+
+
+def _used_materials(data: bytes) -> frozenset[str]:
+    """Return the names of the materials that an OBJ file uses."""
+    joined = data.replace(b"\\\r\n", b"").replace(b"\\\n", b"")  # names may continue on the next line
+    return frozenset(_material_name(name.decode(errors="replace")) for name in _USED_MATERIAL.findall(joined))
+
+
+def _material_name(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _without_unused_textures(data: bytes, used: frozenset[str] | None) -> bytes:
+    """Return an MTL file without the textures of materials that are not used. None means that all are used."""
+    if used is None:
+        return data
+    kept, is_used = [], True
+    for line in data.decode("utf-8", "surrogateescape").splitlines(keepends=True):
+        found = _MATERIAL_LINE.match(line)
+        if found is not None and found[1].lower() == "newmtl":
+            name = found[2].encode("utf-8", "surrogateescape").decode(errors="replace")
+            is_used = _material_name(name) in used
+        if found is None or found[1].lower() == "newmtl" or is_used:
+            kept.append(line)
+    return "".join(kept).encode("utf-8", "surrogateescape")
 
 
 def _texture_file(name: str, where: str) -> str:
@@ -375,6 +413,8 @@ def _look(mesh: Any) -> tuple[Rgba, np.ndarray | None, np.ndarray | None, np.nda
         simple = material.to_pbr() if hasattr(material, "to_pbr") else material
         factor = getattr(simple, "baseColorFactor", None)
         rgba = (1.0, 1.0, 1.0, 1.0) if factor is None else _rgba(np.asarray(factor))
+        if isinstance(material, trimesh.visual.material.PBRMaterial):
+            rgba = (*rgba[:3], _opacity(rgba[3], material))
         image = getattr(simple, "baseColorTexture", None)
         uv = visual.uv
         if image is None or uv is None or len(uv) != len(mesh.vertices):
@@ -390,6 +430,16 @@ def _look(mesh: Any) -> tuple[Rgba, np.ndarray | None, np.ndarray | None, np.nda
         colors = np.asarray(visual.vertex_colors, dtype=np.float64)[:, :3] / 255.0
         return (1.0, 1.0, 1.0, 1.0), None, None, colors
     return (0.8, 0.8, 0.8, 1.0), None, None, None
+
+
+def _opacity(alpha: float, material: Any) -> float:  # noqa: ANN401 - a material of trimesh
+    """Return the opacity of a glTF material with the alpha of its color factor (glTF 2.0, section 3.9.4)."""
+    if material.alphaMode == "BLEND":
+        return alpha
+    if material.alphaMode == "MASK":
+        cutoff = 0.5 if material.alphaCutoff is None else float(material.alphaCutoff)
+        return float(alpha >= cutoff)
+    return 1.0
 
 
 def _tint(mesh: Any) -> np.ndarray | None:  # noqa: ANN401 - a mesh of trimesh

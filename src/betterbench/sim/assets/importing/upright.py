@@ -27,6 +27,9 @@ _LEAST_MARGIN_M = 0.001
 """Minimum distance of the center of mass from the edge of a stable support face [m]."""
 _MOST_TURNS = 6
 _LEAST_TILT, _MOST_TILT = np.radians(2.0), np.radians(20.0)
+MOST_STANDING_LEAN_DEGREES = 10.0
+"""Largest angle to the stable pose into which an object of a standing kind is turned. A can that leans further, for
+example on a spike below its base, stays in the pose of its file, and the asset certificate reports that it tips."""
 
 _TURNS = {
     "z": np.eye(3),
@@ -81,7 +84,8 @@ def place(
     sized = mesh.moved(np.diag([scale, scale, scale, 1.0]))
     axis, notes = _up_axis(sized, kind, up)
     standing = _standing(sized.moved(_turn(_TURNS[axis])))
-    moved, solid, cavity, tilt = _at_rest(*standing)
+    most = np.radians(MOST_STANDING_LEAN_DEGREES) if kind is not None and kind.stands else _MOST_TILT
+    moved, solid, cavity, tilt = _at_rest(*standing, most)
     if tilt > 0.0:
         notes = (*notes, f"turned by {np.degrees(tilt):.2g} degrees, to lie as it comes to rest")
     return Placed(moved, solid, cavity, axis, scale, (said, *notes))
@@ -151,20 +155,22 @@ def _turn(rotation: np.ndarray) -> np.ndarray:
     return turn
 
 
-def _at_rest(mesh: RawMesh, solid: Solid, cavity: Cavity | None) -> tuple[RawMesh, Solid, Cavity | None, float]:
-    """Return an object in the nearest stable pose, up to 20 degrees away, and the angle to that pose [rad].
+def _at_rest(
+    mesh: RawMesh, solid: Solid, cavity: Cavity | None, most: float
+) -> tuple[RawMesh, Solid, Cavity | None, float]:
+    """Return an object in the nearest stable pose, up to ``most`` [rad] away, and the angle to that pose [rad].
 
     Scans of fruit keep the pose in which they were held, and would roll in every scene. If no such pose is near, the
     pose stays unchanged. The search is repeated, because a simplified hull has other corners after a rotation.
     """
     now, whole = (mesh, solid, cavity), np.eye(3)
     for _ in range(_MOST_TURNS):
-        found = _nearest_face(now[1])
+        found = _nearest_face(now[1], most)
         if found is None:
             break
         angle, turn = found
         total = float(np.arccos(np.clip((turn @ whole)[2, 2], -1.0, 1.0)))
-        if total > _MOST_TILT:
+        if total > most:
             break
         if angle < _LEAST_TILT:
             return (*now, float(np.arccos(np.clip(whole[2, 2], -1.0, 1.0))))
@@ -173,7 +179,7 @@ def _at_rest(mesh: RawMesh, solid: Solid, cavity: Cavity | None) -> tuple[RawMes
     return mesh, solid, cavity, 0.0
 
 
-def _nearest_face(solid: Solid) -> tuple[float, np.ndarray] | None:
+def _nearest_face(solid: Solid, most: float) -> tuple[float, np.ndarray] | None:
     """Return the angle [rad] and the rotation to the nearest hull face that supports the center of mass."""
     middle, _ = mass_of_cells(solid, 1.0)
     corners = hull_corners(solid.points)
@@ -182,7 +188,7 @@ def _nearest_face(solid: Solid) -> tuple[float, np.ndarray] | None:
     hull = ConvexHull(corners)
     angles = np.arccos(np.clip(-hull.equations[:, 2], -1.0, 1.0))
     for k in np.argsort(angles):
-        if angles[k] > _MOST_TILT:
+        if angles[k] > most:
             return None
         normal = hull.equations[k, :3]
         face = np.abs(corners @ normal + hull.equations[k, 3]) < 1e-4
