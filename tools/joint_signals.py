@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from betterbench.diagnosis.analysis.approaches import to_and_fro
 from betterbench.diagnosis.analysis.episode_analysis import analyze_episode
 from betterbench.diagnosis.analysis.paths import runs_of
 from betterbench.diagnosis.analysis.trace import trace_of
+from betterbench.diagnosis.thresholds import JAW_FULLY_SHUT
 from betterbench.interface.actions import SO101_DEGREES
 from betterbench.real.labels import Judged, Setting, label_of
 from betterbench.real.plan import ACTION_SPACES, Unit
@@ -42,7 +43,7 @@ EMPTY_M = 0.026
 RESTS = ((3.0, 0.005), (8.0, 0.03))
 """Time at the end [s] and largest distance from the last position [m] of an arm at rest: still, or trembling."""
 LEAST_HELD_S = 0.25
-"""Minimum duration of a hold that must be found [s]."""
+"""Shortest hold that is compared [s]. An object that slides out of the closing jaw may be held for a control step."""
 
 
 def samples_of(record: Record, *, unit: Unit = "degrees", rate_hz: float = 20.0, noise: int | None = None) -> Samples:
@@ -84,7 +85,9 @@ class Truth:
     """Ground truth about one trial, from the simulator state.
 
     Attributes:
-        held: Times at which an object is held.
+        held: Times at which an object is held, except those in ``shut``.
+        shut: As ``held``, but with the opening at ``jaw_fully_shut`` or less throughout, as if the jaw were empty. The
+            jaw holds an object by its tip or edge, which joint states cannot show.
         touched: Times at which a finger touches any object.
         empty: Times at which the gripper closes to less than the width of any object without touching one.
         rests: Whether tool and fingers are at rest at the end (:data:`RESTS`).
@@ -92,6 +95,7 @@ class Truth:
     """
 
     held: Spans
+    shut: Spans
     touched: Spans
     empty: Spans
     rests: bool
@@ -110,17 +114,23 @@ def truth_of(record: Record) -> Truth:
             for row in range(len(record.time))
         ]
     )
-    held, touching, narrow = (
-        tuple((float(record.time[a]), float(record.time[b - 1])) for a, b in runs_of(flags))
-        for flags in (record.held >= 0, touched, record.finger_width <= EMPTY_M)
-    )
+    closed = record.finger_width <= robot("so101").jaw.width_at_share(JAW_FULLY_SHUT / 100.0)
+    holds = list(runs_of(record.held >= 0))
+    held = _spans(record, [(a, b) for a, b in holds if not closed[a:b].all()])
+    shut = _spans(record, [(a, b) for a, b in holds if closed[a:b].all()])
+    touching, narrow = _spans(record, runs_of(touched)), _spans(record, runs_of(record.finger_width <= EMPTY_M))
     rests = any(_stays(record, seconds, within_m) for seconds, within_m in RESTS)
     resolved = resolve_condition(record.metadata.task, record.metadata.variation or record.metadata.condition)
     trace = trace_of(record, resolved.condition, step_limit=resolved.task.step_limit(resolved.condition))
     episode = analyze_episode(trace, resolved.condition, training_distribution_of(resolved.task), state=record.state)
     fro = not rests and to_and_fro(trace, episode.idle_from) is not None
     empty = tuple(span for span in narrow if not any(a <= span[1] and b >= span[0] for a, b in touching))
-    return Truth(held, touching, empty, rests, fro)
+    return Truth(held, shut, touching, empty, rests, fro)
+
+
+def _spans(record: Record, runs: Iterable[tuple[int, int]]) -> Spans:
+    """Return the times of first and last rows of runs of rows."""
+    return tuple((float(record.time[a]), float(record.time[b - 1])) for a, b in runs)
 
 
 def _stays(record: Record, seconds: float, within_m: float) -> bool:
@@ -138,12 +148,17 @@ def _overlaps(closing: Closing, spans: Spans) -> bool:
 
 def compare(signals: JointSignals, truth: Truth) -> Iterator[tuple[str, bool]]:
     """Yield each comparison, and whether signal and truth agree."""
-    for span in truth.held:
-        if span[1] - span[0] >= LEAST_HELD_S:
-            yield (
-                "object held: a closing on an object is found",
-                any(c.holds and c.start_s <= span[1] and span[0] <= (c.let_go_s or np.inf) for c in signals.closings),
-            )
+    held, shut = (tuple(s for s in spans if s[1] - s[0] >= LEAST_HELD_S) for spans in (truth.held, truth.shut))
+    for span in held:
+        yield (
+            "object held: a closing on an object is found",
+            any(c.holds and c.start_s <= span[1] and span[0] <= (c.let_go_s or np.inf) for c in signals.closings),
+        )
+    for span in shut:
+        yield (
+            "object held in a fully shut jaw: a closing on nothing is found",
+            any(c.grip is Grip.NOTHING and _overlaps(c, (span,)) for c in signals.closings),
+        )
     for span in truth.empty:
         yield (
             "jaw shut on nothing: a closing on nothing is found",
@@ -159,7 +174,7 @@ def compare(signals: JointSignals, truth: Truth) -> Iterator[tuple[str, bool]]:
                     any(abs(b - closing.let_go_s) <= 0.5 for b in ends),
                 )
         else:
-            yield f"closing on {closing.grip.value} found: no object held", not _overlaps(closing, truth.held)
+            yield f"closing on {closing.grip.value} found: no object held", not _overlaps(closing, held)
     for what, found, true in (
         ("freeze", signals.freeze is not None, truth.rests),
         ("back and forth", signals.to_and_fro is not None, truth.to_and_fro),

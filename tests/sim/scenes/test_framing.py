@@ -129,6 +129,14 @@ def test_every_target_is_in_the_picture_wherever_it_may_stand(task_id):
     assert not short_margins(task, targets_of(task))
 
 
+def test_a_target_that_an_earlier_step_moves_is_not_measured_where_it_starts():
+    """In T1 of dinner_plates, the red plate is put on another plate before it becomes a target."""
+    task = get_task("dinner_plates")
+    first, then = resolve_condition("dinner_plates", "T1").condition, task.training[0]
+    assert [goal.target for goal in first.instruction.subgoals] == ["white_plate", "red_plate"]
+    assert least_margin_m(scene_at(task, first, 0)) == least_margin_m(scene_at(task, then, 0))
+
+
 def test_what_the_edge_of_the_image_cuts_off_is_not_visible():
     task = get_task("tidy_desk")
     view = FramingView(scene_at(task, task.train("train1"), 0))

@@ -208,7 +208,8 @@ def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
     The distance is negative outside.
 
     A slot is extended by its full jitter. A target region is represented by its corners, over the jitter of its slot,
-    and with open drawers. Distances are measured at the point's depth.
+    and with open drawers. If the order is given, a target that an earlier step moves is not measured. Distances are
+    measured at the point's depth.
     """
     points = np.array([*_slot_corners(scene), *_target_corners(scene)])
     data, least = copy.copy(scene.data), math.inf
@@ -229,9 +230,14 @@ def _slot_corners(scene: Scene) -> Iterator[Vector]:
 
 def _target_corners(scene: Scene) -> Iterator[Vector]:
     placed = {p.spec.name: p for p in scene.placements}
-    for step in scene.condition.instruction.subgoals:
+    moved = set[str]()
+    instruction = scene.condition.instruction
+    for step in instruction.subgoals:
+        stays = step.target not in moved
+        if instruction.ordered:
+            moved.update(scene.condition.resolve(step.reference))
         # closing a drawer has no target region of its own; the drawer's region is the target of another step
-        if step.region in MOUNTS:
+        if step.region in MOUNTS or not stays:
             continue
         target = placed[step.target]
         pose = target.pose

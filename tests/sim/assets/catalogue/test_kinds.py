@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
-from betterbench.sim.assets.catalogue.expansion import understood, variety_list
+from betterbench.sim.assets.catalogue.expansion import COLORS, understood, variety_list
 from betterbench.sim.assets.catalogue.kind_vectors import (
     BESIDE_LOSS,
     HEAD_SHARE,
@@ -191,4 +191,6 @@ def test_the_lists_name_kinds_and_repeat_no_name():
         assert len(set(kinds)) == len(kinds)
         assert all(number_of(kind) >= 0 for kind in kinds)
     assert not names & set(varieties), "the name of a kind needs no line"
+    plain = [v for v, kinds in varieties.items() if v[0] in COLORS and " ".join(v[1:]) in kinds]
+    assert not plain, "as a variety, such a phrase would stand for the kind in any color"
     assert () not in varieties
