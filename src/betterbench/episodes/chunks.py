@@ -204,8 +204,8 @@ def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
     """
     if answer.ndim == 0 and answer.dtype.kind not in "fiub":
         msg = (
-            "the policy returned no array of numbers (but None, a text, a dictionary or another object). Return an array "
-            f"of shape ({space.dim},) or (horizon, {space.dim}) for {space.name}."
+            "the policy returned no array of numbers (but None, a text, a dictionary or another object). "
+            f"Return an array of shape ({space.dim},) or (horizon, {space.dim}) for {space.name}."
         )
         raise InvalidActionError(msg)
     actions = answer[None, :] if answer.shape == (space.dim,) else answer

@@ -414,7 +414,7 @@ REPAIR = "Correct the error of the policy, and run the same trials again in a ne
 
 
 def _never_ran(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
-    """Return the conclusion for a run in which each trial ended with an error of the policy. More trials cannot help."""
+    """Return the conclusion for a run in which each trial ended with an error of the policy, else None."""
     if any(trial.label is not Label.POLICY_ERROR for trial in trials):
         return None
     text = f"Nothing was measured: the policy failed with an error in {len(trials)} of {plural(len(trials), 'trial')}."
