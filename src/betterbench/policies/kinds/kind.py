@@ -201,6 +201,7 @@ def kind_of(address: str) -> PolicyKind:
 
     Raises:
         UnknownNameError: If no kind has such addresses. The message names the closest kinds.
+        InvalidInputError: If the address is a Python file without its prefix.
     """
     kind = find_kind(address)
     if kind is None:
