@@ -144,6 +144,9 @@ def test_the_options_of_a_kind_are_read_and_typed(toy):
         ("zoo:lexical?sterngth=0.5", "Unknown option of zoo 'sterngth'. Did you mean 'strength'"),
         ("replay:", "no run was given"),
         ("python:mine.py", "the class name is missing from the address"),
+        ("mine.py:Mine", "the prefix python: is missing. Write python:mine.py:Mine"),
+        ("a b/mine.py:Mine?gain=2", "Write 'python:a b/mine.py:Mine?gain=2'"),
+        ("mine.py", "the prefix python: is missing. Write python:mine.py:CLASS"),
     ],
 )
 @pytest.mark.usefixtures("toy")

@@ -18,6 +18,7 @@ from betterbench.diagnosis import Label, Metric
 from betterbench.diagnosis.modes.policy_error import without_record
 from betterbench.report.headline import headline_of, verdict_line
 
+BROKEN = Label.POLICY_ERROR
 RULE, LOOK = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.SEMANTIC_FEATURE_COLLAPSE
 
 
@@ -366,6 +367,21 @@ def test_a_handful_of_solved_trials_is_no_proof_that_nothing_fails(n):
     enough = headline_of(diagnosis(varied(range(6), Label.SUCCESS)))
     assert enough.conclusion == "No failure found: it solves every variation that was run."
     assert enough.claim.supported
+
+
+@pytest.mark.parametrize("trials", [[*trained([0], BROKEN), *varied([0], BROKEN)], trained([0], BROKEN)])
+def test_a_run_that_ended_with_errors_of_the_policy_asks_for_no_more_trials(trials):
+    headline = headline_of(diagnosis(trials))
+    ended = "2 of 2 trials" if len(trials) > 1 else "1 of 1 trial"
+    assert headline.conclusion == f"Nothing was measured: the policy failed with an error in {ended}."
+    assert headline.claim.deciding.startswith("Correct the error of the policy")
+    assert not headline.claim.command
+    assert not headline.claim.supported
+
+
+def test_errors_of_the_policy_in_a_part_of_a_small_run_leave_the_verdict_open():
+    trials = [*trained([0]), *varied([0], BROKEN)]
+    assert headline_of(diagnosis(trials)).conclusion.startswith("Nothing to conclude yet")
 
 
 @pytest.mark.parametrize(("changed", "proven"), [(0, True), (2, False)])

@@ -202,6 +202,12 @@ def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
     Raises:
         InvalidActionError: If the reply is neither one action nor an array of actions, or contains a non-finite number.
     """
+    if answer.ndim == 0 and answer.dtype.kind not in "fiub":
+        msg = (
+            "the policy returned no array of numbers (but None, a text, a dictionary or another object). "
+            f"Return an array of shape ({space.dim},) or (horizon, {space.dim}) for {space.name}."
+        )
+        raise InvalidActionError(msg)
     actions = answer[None, :] if answer.shape == (space.dim,) else answer
     if actions.ndim != 2 or actions.shape[1] != space.dim or len(actions) == 0:
         msg = (

@@ -298,6 +298,8 @@ def _by_failures(
         return habit or (text, "right", DESCRIBED)
     claim = claim_of_failure(diagnosis, gap, sum(trial.kind is main.kind for trial in failed), len(varied))
     before = f"It has not learned the training conditions ({training.count()} solved)."
+    if not claim.supported and (broken := _never_ran(trials)):
+        return broken
     if not claim.supported:
         planned = sum(trial.variation is not None for trial in trials)
         nothing = _nothing_yet(len(failed), planned, gap), Kind.UNFINISHED.value, claim
@@ -367,6 +369,8 @@ def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str
     claim = claim_of_training_failure(sum(trial.kind is main.kind for trial in failed), len(ended))
     weak_claim = claim_of_weak_training(training, diagnosis)
     before = f"It has not learned the training conditions ({training.count()} solved). " if weak_claim.supported else ""
+    if not claim.supported and (broken := _never_ran(ended)):
+        return broken
     if not claim.supported:
         if before:
             return f"{before}N{missing[1:]}.", "execution", replace(weak_claim, deciding=wanted.deciding)
@@ -405,7 +409,16 @@ def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str
 
 
 NOTHING_YET = "Nothing to conclude yet"
+REPAIR = "Correct the error of the policy, and run the same trials again in a new folder."
 """Beginning of the conclusion if no test is passed."""
+
+
+def _never_ran(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
+    """Return the conclusion for a run in which each trial ended with an error of the policy, else None."""
+    if any(trial.label is not Label.POLICY_ERROR for trial in trials):
+        return None
+    text = f"Nothing was measured: the policy failed with an error in {len(trials)} of {plural(len(trials), 'trial')}."
+    return text, LEGEND[Label.POLICY_ERROR].family, Grounds(False, deciding=REPAIR)
 
 
 def _unused_instruction(diagnosis: RunDiagnosis) -> tuple[str, str, Grounds] | None:

@@ -254,6 +254,8 @@ def test_what_is_typed_and_read(quick, capsys, monkeypatch):
     assert "skipped broken.obj: " in err
     status, out, _ = run(capsys, "assets", "import", "toy.stl", "broken.obj", *words, "--json")
     assert [asset["kept"] for asset in json.loads(out)["assets"]] == [True]
+    _, out, _ = run(capsys, "assets", "import", "toy.stl", "--out", "my own", "--license", "cc0")
+    assert "--asset-dir 'my own'" in out, "a printed option can be copied into a shell"
     status, _, err = run(capsys, "assets", "import", "broken.obj", "--out", "bad", "--license", "cc0")
     assert status == 2
     assert "no file could be imported" in err

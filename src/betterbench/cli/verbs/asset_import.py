@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -231,4 +232,4 @@ def _print(out: Path, report: ImportReport, assets: dict[str, FolderAsset]) -> N
         print_listing(["asset", "color", "license", ""], rows)
     OUT.print(f"{len(report.made)} imported, {len(report.kept)} kept, {len(report.failed)} skipped")
     if rows:
-        OUT.print(f"Load them with --asset-dir {out}", soft_wrap=True)
+        OUT.print(f"Load them with --asset-dir {shlex.quote(str(out))}", soft_wrap=True)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from shlex import quote
 from typing import TYPE_CHECKING, Protocol, cast
 
-from betterbench.errors import UnknownNameError
+from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.policies.address import AddressForm, PolicyAddress
 
 if TYPE_CHECKING:
@@ -200,6 +201,7 @@ def kind_of(address: str) -> PolicyKind:
 
     Raises:
         UnknownNameError: If no kind has such addresses. The message names the closest kinds.
+        InvalidInputError: If the address is a Python file without its prefix.
     """
     kind = find_kind(address)
     if kind is None:
@@ -207,9 +209,12 @@ def kind_of(address: str) -> PolicyKind:
     return kind
 
 
-def unknown_policy(address: str) -> UnknownNameError:
-    """Return the error for an unknown address, with the closest kinds or addresses."""
+def unknown_policy(address: str) -> InvalidInputError | UnknownNameError:
+    """Return the error for an unknown address, with the prefix of a Python file or the closest kinds or addresses."""
     scheme, colon, _ = address.partition("?")[0].partition(":")
+    if scheme.endswith(".py"):
+        full = f"python:{address}" if colon else f"python:{scheme}:CLASS"
+        return InvalidInputError(f"policy {address}", "the prefix python: is missing", f"Write {quote(full)}.")
     if colon and scheme not in KINDS:
         return UnknownNameError("policy kind", scheme, (kind.name for kind in KINDS.values() if kind.summary))
     return UnknownNameError("policy", address, (entry.address for entry in known_policies()))

@@ -59,6 +59,11 @@ def choose_different(
         raise InvalidInputError("num", f"{count} is out of range", f"Give 1 to {MOST}")
     hits = _of_one_kind(catalogue.search(description, limit=_SEARCHED, filters=filters), description)
     left = [Chosen(one, hit) for hit in hits for one in _looks(hit.entry)]
+    if not left:
+        problem = f"no asset of the catalogue fits {description!r}"
+        raise InvalidInputError(
+            "query", problem, "Use other words, allow more licenses with --license any, or index more sources"
+        )
     if len(left) < count:
         problem = f"only {len(left)} assets of the catalogue fit {description!r}, but {count} are requested"
         raise InvalidInputError(
