@@ -113,7 +113,7 @@ class Agreement:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """One sentence for a wrong tablecloth, and one per misplaced object."""
+        """One sentence that says that the tablecloth is wrong, if it is, and one sentence for each misplaced object."""
         cloth = (f"The tablecloth is not {self.cloth}.",) if self.cloth else ()
         return (*cloth, *(o.sentence for o in self.objects if not o.accepted))
 

@@ -230,7 +230,7 @@ class Amplifier:
     def _carry_out(
         self, state: WorldState, window: SkillWindow, source: str | None
     ) -> Generator[np.ndarray, WorldState, tuple[WorldState, str | None]]:
-        """Execute one skill of the primary source, with the motion of the first source that can be transferred."""
+        """Execute one skill of the primary source, with the first motion of any source that fits the scene."""
         if window.kind == "place" and state.held != window.object:
             raise AttemptFailedError("dropped", f"{window.object} was lost on the way to {window.target}")
         slide_m = self._slide_m(state, window) if window.kind == "slide" else 0.0

@@ -263,7 +263,7 @@ class EpisodeAnalysis:
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
     def completed_after(self, goal: int | None, row: int) -> bool:
-        """Return whether a subgoal is done at or after a row, so that an earlier failure was corrected."""
+        """Return whether a subgoal is done at a step of the record or later, which corrects an earlier failure."""
         return goal is not None and bool(self.trace.done[row:, goal].any())
 
     def attempted_after(self, goal: int, row: int) -> bool:

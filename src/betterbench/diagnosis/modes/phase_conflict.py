@@ -27,7 +27,10 @@ from betterbench.tasks.thresholds import DISPLACED
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the start looks like the middle of a demonstration, and a step is open or lacks its object."""
+    """Return whether the initial state looks like the middle of a demonstration and a step remains to be done.
+
+    A later step whose object is missing also counts as remaining.
+    """
     return x.test.mid_task_look and (x.test.expected is Expected.SUCCEED or x.lacks_later_step)
 
 

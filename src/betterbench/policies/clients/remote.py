@@ -108,9 +108,9 @@ class AdaptedPolicy:
         missing = [c for c in adapter.cameras if c != EVERY_CAMERA and c not in rendered]
         if missing:
             raise HandshakeError(
-                f"cameras: {theirs.who} needs {', '.join(missing)} by adapter {adapter.name}, the run renders "
-                f"{', '.join(sorted(rendered)) or 'none'}. Give --observation with them, or camera.KEY=NAME in the "
-                "address."
+                f"cameras: {theirs.who} needs {', '.join(missing)} (adapter {adapter.name}), but the run renders "
+                f"{', '.join(sorted(rendered)) or 'none'}. Select an observation with these cameras by --observation, "
+                "or give camera.KEY=NAME in the address."
             )
         if adapter.depths and not observation.depth:
             raise HandshakeError(

@@ -109,7 +109,7 @@ class Learner:
 
 
 class LearnedPolicy:
-    """Policy of an ``objects`` learner for one episode. It predicts a new chunk after ``execute`` executed actions."""
+    """Policy that runs an ``objects`` learner for one episode and predicts a new chunk every ``execute`` actions."""
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
         """Store the instruction. ``episode`` seeds the noise of a flow-matching learner."""

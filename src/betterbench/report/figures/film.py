@@ -121,7 +121,11 @@ def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
 
 
 def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> list[TrialDiagnosis]:
-    """Sort trials by representativeness: best twin first, then evidence closest to the median time."""
+    """Sort trials so that the most representative trial comes first.
+
+    This is the trial at the median time of the evidence, among the trials with the best twin. The others follow by the
+    success of their twin, then by seed.
+    """
 
     def twin_rank(trial: TrialDiagnosis) -> int:
         twin = by_key.get(trial.twin_key or "")
