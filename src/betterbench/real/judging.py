@@ -124,7 +124,7 @@ class JudgeDesk:
             cure = "Choose another film; restart better real judge to see the repeated trial"
             raise InvalidInputError(name, "has been discarded by the operator", cure)
         if not trial.header.films:
-            raise InvalidInputError(name, "this trial has no film, so it cannot be judged", "Go to another trial")
+            raise InvalidInputError(name, "this trial has no film, so it cannot be judged", "Choose another trial")
         for camera in trial.header.films:
             self.film(self.index, camera)
 

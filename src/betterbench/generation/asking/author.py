@@ -249,7 +249,9 @@ def ask_for_template(sentence: str, chat: KeptChat, *, tries: int = DEFAULT_TRIE
             return name
         messages = [*messages, *correction(answer[:_LONGEST_ECHO], [problem])]
     raise InvalidInputError(
-        "sentence", f"the model chose no template ({problem})", "Give one; list them with better list templates"
+        "sentence",
+        f"the model chose no template ({problem})",
+        "Choose a template from the list of better list templates",
     )
 
 

@@ -71,7 +71,7 @@ class LeRobotArm:
         """
         if not port:
             raise InvalidInputError(
-                "--arm-port", "the serial port of the arm is missing", "Give one, such as /dev/ttyACM0"
+                "--arm-port", "the serial port of the arm is missing", "Give a port, such as /dev/ttyACM0"
             )
         if not cameras:
             raise InvalidInputError("--cameras", "no camera is given", "Give at least front=0")
