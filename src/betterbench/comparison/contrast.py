@@ -1,4 +1,4 @@
-"""Contrasts between two policies: a difference in rates, with its interval and test."""
+"""Contrasts between two policies. A contrast is a difference in rates with its interval and test."""
 
 from __future__ import annotations
 

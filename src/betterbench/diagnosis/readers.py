@@ -129,7 +129,7 @@ class OutcomeReader:
     twins_cure: str = OwnReader.twins_cure
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the first pass over a record: success, an early end, or the step limit."""
+        """Return the result of the first pass over a record, which is success, an early end, or the step limit."""
         m = record.metadata
         text = (
             f"The goal {', '.join(m.subgoal_names)} is not met at the end. betterbench does not judge the cause of "

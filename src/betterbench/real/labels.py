@@ -180,7 +180,7 @@ class Setting:
 
 
 def label_trial(trial: RealTrial, task: str) -> tuple[RealLabel, JointSignals | None, Judged]:
-    """Return the label of a finished trial, with its signals and the judges' entries.
+    """Return the label of a finished trial, together with its signals and the judges' entries.
 
     Raises:
         RecordError: If its samples are missing, changed or damaged.
@@ -422,7 +422,10 @@ def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
 
 
 def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label if a wrong object was taken. Its kind follows from the position at which the jaw closed."""
+    """Return the label if a wrong object was grasped.
+
+    The kind of the label follows from the position at which the jaw closed.
+    """
     del judged
     others = []
     for closing in signals.grasps or signals.attempts:

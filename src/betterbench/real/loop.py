@@ -1,4 +1,4 @@
-"""Execution of one trial on the arm: move to the start pose, run the policy, record, and stop.
+"""Execution of one trial on the arm, which moves to the initial pose, runs the policy, records it, and stops the arm.
 
 The loop never waits for the policy. If no action arrives, the arm first completes the last command and then, after the
 watchdog time, holds its measured position. The software switch is turned off at the end of every trial: the arm holds

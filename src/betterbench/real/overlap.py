@@ -92,7 +92,7 @@ class Agreement:
     """Agreement between a real scene and its simulated twin.
 
     Attributes:
-        objects: Compared objects, the worst agreement first.
+        objects: Compared objects, sorted by agreement with the worst first.
         left_out: Objects that are not visible enough for a comparison.
         cloth: Color of the planned tablecloth if another one is on the table; otherwise an empty string.
     """

@@ -235,7 +235,7 @@ def _has_failed(trial: TrialDiagnosis) -> bool:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Return whether a slot rule leads only to objects that look like the target, and is otherwise often violated."""
+    """Return whether a slot rule leads only to look-alikes of the target, and other trials often violate the rule."""
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
     right = sum(bool(trial.intention_correct) and rule in _exposed(trial) for trial in trials)
@@ -335,7 +335,7 @@ def _confused(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis]
 
 
 def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds]:
-    """Return the conclusion for a run in which every variation is solved, with the failures of its training trials."""
+    """Return the conclusion for a run that solves every variation. It also states the failures of training trials."""
     trained = [trial for trial in diagnosis.trials if trial.variation is None and trial.kind is not Kind.UNFINISHED]
     failed = [trial for trial in trained if _has_failed(trial)]
     main = main_failure(trained)

@@ -354,7 +354,10 @@ class Amplifier:
                 yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn)
 
     def _is_trained(self, state: WorldState, window: SkillWindow, foot: tuple[float, float, float]) -> bool:
-        """Return whether demonstrations release objects at a base position [m], or True if this was not measured."""
+        """Return whether demonstrations release objects at a base position [m].
+
+        If this was not measured, return True.
+        """
         trained = self._trained(window.target, window.relation, window.region)
         if trained is None:
             return True

@@ -1,4 +1,7 @@
-"""Store of teleoperated demonstrations: an ordinary run folder, and the starts that are still due."""
+"""Store of teleoperated demonstrations.
+
+It is an ordinary run folder with the initial states still to be demonstrated.
+"""
 
 from __future__ import annotations
 

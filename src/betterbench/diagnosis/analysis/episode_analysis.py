@@ -234,7 +234,7 @@ class EpisodeAnalysis:
 
     @property
     def shoves(self) -> tuple[Stay, ...]:
-        """Rows in which the empty gripper moves an object, even by less than a push, in order of time."""
+        """Rows, in time order, in which the empty gripper moves an object. The movement may be less than a push."""
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
@@ -258,7 +258,10 @@ class EpisodeAnalysis:
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
-        """Return the objects that may be attempted at a row: the current step's, or any step's if the order is free."""
+        """Return the objects that may be attempted at a row of the record.
+
+        If the order is free, these are the objects of all steps.
+        """
         _, now = _due(self.trace, self.instruction, row)
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
@@ -315,7 +318,7 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the region in which an object was placed contrary to the instruction, with two rows, or None.
+        """Return the region in which an object was placed contrary to the instruction, and two rows, or None.
 
         The rows are those at which the object was released and came to rest. An object that was deliberately released
         at a region counts as placed there in any posture.
@@ -398,7 +401,7 @@ class EpisodeAnalysis:
         return math.dist(trace.positions[row, i, :2], place[:2])
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the wrong region in which a correct object was placed, with the rows of release and rest.
+        """Return the wrong region in which a correct object was placed, and the rows of its release and rest.
 
         Returns:
             The rows and the region. None if the object was placed in the correct region at any time, or outside all
@@ -738,7 +741,7 @@ def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
 
 
 def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the open subgoals at a row, and those that may be done next (only the first if the order is fixed)."""
+    """Return the subgoals that are open at a row of the record, and those of them that may be done next."""
     due = _open_goals(trace, instruction.subgoals, row)
     return due, due[:1] if instruction.ordered else due
 
@@ -814,7 +817,7 @@ def _step(
 
 
 def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | None:
-    """Return the last row, shortly before a row, at which the current steps were still done, or None."""
+    """Return the last row shortly before a given row at which the current steps were still done, or None."""
     _, now = _due(trace, instruction, row)
     first = max(0, row - trace.steps(UNDONE_WITHIN))
     done = np.flatnonzero(trace.done[first:row, list(now)].all(axis=1)) if now else np.array([], int)

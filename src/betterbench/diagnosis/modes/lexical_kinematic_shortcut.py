@@ -83,7 +83,7 @@ def words_of(episode: EpisodeAnalysis, step: Step | None) -> tuple[str, ...]:
 
 
 def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> bool:
-    """Return whether a word's object was picked in a slot in training, or at its position in another layout."""
+    """Return whether training picked a word's object in this slot, or at this slot's position in another layout."""
     if word is None or slot is None:
         return False
     places = {episode.trace.place_of(trained) for trained in episode.trained.word_slots.get(word, ())}

@@ -1,4 +1,7 @@
-"""Phase conflict: the policy does not recognize the current step, and freezes at the start or moves back and forth."""
+"""Phase conflict: the policy does not recognize the current step.
+
+It freezes before any attempt or moves back and forth.
+"""
 
 from __future__ import annotations
 
@@ -97,7 +100,7 @@ def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether the empty gripper moves an object aside after its last grasp, or approaches a requested object."""
+    """Return whether the empty gripper moves an object aside or approaches a requested object after its last grasp."""
     first, last = min(rows[0], episode.idle_from), rows[1]
     shoves = any(shove.end >= first for shove in episode.shoves)
     way = episode.trace.positions[last] - episode.trace.positions[first]

@@ -33,7 +33,7 @@ def show_condition(
     outlined: Sequence[str] = (),
     robot: str = USUAL_ROBOT,
 ) -> Image.Image:
-    """Return the front view of a condition at reset, ``size`` x ``size`` pixels, with some objects outlined."""
+    """Return the front view of a condition at reset, with some objects outlined, in ``size`` x ``size`` pixels."""
     scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("high"), robot_name=robot)
     with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, "front", masks=True)

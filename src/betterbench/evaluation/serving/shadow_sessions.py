@@ -85,7 +85,7 @@ class ShadowSession:
         self._shadows.client_left()
 
     def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
-        """Return the control step of a client: as sent, the end of the last chunk, or an earlier step of this chunk.
+        """Return the control step of a client: the one it sent, the last chunk's end, or an earlier step of that chunk.
 
         Many clients only execute some of the received actions, or repeat a request before executing any. For a client
         that does not send its step, its state relative to the start of the episode determines the step in the chunk.

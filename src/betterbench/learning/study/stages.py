@@ -263,7 +263,7 @@ class _Study:
         return str(found["sha256"])
 
     def _side_by_side(self, learners: Sequence[PlannedLearner], hashes: Mapping[str, str]) -> list[_Learning]:
-        """Return the next learners to train in parallel, as many as the threads allow, with their inputs."""
+        """Return the next learners to train in parallel, and their inputs. There are as many as the threads allow."""
         group: list[_Learning] = []
         threads = 0
         for learner in learners:

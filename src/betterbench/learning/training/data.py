@@ -233,7 +233,7 @@ def _fewer(chosen: Sequence[ChosenTrial], most: int | None) -> list[ChosenTrial]
 
 
 def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
-    """Return the intended actions, (n_steps, 7), without the noise added by a demonstrator."""
+    """Return the actions that a demonstrator intended, before noise was added, (n_steps, 7)."""
     space = record.metadata.action_space
     if space != EE_DELTA.name:
         where = f"{run}: {trial}"

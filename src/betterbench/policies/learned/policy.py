@@ -52,7 +52,10 @@ class Learner:
         return cls(network, trained, file_digest(path))
 
     def info(self, address: str, *, execute: int) -> PolicyInfo:
-        """Return the learner's declarations under an address, with ``execute`` executed actions per chunk."""
+        """Return the learner's declarations under an address.
+
+        ``execute`` is the number of actions executed per chunk.
+        """
         recipe = self.trained.recipe
         about = {
             "checkpoint": f"sha256 {self.fingerprint}",

@@ -72,7 +72,7 @@ class Film:
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """A trial to show as a film, with the times to render [s], strictly increasing, and their captions.
+    """A trial to show as a film, with the strictly increasing times to render [s] and their captions.
 
     ``twin`` is None if the run has no record of the twin. ``evidence_s`` is the time span of the evidence [s].
     """

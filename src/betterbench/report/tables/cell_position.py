@@ -88,6 +88,6 @@ def _distractor_state(condition: Condition, goal: Subgoal) -> State:
 
 
 def _is_at(condition: Condition, name: str, target: str) -> bool:
-    """Return whether an object rests at a target at the start."""
+    """Return whether an object rests at a target in the initial state."""
     placed = condition.preplaced.get(name)
     return placed is not None and placed.target == target

@@ -129,7 +129,7 @@ def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks =
 
 
 def _opening(condition: Condition, name: str, asset: Asset) -> float:
-    """Return a drawer's opening at the start [m], within its travel."""
+    """Return the initial opening of a drawer [m], within its travel."""
     opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
         raise InvalidInputError(
