@@ -44,7 +44,7 @@ _SETTINGS = (
 
 @dataclass(frozen=True, slots=True)
 class Grounds:
-    """Statistical basis of a conclusion: its test, and the run needed to decide it.
+    """Statistical basis of a conclusion, with its test and the run that would decide it.
 
     Attributes:
         supported: Whether the test is passed; True for a conclusion that only counts outcomes.
@@ -103,7 +103,7 @@ def claim_of_training_failure(count: int, n: int) -> Grounds:
 
 
 def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
-    """Return the basis for a run without variations: the trials needed to judge reasoning, and their command."""
+    """Return the basis for a run without variations, with the trials needed to judge reasoning and their command."""
     text = "To diagnose its reasoning, run the variations of these tasks, with the same seeds."
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
     if not tasks or not all(facts_of_task(task).measured for task in tasks):

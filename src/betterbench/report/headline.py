@@ -355,7 +355,7 @@ def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds
 
 
 def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str, Grounds]:
-    """Return the conclusion for a run without variations: the results in training, and their limits."""
+    """Return the conclusion for a run without variations, which states the results in training and their limits."""
     ended = [trial for trial in diagnosis.trials if trial.kind is not Kind.UNFINISHED]
     untold = untold_by(diagnosis.trials)
     if not ended:
@@ -524,7 +524,7 @@ def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
 
 
 def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
-    """Return the sentence about the failures: counts by kind, and the leading label."""
+    """Return the sentence about the failures, with their counts by kind and the leading label."""
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
     if main is None:

@@ -117,7 +117,7 @@ class StaticScore:
 
     @property
     def all(self) -> Part:
-        """Score of all items: the micro mean."""
+        """Micro mean of the scores of all items."""
         return self.parts[0]
 
     def part(self, kind: str, name: str) -> Part:

@@ -205,5 +205,5 @@ class LeRobotArm:
 
 
 def _signed(load: int) -> int:
-    """Return a signed load: newer versions of LeRobot decode the sign, older ones return the raw sign bit."""
+    """Return a signed load. Newer versions of LeRobot decode the sign, but older ones return the raw sign bit."""
     return load if abs(load) < _LOAD_SIGN else _LOAD_SIGN - load

@@ -138,7 +138,10 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Return the times to show: for the trial around its evidence, and for its twin around the same step."""
+    """Return the times to show.
+
+    Those of the trial are around its evidence, and those of its twin around the same step.
+    """
     start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)
     grasps = trial.kind is not Kind.NONE and any(attempt.start_s == start for attempt in trial.attempts)
     moments = _moments(start, end, trial.duration_s, "attempt" if grasps else "evidence")

@@ -74,7 +74,7 @@ def _target_state(condition: Condition, goal: Subgoal) -> State:
 
 
 def _distractor_state(condition: Condition, goal: Subgoal) -> State:
-    """Return the initial state of the other objects: on the table if at least one of them is there."""
+    """Return the initial state of the other objects. If at least one of them is on the table, it is "on the table"."""
     supports = {goal.target, *(placed.target for placed in condition.preplaced.values())}
     targets = condition.resolve(goal.reference)
     others = [

@@ -44,7 +44,7 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Constant pose in the model: the pose of a fixed object or of a closed drawer."""
+        """Constant pose in the model of a fixed object or of a closed drawer."""
         return self.pose if self.spec.fixed else self.shut
 
 
@@ -139,7 +139,7 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
 
 
 def _below(condition: Condition, place: TargetRegion) -> str:
-    """Return the object below a pre-placed one: the next lower layer of a stack, or else the target itself."""
+    """Return the object below a pre-placed one. This is the next lower layer of a stack or, without one, the target."""
     for name, other in condition.preplaced.items():
         if other.target == place.target and place.region in LAYERS[1:] and other.region == _under(place.region):
             return name

@@ -113,7 +113,7 @@ class Motion:
         return self.slot_near(self.positions[row, i], reach)
 
     def place_of(self, slot: str) -> str:
-        """Return the representative of a slot: the first slot that the same motion would reach."""
+        """Return the representative of a slot, which is the first slot that the same motion would reach."""
         at = {s.name: s.position[:2] for s in self.info.slots}
         return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)
 
