@@ -51,7 +51,7 @@ class Expected(StrEnum):
 
 
 class Support(StrEnum):
-    """Support of a variation. It is ``seen`` if all pick and place poses are inside the training distribution."""
+    """Support of a variation: ``seen`` if all pick and place poses are inside the training distribution."""
 
     SEEN = "seen"
     NOVEL = "novel"
