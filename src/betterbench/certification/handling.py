@@ -35,7 +35,7 @@ class Pick:
 
 
 class Release(NamedTuple):
-    """Release point of an object: height of its base above the table, and its horizontal position at the target [m].
+    """Release point of an object, given by the height of its base above the table and its position at the target [m].
 
     The position is in the target's frame, relative to the center of the target region.
     """

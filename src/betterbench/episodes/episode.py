@@ -252,7 +252,7 @@ def append_row(
     action: np.ndarray | None,
     applied: np.ndarray | None,
 ) -> None:
-    """Append a row to an episode's record: scene state, goal state and preceding action."""
+    """Append a row with scene state, goal state and preceding action to an episode's record."""
     builder.append_state(state, **scene.simulator_state(), action=action, applied=applied)
     _append_truth(builder, truth)
 

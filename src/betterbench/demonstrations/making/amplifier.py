@@ -189,7 +189,7 @@ class Amplifier:
             run.close()
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
-        """Return the action to execute: the last action plus noise. No noise is added while the arm settles.
+        """Return the action to execute, which is the last action plus noise. No noise is added while the arm settles.
 
         Out-of-range values are clipped on execution.
         """

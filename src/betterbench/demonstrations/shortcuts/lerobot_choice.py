@@ -195,7 +195,9 @@ def _span(count: int) -> str:
 
 
 def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
-    """Return the position components of each arm: those given by the user, end-effector positions, or joints.
+    """Return the position components of each arm.
+
+    The user may give them; otherwise, they are end-effector positions or joints.
 
     Raises:
         InvalidInputError: If an arm has no such components, or two sets of them.

@@ -57,7 +57,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moment:
-    """Moment to which an undo can return: the number of rows, and the complete state of scene and steering."""
+    """Moment to which an undo can return, with the number of rows and the complete state of scene and steering."""
 
     rows: int
     done: tuple[bool, ...]

@@ -153,7 +153,7 @@ class DemonstrationStore:
 
 
 def can_keep(attempt: DemonstrationAttempt) -> bool:
-    """Return whether a demonstration can be saved: it succeeded and remained successful."""
+    """Return whether a demonstration can be saved, because it succeeded and remained successful."""
     return attempt.record.outcome.success and (attempt.note.accepted or attempt.note.failure in ADVICE)
 
 

@@ -130,7 +130,7 @@ class EpisodeAnalysis:
 
     @property
     def decisions(self) -> tuple[Step, ...]:
-        """All steps that show a target, in order of time: grasp attempts, pushes, and a final stay.
+        """All steps that show a target, in order of time. These are grasp attempts, pushes, and a final stay.
 
         Drawers that were opened or shut for a wrong first choice are excluded.
         """
@@ -412,7 +412,7 @@ class EpisodeAnalysis:
         return self.put_down(step)
 
     def last_try(self, step: Step) -> Step:
-        """Return the decisive attempt among repeated attempts at an object: the first that lifted it, or the last."""
+        """Return the decisive one of repeated attempts at an object: the first that lifted it, or else the last."""
         for later in self.steps:
             if later.grasp.start <= step.grasp.start:
                 continue
@@ -686,7 +686,7 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
-    """Return the objects of a correct attempt: those requested now, and drawers that must be moved for them."""
+    """Return the objects of a correct attempt: the objects requested now, and the drawers that must be moved for them."""
     _, now = _due(trace, instruction, grasp.start)
     return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
 
@@ -775,7 +775,10 @@ def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
 
 
 def _wanted(trace: Trace, g: int, row: int) -> set[int]:
-    """Return the objects of a correct attempt for a subgoal: its own objects, and drawers that must be moved first."""
+    """Return the objects of a correct attempt for a subgoal.
+
+    These are its own objects and drawers that must be moved first.
+    """
     busy = trace.serves[row].any(axis=0)
     wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
     drawers = {i for i, _, _ in trace.drawers}

@@ -144,7 +144,7 @@ def _progress(scope: str, trials: Trials) -> Metric:
 
 
 def _delta_success_rates(trials: Trials) -> list[Metric]:
-    """Return ΔSR of each recomposition: success rate minus the mean over the seen compositions of the task."""
+    """Return ΔSR of each recomposition, its success rate minus the mean over the seen compositions of the task."""
     metrics = []
     for task in sorted({t.task for t in trials}):
         mine = [t for t in trials if t.task == task]

@@ -134,7 +134,7 @@ class BlindCell:
 
     @property
     def speechless(self) -> bool:
-        """Whether the instruction is redundant: only one instruction makes sense in the scene."""
+        """Whether the instruction is redundant, because only one instruction makes sense in the scene."""
         return self.chance >= 1.0
 
 

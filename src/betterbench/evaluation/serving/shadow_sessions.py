@@ -32,7 +32,10 @@ States = list[tuple[StateRule, np.ndarray]]
 
 
 class ShadowSession:
-    """Session for a client of an expert: identifies trial and step, and gets the actions from a shadow simulation."""
+    """Session for a client of an expert.
+
+    It identifies trial and step, and gets the actions from a shadow simulation.
+    """
 
     def __init__(
         self, shadows: ShadowSimulations, chunk: int, trial: TrialId | None, layout: Adapter | None = None

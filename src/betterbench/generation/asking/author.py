@@ -215,7 +215,7 @@ def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[s
 
 
 def _sentence_problems(scenario: Scenario, request: Request) -> list[str]:
-    """Return the deviations from the user's sentence: missing objects and places, and other goals."""
+    """Return the deviations from the user's sentence, which are missing objects and places, and other goals."""
     if not request.sentence:
         return []
     asked = replace(scenario, instruction=request.sentence)

@@ -120,7 +120,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Audit:
-    """All findings about a task: those about the complete task, then those about each variation."""
+    """All findings about a task. Those about the complete task precede those about each variation."""
 
     task: str
     findings: tuple[Finding, ...]

@@ -392,5 +392,5 @@ def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
 
 
 def epochs_of(data: TrainingSet, recipe: TrainingRecipe) -> float:
-    """Return the number of epochs: the mean number of times that training uses a frame."""
+    """Return the number of epochs, which is the mean number of times that training uses a frame."""
     return recipe.steps * recipe.batch / len(data.frames(held_out=False))
