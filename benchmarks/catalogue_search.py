@@ -1,4 +1,4 @@
-"""The row about the catalogue of assets: 800,000 synthetic rows searched by words, by vectors and by both with filters.
+"""Measure the search in a catalogue of 800,000 synthetic rows by words, by vectors, and by both with filters.
 
 The search is measured in a separate process (``python benchmarks/catalogue_search.py FOLDER QUERIES``), so that the
 measured memory does not include that of indexing.

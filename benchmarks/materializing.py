@@ -1,4 +1,4 @@
-"""The row about materializing: all modalities of two views, compared with MuJoCo's own rendering of the same passes."""
+"""Measure materializing of all modalities of two views against MuJoCo's own rendering of the same passes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Other benchmarks whose speed is compared: how each is installed and run, and when its times are trusted.
+"""Installation and running of other benchmarks whose speed is compared, and the rule for when their times are trusted.
 
 The times of such a peer can be wrong: robosuite was once ten times faster because it rendered nothing (README, "When
 the result of a peer is accepted"). Therefore, a time is trusted only if every image shows something new, and if two

@@ -1,4 +1,4 @@
-"""Code shared by the scripts of all peers: requests on standard input, time measurement, and a check of the images.
+"""Code shared by the scripts of all peers, for requests on standard input, time measurement, and a check of the images.
 
 :mod:`peer` runs ``robosuite_peer.py`` or ``libero_peer.py`` with the Python of that peer's own environment. This module
 runs there too, so it needs only numpy and no part of betterbench. It reads one JSON object per line from standard input

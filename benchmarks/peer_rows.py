@@ -1,4 +1,4 @@
-"""The rows that compare with robosuite and with LIBERO's own loop.
+"""Rows of the speed table that compare betterbench with robosuite and with LIBERO's own loop.
 
 Each figure is measured in two blocks, with one process of the peer each, started one after the other. If their images
 are not new at every step, or their times disagree, a third process is measured. If there are still no two blocks that

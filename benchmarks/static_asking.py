@@ -1,4 +1,4 @@
-"""The row about ``better vlm``: many items, with a server that answers immediately."""
+"""Measure ``better vlm`` on many items with a server that answers immediately."""
 
 from __future__ import annotations
 

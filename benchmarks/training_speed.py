@@ -1,4 +1,4 @@
-"""The row about training: batches of demonstrations, compared with the same network on random tensors in memory."""
+"""Measure training on batches of demonstrations against the same network on random tensors in memory."""
 
 from __future__ import annotations
 
