@@ -202,7 +202,7 @@ def test_a_damaged_film_is_told_without_the_code_and_cannot_be_judged(folder, pa
     (trial.folder / "wrist.mp4").write_bytes(b"another film")
     status, kind, data = ask(page, "film/0/1")
     assert (status, kind.split(";")[0]) == (500, "text/plain")
-    assert data.startswith(b"film 1: its file is missing or was changed")
+    assert data.startswith(b"film 1: cannot be shown, because its file is missing or was changed")
     state = json.loads(ask(page, "do", {"name": "enter", "film": 0, "value": "done"})[2])
     assert state["is_problem"]
     assert (state["judged"], state["film"]) == (0, 0)
