@@ -191,6 +191,8 @@ def test_variations_are_counted_by_axis(capsys):
         (("report", "no/such/run"), "no run"),
         (("report",), "runs: no run was given"),
         (("compare",), "Give at least two"),
+        (("eval", "--policy", "expert", "--out", ""), "--out: it is empty"),
+        (("eval", "--policy", "expert", "--out="), "--out: it is empty"),
         (("export",), "runs: no run was given"),
         (("export", "--check", "set"), "the folders of the runs to compare set with"),
         (("replay", "no/such/record.parquet", "--check"), "record.parquet"),
