@@ -111,8 +111,8 @@ without a fault that was labeled as a reasoning failure:
 | 45 | 508 | 96.5 % (251/260) | 99.2 % | 2 of 90 trials |
 | 34 | 419 | 98.5 % | 99.2 % | 1 of 100 trials |
 | 66, in all ten tasks | 1,189 | 91.9 % (203/221) | 100 % (221/221) | \
-| 60, in all ten tasks | 763 | 92.0 % (355/386) | 98.7 % (381/386) | none of 184 trials |
 1 of 646 trials, and none of 320 trials in which a fault was not active |
+| 60, in all ten tasks | 763 | 92.0 % (355/386) | 98.7 % (381/386) | none of 184 trials |
 
 In the family of 66 policies, all 5 policies that do not use the instruction were recognized, and 62 of 65 runs got the
 correct headline. Twelve of the 18 wrong labels belong to one policy that grasps the placement target. For this policy,
