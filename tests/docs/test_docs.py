@@ -134,4 +134,6 @@ def test_the_calibration_page_has_the_remarks_of_its_generator(monkeypatch):
     page = (ROOT / "docs" / "calibration.md").read_text()
     for family, remark in calibration_page.REMARKS.items():
         missing = [line for line in remark.splitlines() if line not in page.splitlines()]
-        assert remark in page, f"write the remark on {family!r} into docs/calibration.md too; lines that differ: {missing}"
+        assert remark in page, (
+            f"write the remark on {family!r} into docs/calibration.md too; lines that differ: {missing}"
+        )
