@@ -277,7 +277,9 @@ def test_tensorboard_gets_every_metric_with_its_interval(capsys, small_run, tmp_
 
 @pytest.mark.parametrize("extra", ["tensorboard", "wandb"])
 def test_a_missing_tracker_is_one_line_with_the_extra(capsys, monkeypatch, small_run, tmp_path, extra):
-    monkeypatch.setitem(sys.modules, {"tensorboard": "tensorboardX"}.get(extra, extra), None)
+    package = {"tensorboard": "tensorboardX"}.get(extra, extra)
+    for name in {package, *(name for name in sys.modules if name.startswith(f"{package}."))}:
+        monkeypatch.setitem(sys.modules, name, None)
     status, _, err = run(capsys, "export", str(small_run), "--to", extra, "--out", str(tmp_path))
     assert status == 2
     assert f"setup EXTRAS={extra}" in " ".join(err.split())
