@@ -495,12 +495,13 @@ def test_the_terminal_ends_with_the_verdict(capsys, small_run, tmp_path):
     line = "zoo:lexical: "
     _, out, _ = run(capsys, "diagnose", str(small_run), "--keep")
     assert any(text.startswith(line) for text in out.splitlines()[-3:]), "what would decide may follow"
-    status, out, err = run(capsys, "report", str(small_run), str(small_run), "--out", str(tmp_path), "--films", "0")
+    runs = str(small_run), str(shutil.copytree(small_run, tmp_path / "copy" / small_run.name))
+    status, out, err = run(capsys, "report", *runs, "--out", str(tmp_path / "page"), "--films", "0")
     assert status == 0
     assert out.replace("\n", "").endswith("index.html")
     assert sum(text.startswith("zoo:lexical (run) #") for text in err.splitlines()[-6:]) == 2
     names = ("--name", "before", "--name", "after")
-    _, _, err = run(capsys, "report", str(small_run), str(small_run), *names, "--out", str(tmp_path), "--films", "0")
+    _, _, err = run(capsys, "report", *runs, *names, "--out", str(tmp_path / "page"), "--films", "0")
     verdicts = [text for text in err.splitlines()[-6:] if text.startswith(("before: ", "after: "))]
     assert [text.partition(":")[0] for text in verdicts] == ["before", "after"]
     assert all("training " in text for text in verdicts)

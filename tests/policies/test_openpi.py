@@ -492,7 +492,7 @@ def test_the_run_is_compared_before_it_starts():
 def test_a_droid_policy_runs_on_the_cameras_made_for_it():
     with Server() as server, contextlib.closing(make_policy(f"{server.address}?preset=openpi_droid")) as policy:
         policy.check(space="joint_delta", observation=observation_spec("droid"), rate_hz=20.0)
-        with pytest.raises(HandshakeError, match="needs left_shoulder by adapter openpi_droid"):
+        with pytest.raises(HandshakeError, match=r"needs left_shoulder \(adapter openpi_droid\)"):
             policy.check(space="joint_delta", observation=observation_spec("default"), rate_hz=20.0)
 
 

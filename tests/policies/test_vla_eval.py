@@ -407,7 +407,7 @@ def test_whatever_a_server_declares_gives_a_client_or_one_clear_line(odd):
 def test_other_versions_and_other_servers_are_refused():
     with (
         scripted(lambda m: [Message(MessageType.HELLO, {"protocol_version": 9}, m.seq)]) as address,
-        pytest.raises(HandshakeError, match="version 9 of the protocol, betterbench uses 1"),
+        pytest.raises(HandshakeError, match="version 9 of the protocol, but betterbench uses version 1"),
     ):
         make_policy(address)
     with (

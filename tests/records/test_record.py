@@ -174,7 +174,7 @@ def test_a_second_at_20_hz_of_a_busy_scene_stays_within_60_kilobytes(make_record
         ({"qvel": np.zeros((47, 1))}, r"qvel: has the shape \(47, 1\)"),
         ({"action": np.zeros(3)}, r"action: has the shape \(3,\), expected \(7,\)"),
         ({"applied": np.zeros((1, 7))}, r"applied: has the shape \(1, 7\), expected \(7,\)"),
-        ({"applied": None}, "action: wrongly given or missing in row 1"),
+        ({"applied": None}, "action: is missing in row 1, or given in row 0"),
         ({"predicates": (True,)}, "Give 2 predicates and 2 subgoals"),
         ({"other_scene": True}, "state.info: differs from the scene"),
     ],

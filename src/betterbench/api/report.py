@@ -91,7 +91,7 @@ def build_report(
     """
     if twins and len(twins) != len(runs):
         problem = f"got {len(twins)} for {plural(len(runs), 'run')}"
-        raise InvalidInputError("--twins", problem, "Give one per run, in the same order")
+        raise InvalidInputError("--twins", problem, "Give --twins once per run, in the order of the runs")
     called = run_names(runs, names)
     say = listener.say
     bases: list[RunFolder | None] = [RunFolder.open(path) for path in twins] or [None] * len(runs)

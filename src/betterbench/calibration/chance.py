@@ -27,7 +27,7 @@ def chance_of(task_name: str, name: str) -> float:
 
 
 def _open_steps(instruction: Instruction, condition: Condition) -> list[object]:
-    """Return the requested steps that are not done at the start, in order, as sets of objects and targets."""
+    """Return the requested steps that are not done in the initial state, in order, as sets of objects and targets."""
     return [
         (condition.resolve(g.reference), g.relation, condition.object(g.target).kind, g.region, g.count)
         for g in instruction.subgoals

@@ -158,7 +158,7 @@ def measure_power(
 
 
 def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key, int], _Outcome]) -> Plan:
-    """Return the evaluation plan for one pretender: its variation trials, except those with a known outcome."""
+    """Return the evaluation plan for one pretender, with its variation trials except those with a known outcome."""
     tasks = tuple(dict.fromkeys(task for task, _ in wanted))
     # The baselines in FLOOR use end-effector deltas on every robot.
     space = EE_DELTA.name if address in FLOOR else None

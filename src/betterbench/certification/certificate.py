@@ -32,7 +32,7 @@ CLAUSES: Mapping[str, str] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Clause:
-    """Result of one clause: whether it holds, and an optional reason or remark."""
+    """Result of one clause, which states whether the clause holds, and an optional reason or remark."""
 
     passed: bool
     text: str = ""
@@ -182,7 +182,7 @@ class Certificate:
         return form
 
     def sealed_json(self) -> dict[str, Any]:
-        """Return the content of the certificate file: JSON with the file version and a checksum."""
+        """Return the content of the certificate file, which is JSON with the file version and a checksum."""
         return sealed_form({"version": 2, **self.to_json()})
 
     @classmethod
@@ -209,7 +209,7 @@ def _is_ambiguous(task: str, condition: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Summary of one condition: numbers of trials, and the smallest margins.
+    """Summary of one condition, with the numbers of trials and the smallest margins.
 
     Attributes:
         n: Number of trials.

@@ -181,7 +181,7 @@ def _to_be_grasped(condition: Condition, state: WorldState) -> tuple[str, ...]:
 
 
 def _shut_targets(condition: Condition) -> tuple[str, ...]:
-    """Return the drawers that are closed at the start and must receive an object."""
+    """Return the drawers that are closed in the initial state and must receive an object."""
     targets = dict.fromkeys(g.target for g in condition.instruction.subgoals)
     return tuple(t for t in targets if condition.object(t).role == "drawer" and not condition.opened.get(t))
 

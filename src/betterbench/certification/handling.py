@@ -35,7 +35,7 @@ class Pick:
 
 
 class Release(NamedTuple):
-    """Release point of an object: height of its base above the table, and its horizontal position at the target [m].
+    """Release point of an object, given by the height of its base above the table and its position at the target [m].
 
     The position is in the target's frame, relative to the center of the target region.
     """
@@ -81,7 +81,7 @@ class Put:
 
 @dataclass(frozen=True, slots=True)
 class Preplaced:
-    """Object that is at its target at the start.
+    """Object that is at its target in the initial state.
 
     Attributes:
         kind: Kind of the object.
@@ -230,7 +230,7 @@ class Handling:
     def _put(
         self, state: WorldState, name: str, target: str | None = None, relation: str | None = None, region: str = ""
     ) -> Put:
-        """Return the put of an object, without a target if the object was dropped on the way."""
+        """Return the put of an object. It has no target if the object was dropped on the way."""
         info, to = state.info.object(name), target or name
         slot, level, base = ground_of(self._condition, to, self._resting_on) if target else (None, 0, name)
         let_go = self._grasped or state

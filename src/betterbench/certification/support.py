@@ -25,7 +25,7 @@ LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Result for one primitive: description, reason why it is outside the training distribution (or None), and slack.
+    """Result for one primitive, with the reason why it is outside the training distribution (or None), and its slack.
 
     The slack is the distance to the border of the jitter region [m], negative outside, or None without a jitter region.
     """

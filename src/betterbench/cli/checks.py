@@ -120,7 +120,8 @@ def _rendering() -> str:
         rate = frames / (time.perf_counter() - began)
     if view.rgb is None or view.rgb.std() < 5.0:
         raise BetterError(
-            "The image is empty. Install another OpenGL: apt-get install -y libosmesa6, MUJOCO_GL=osmesa."
+            "The image is empty. Install another OpenGL library with apt-get install -y libosmesa6, "
+            "and set MUJOCO_GL=osmesa."
         )
     return f"{gl_backend()}, {renderer_fingerprint().get('renderer', '?')}, {rate:.0f} frames per second at 256 x 256"
 

@@ -133,7 +133,7 @@ def compare(
 
 
 class _Question(NamedTuple):
-    """Untested group: a measure, and the trials to compare."""
+    """Group that has not been tested yet, with its measure and the trials to compare."""
 
     measure: str
     scope: str
@@ -152,7 +152,7 @@ class _Question(NamedTuple):
 
 
 def _families(matching: Matching) -> Iterator[list[_Question]]:
-    """Yield the families: groups whose p-values are corrected together."""
+    """Yield the families, which are the groups whose p-values are corrected together."""
     varied = [t for side in matching.trials for t in side if t.variation is not None]
     yield [_Question("success", "overall")]
     yield [_Question("success", "training")]

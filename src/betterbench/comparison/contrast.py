@@ -1,4 +1,4 @@
-"""Contrasts between two policies: a difference in rates, with its interval and test."""
+"""Contrasts between two policies. A contrast is a difference in rates with its interval and test."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ class OutcomeCounts:
 
     @property
     def outcomes(self) -> list[tuple[bool, bool]]:
-        """Outcomes of each pair: first side, second side."""
+        """Outcomes of each pair, on the first and on the second side."""
         return [(a, b) for (_, a), (_, b) in zip(self.first, self.second, strict=True)]
 
     @property

@@ -124,7 +124,7 @@ class Submission:
         return asdict(self)
 
     def file_bytes(self) -> bytes:
-        """Return the content of the file: JSON with one field or trial per line, which is easy to diff."""
+        """Return the content of the file. It is JSON with one field or trial per line, which is easy to diff."""
         form = self.to_json()
         trials, seal = form.pop("trials"), form.pop("sha256")
         fields = [f"{json_text(key)}: {json_text(value)}" for key, value in form.items()]

@@ -81,7 +81,7 @@ def _limit(c: Contrast, n: int, trials: str) -> str:
 
 
 def _ranking(group: Group) -> str:
-    """Return all policies in order of success, with their letters, and the detectable difference of undecided pairs."""
+    """Return sentences with the ranked policies, their letters, and the detectable difference of undecided pairs."""
     order = sorted(zip(group.rates, group.names, group.letters, strict=True), key=lambda row: -(row[0].value or 0.0))
     listed = ", ".join(f"{name} {counted(rate)} {letters}" for rate, name, letters in order)
     where = "Training conditions" if group.scope == "training" else "Variations"

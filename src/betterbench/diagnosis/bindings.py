@@ -116,7 +116,7 @@ def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
 
 
 def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence about correct objects at wrong targets, if nearly all failures are of this kind, or "".
+    """Return a sentence if nearly all failures are correct objects at wrong targets, otherwise an empty string.
 
     The sentence is also empty if training explains nearly all of these targets, because the failure is then a habit.
 

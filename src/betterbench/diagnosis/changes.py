@@ -75,7 +75,7 @@ class MetricChange:
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisChanges:
-    """Differences between a new and a stored diagnosis of a run: thresholds, trials and metrics."""
+    """Differences in thresholds, trials and metrics between a new and a stored diagnosis of a run."""
 
     version_before: str
     version_now: str

@@ -1,4 +1,4 @@
-"""Cues that a policy may use instead of the instruction: slot, kind, color or distance of an object."""
+"""Cues that a policy may use instead of the instruction, such as the slot, kind, color or distance of an object."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class Exposure:
 
     @property
     def open_goals(self) -> tuple[Subgoal, ...]:
-        """Subgoals with an object in the scene that are not done at the start, in order."""
+        """Subgoals, in order, that are not done in the initial state and have an object in the scene."""
         return tuple(goal for goal in self.goals if self.slots(goal))
 
     @property
@@ -72,7 +72,7 @@ class Exposure:
         return {slot for goal in self.due for slot in self.slots(goal)}
 
     def movable_in(self, slot: str) -> str | None:
-        """Return the kind of the movable object that is in a slot at the start, or None."""
+        """Return the kind of the movable object that is in a slot in the initial state, or None."""
         name = self.test.occupant(slot)
         if name is None or self.test.object(name).role not in ("item", "distractor"):
             return None

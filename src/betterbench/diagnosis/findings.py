@@ -1,4 +1,4 @@
-"""Findings from several trials of a policy, and notes on the limits of the run, as sentences."""
+"""Sentences that state findings from several trials of a policy, and notes on the limits of the run."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ _PLACE_DIGITS = 4
 
 
 def scene_of(record: Record) -> str:
-    """Return a digest of the initial state: objects with their poses, and the pose of the arm."""
+    """Return a digest of the initial state, which covers the objects with their poses and the pose of the arm."""
     things = sorted(
         (thing.asset, thing.kind, np.round([*position, *quaternion], _PLACE_DIGITS).tolist())
         for thing, position, quaternion in zip(
@@ -76,7 +76,7 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 
 
 def first_target(trial: TrialDiagnosis) -> str | None:
-    """Return the first target of a trial: the name of an object or of an empty slot, or None.
+    """Return the name of the object or empty slot that is the first target of a trial, or None.
 
     A drawer moved for an object is not a first target.
     """
@@ -155,7 +155,7 @@ def unused_sentence(effect: Metric) -> str:
 
 
 def effect_sentence(effect: Metric | None) -> str:
-    """Return the conclusion from an instruction effect: used, not used, or undecided."""
+    """Return the conclusion from an instruction effect, that the instruction is used, not used, or undecided."""
     if effect is None or not effect.n:
         return (
             "This run has no two trials that differ only in the instruction and have different first targets, so "

@@ -143,7 +143,7 @@ def suite_of(task: str) -> str:
 
 
 def on_our_table(record: Record) -> Record:
-    """Convert a LIBERO record: heights above the table, and names of target regions as in betterbench.
+    """Convert the heights above the table and the names of target regions in a LIBERO record to those of betterbench.
 
     Raises:
         RecordError: If the record does not name any region on a table.

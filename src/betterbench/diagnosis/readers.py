@@ -46,7 +46,7 @@ class Reader(Protocol):
         """Return the diagnosis of a planned trial that has no record."""
 
     def group(self, task: str) -> str:
-        """Return the group in which rules are judged: the task, or the suite if each task has one instruction."""
+        """Return the group in which rules are judged: the task, or the suite if each of its tasks has one instruction."""
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
         """Return notes about the world of a run."""
@@ -129,7 +129,7 @@ class OutcomeReader:
     twins_cure: str = OwnReader.twins_cure
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the first pass over a record: success, an early end, or the step limit."""
+        """Return the result of the first pass over a record, which is success, an early end, or the step limit."""
         m = record.metadata
         text = (
             f"The goal {', '.join(m.subgoal_names)} is not met at the end. betterbench does not judge the cause of "

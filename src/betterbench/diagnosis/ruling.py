@@ -16,7 +16,7 @@ another rule.
 
 @dataclass(frozen=True, slots=True)
 class Ruling:
-    """Result of the second pass for a trial: status of each kind of rule.
+    """Result of the second pass for a trial, with the status of each kind of rule.
 
     Attributes:
         shortcut: Whether "the word leads there" explains this trial.

@@ -59,7 +59,7 @@ class _Trials:
     until_decided: UntilDecided | None = None
 
     def outcome(self, trial: TrialId) -> bool | None:
-        """Return whether a trial succeeded, or None if it has no record."""
+        """Return whether a trial succeeded. The result is None if the trial has no record."""
         return self.readings[trial].diagnosis.success if trial in self.readings else None
 
 

@@ -153,7 +153,7 @@ def _rules_of(family: str, task: TaskRules) -> list[PolicyRule]:
 
 
 def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
-    """Return the prior cost of each kind of rule, estimated from all tasks, 0 for the most frequent kind [nats].
+    """Return the prior cost of each kind of rule [nats], estimated from all tasks. The most frequent kind has cost 0.
 
     One kind explains each task with wrong attempts. The shares of the kinds are estimated over all tasks (empirical
     Bayes). The cost of a kind is log(largest share / share of this kind).

@@ -154,7 +154,7 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 
 
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
-    """Add the possible favorite slot to each choice: the most frequent slot for each set of occupied slots.
+    """Add the possible favorite slot to each choice, which is the most frequent one for each set of occupied slots.
 
     With ``paired``, a slot only counts if a pair of trials shows that the policy prefers it regardless of the
     instruction.

@@ -78,7 +78,7 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Result of the first pass for a record: diagnosis, all evidence, and input for the second pass.
+    """Result of the first pass for a record, with the diagnosis, all evidence, and the input for the second pass.
 
     Attributes:
         choice: First attempt for the second pass, or None if it is not evidence for any rule.
@@ -143,7 +143,7 @@ def trial_diagnosis(
     evidence: Evidence,
     path: str | None,
 ) -> TrialDiagnosis:
-    """Return the diagnosis of an analyzed trial of any world, without harm and needless steps."""
+    """Return the diagnosis of an analyzed trial of any world. It does not include harm and needless steps."""
     m, trace, first, intended = record.metadata, episode.trace, episode.first_attempt, episode.intended()
     at = None if first is None else first.grasp.object
     return TrialDiagnosis(
@@ -228,7 +228,7 @@ def choice_of(episode: EpisodeAnalysis) -> Choice | None:
 
 
 def _distance_at_start(trace: Trace, item: int) -> float:
-    """Return the horizontal distance of an object from the gripper at the start [m]."""
+    """Return the horizontal distance of an object from the gripper in the initial state [m]."""
     return horizontal_distance(trace.positions[0, item].tolist(), trace.tool[0].tolist())
 
 

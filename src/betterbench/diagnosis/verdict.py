@@ -127,7 +127,7 @@ class TrialDiagnosis:
 
     @property
     def pool(self) -> str:
-        """Name under which the trial is counted: the variation or training condition.
+        """Name of the variation or training condition under which the trial is counted.
 
         In LIBERO-Plus it is the axis, because each variant is run once.
         """

@@ -119,7 +119,7 @@ class Chunks:
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:
-        """Return the rendering time during steps [s]: the extra time of steps with images over steps without images.
+        """Return the rendering time during steps [s], by which steps with images take longer than steps without images.
 
         The result is 0 if every step had images, because the two cannot be separated then.
         """
@@ -156,7 +156,7 @@ class Chunks:
             self._resumed = time.perf_counter()
 
     def _see(self, state: WorldState) -> Observation | WorldState:
-        """Return the input for the policy: an observation, or the state for a privileged policy."""
+        """Return the input for the policy, which is an observation, or the state for a privileged policy."""
         if self._observer is None:
             return state
         began = time.perf_counter()

@@ -128,9 +128,10 @@ def episode_steps(
 ) -> Steps:
     """Run one episode from reset to its end, and yield each request to the policy.
 
-    One thread can interleave many episodes in this way. The result does not depend on the latency of replies. Without
-    an observer, ``privileged`` is called directly with the privileged state, and nothing is yielded. Yields a request,
-    or None when the reply to the last request is needed.
+    One thread can interleave many episodes in this way. The result does not depend on the latency of replies. With an
+    observer, each request is yielded when it is made, and None is yielded when the episode must wait for the reply to
+    the last request. Without an observer, nothing is yielded: ``privileged`` is called directly with the privileged
+    state.
 
     Raises:
         PremiseError: If the scene contradicts the instruction's premise.
@@ -251,7 +252,7 @@ def append_row(
     action: np.ndarray | None,
     applied: np.ndarray | None,
 ) -> None:
-    """Append a row to an episode's record: scene state, goal state and preceding action."""
+    """Append a row with scene state, goal state and preceding action to an episode's record."""
     builder.append_state(state, **scene.simulator_state(), action=action, applied=applied)
     _append_truth(builder, truth)
 

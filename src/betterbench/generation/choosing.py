@@ -186,7 +186,7 @@ def _kind(described: DescribedObject) -> Kind:
 
 
 def checked_sentence(sentence: str) -> str:
-    """Normalize a sentence: single spaces, a capital letter, and a final period.
+    """Normalize a sentence to single spaces, a capital letter, and a final period.
 
     An exclamation mark becomes a period, and a "please" at the beginning is removed.
 
@@ -301,7 +301,7 @@ def _require_nouns(tokens: list[str]) -> None:
 
 
 def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], plural: bool) -> list[Wanted]:
-    """Return the objects for a noun: as many as the number before it, or two for a plural without a number."""
+    """Return the objects for a noun. Their number is that before the noun, or two for a plural without a number."""
     noun, color = " ".join(tokens[at : at + length]), color_before(tokens, at)
     kinds = tuple(kind for kind in meant if not color or kind[1] == color)
     if not kinds:

@@ -73,7 +73,7 @@ def number_before(raw: list[str], at: int) -> str:
 
 
 def words_of_object(described: DescribedObject) -> frozenset[str]:
-    """Return the words that may name an object: its query, name and tags, and its description up to "with"."""
+    """Return the words that may name an object, from its query, name, tags, and its description up to "with"."""
     appearance = re.split(r"\bwith\b", described.description)[0]
     name = described.instance_name.replace("_", " ")
     return frozenset(terms(" ".join((described.asset_query, name, appearance, *described.tags))))

@@ -8,7 +8,7 @@ from betterbench.tasks.condition import ObjectSpec
 
 
 def words_of(objects: Sequence[ObjectSpec]) -> dict[str, str]:
-    """Return a word that distinguishes each kind: its noun, its first word, or its full name."""
+    """Return a word that distinguishes each kind, which is its noun, its first word, or its full name."""
     kinds = tuple(dict.fromkeys(spec.kind for spec in objects))
     found = {}
     for kind in kinds:

@@ -35,7 +35,7 @@ _Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict of a person: accept (unchanged), fix (accept with the changes) or reject (with a reason)."""
+    """Verdict of a person, who accepts an item unchanged, fixes it and accepts it, or rejects it with a reason."""
 
     verdict: Literal["accept", "fix", "reject"]
     reason: _Text = ""

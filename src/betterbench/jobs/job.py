@@ -20,7 +20,7 @@ OnCount = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class JobProgress(Generic[FoundT]):
-    """Progress of a job: number of finished items, number of planned items, and the last result (None at the start)."""
+    """Progress of a job: the numbers of finished and planned items, and the last result (None if there is none)."""
 
     done: int
     planned: int

@@ -60,7 +60,7 @@ def interrupts_blocked() -> Iterator[None]:
 
 
 def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
-    """Prepare a worker process: one thread per numerical library and renderer, and termination with the parent.
+    """Limit a worker process to one thread per numerical library and renderer, and let it end with its parent.
 
     The log level is read from ``BETTERBENCH_LOG_LEVEL``, set by ``--log-level``. ``held`` contains folders locked by
     the parent, into which nothing is written after their removal.

@@ -126,7 +126,9 @@ def open_subgoal(state: WorldState, condition: Condition) -> int | None:
 
 
 def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
-    """Return the subgoals that may be executed now: the first open subgoal or, if the order is free, all open subgoals.
+    """Return the subgoals that may be executed now.
+
+    These are the first open one or, if the order is free, all open ones.
 
     A drawer is closed only after its contents are inside. If a requested object does not exist, other objects may be
     handled.

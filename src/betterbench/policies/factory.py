@@ -166,7 +166,7 @@ class PolicyFactory:
         return made
 
     def close(self) -> None:
-        """Close an instance that was created but not taken. May be called more than once."""
+        """Close an instance that was created but not used. May be called more than once."""
         made, self._made = self._made, None
         if made is not None:
             close_policy(made)

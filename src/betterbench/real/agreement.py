@@ -95,7 +95,9 @@ class PairAgreement:
 
 
 def agreements_of(trials: Iterable[RealTrial]) -> tuple[PairAgreement, ...]:
-    """Return the agreement of every pair of raters that share trials: pairs of judges first, then operator and judge.
+    """Return the agreement of every pair of raters that share trials.
+
+    Pairs of judges come before pairs with the operator.
 
     A pair includes only the trials that both rated.
     """

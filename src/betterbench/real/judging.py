@@ -124,7 +124,7 @@ class JudgeDesk:
             cure = "Choose another film; restart better real judge to see the repeated trial"
             raise InvalidInputError(name, "has been discarded by the operator", cure)
         if not trial.header.films:
-            raise InvalidInputError(name, "this trial has no film, so it cannot be judged", "Go to another trial")
+            raise InvalidInputError(name, "this trial has no film, so it cannot be judged", "Choose another trial")
         for camera in trial.header.films:
             self.film(self.index, camera)
 
@@ -151,9 +151,9 @@ class JudgeDesk:
             return self.trials[number].film(camera).read_bytes()
         except (RecordError, OSError) as problem:
             logger.warning("%s", problem)
-            told = "its file is missing or was changed; better real judge names it in the terminal"
+            told = "cannot be shown, because its file is missing or was changed; the terminal names the file"
             raise InvalidInputError(
-                f"film {number + 1}", told, "Go to another film, and tell the operator"
+                f"film {number + 1}", told, "Continue with another film, and tell the operator"
             ) from problem
 
     def _say(self, text: str, *, is_problem: bool = False) -> None:

@@ -147,7 +147,7 @@ class Setting:
         return self.exposure.test.expected
 
     def place_of(self, closing: Closing) -> Place:
-        """Return the location of a closing: the nearest object or empty training slot, if one is close enough.
+        """Return the object or empty training slot nearest to a closing, if one is close enough.
 
         Objects are assumed to be at their initial positions, within the jitter of their slots. As in the simulated
         diagnosis, an instructed object counts as missed if it is at most ``doubt`` farther away than an empty slot.
@@ -180,7 +180,7 @@ class Setting:
 
 
 def label_trial(trial: RealTrial, task: str) -> tuple[RealLabel, JointSignals | None, Judged]:
-    """Return the label of a finished trial, with its signals and the judges' entries.
+    """Return the label of a finished trial, together with its signals and the judges' entries.
 
     Raises:
         RecordError: If its samples are missing, changed or damaged.
@@ -272,7 +272,7 @@ def _never_moved(setting: Setting, signals: JointSignals, judged: Judged) -> Rea
 
 
 def _halt(setting: Setting, signals: JointSignals, basis: Basis, start_s: float, still: str) -> RealLabel:
-    """Return the label of an arm that stands still with steps left to do: phase conflict I or an early halt."""
+    """Return the label of an arm that stands still with steps left to do: either phase conflict I or an early halt."""
     left = listed([f"the {kind}" for kind in setting.due])
     if setting.half_done and not signals.attempts:
         text = f"{still}, and the scene looks like the middle of a demonstration (phase conflict I). Due: {left}."
@@ -422,7 +422,10 @@ def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
 
 
 def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label if a wrong object was taken. Its kind follows from the position at which the jaw closed."""
+    """Return the label if a wrong object was grasped.
+
+    The kind of the label follows from the position at which the jaw closed.
+    """
     del judged
     others = []
     for closing in signals.grasps or signals.attempts:

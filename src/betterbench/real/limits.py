@@ -76,9 +76,13 @@ class SafetyLimits:
         for name in ("speed_rad_s", "gripper_speed", "lead_s", "load", "load_s", "stall_rad", "stall_s", "watchdog_s"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise InvalidInputError(f"limits: {name}", f"{value} is not a positive number", "Give one")
+                raise InvalidInputError(
+                    f"limits: {name}", f"{value} is not a positive number", "Give a positive number"
+                )
         if not all(low < high for low, high in zip(self.box_low, self.box_high, strict=True)):
-            raise InvalidInputError("limits: box", f"{self.box_low} is not below {self.box_high}", "Give two corners")
+            raise InvalidInputError(
+                "limits: box", f"{self.box_low} is not below {self.box_high}", "Give the lower corner first"
+            )
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict."""

@@ -1,4 +1,4 @@
-"""Execution of one trial on the arm: move to the start pose, run the policy, record, and stop.
+"""Execution of one trial on the arm, which moves to the initial pose, runs the policy, records it, and stops the arm.
 
 The loop never waits for the policy. If no action arrives, the arm first completes the last command and then, after the
 watchdog time, holds its measured position. The software switch is turned off at the end of every trial: the arm holds
@@ -179,7 +179,7 @@ class TrialRun:
             raise TrialAbortedError(self._controls.why)
 
     def start_position(self) -> np.ndarray:
-        """Return the initial joint positions of the trial, (6,): the twin's, with the gripper open."""
+        """Return the initial joint positions of the trial, (6,). They are those of the twin, with the gripper open."""
         joints = start_joints_of(self._plan.task, self._planned.scene_seed, self._spec)
         return np.array(self._spec.positions_in(self._space, joints, self._spec.gripper_opening_m))
 

@@ -92,7 +92,7 @@ class Agreement:
     """Agreement between a real scene and its simulated twin.
 
     Attributes:
-        objects: Compared objects, the worst agreement first.
+        objects: Compared objects, sorted by agreement with the worst first.
         left_out: Objects that are not visible enough for a comparison.
         cloth: Color of the planned tablecloth if another one is on the table; otherwise an empty string.
     """
@@ -113,7 +113,7 @@ class Agreement:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """One sentence for a wrong tablecloth, and one per misplaced object."""
+        """One sentence that says that the tablecloth is wrong, if it is, and one sentence for each misplaced object."""
         cloth = (f"The tablecloth is not {self.cloth}.",) if self.cloth else ()
         return (*cloth, *(o.sentence for o in self.objects if not o.accepted))
 

@@ -155,7 +155,7 @@ def _require_different(where: str, names: Sequence[str]) -> None:
         raise InvalidInputError(where, "is empty", "Give at least one")
     name, count = Counter(names).most_common(1)[0]
     if count > 1:
-        raise InvalidInputError(where, f"{name!r} is given {count} times", "Give each once")
+        raise InvalidInputError(where, f"{name!r} is given {count} times", "Give each name once")
 
 
 def same_name(first: str, second: str) -> bool:

@@ -294,7 +294,7 @@ def _recorded(folder: Path, plan: RealPlan) -> set[str]:
 
 
 def _require_lines(folder: Path, recorded: set[str], states: Mapping[str, TrialProgress]) -> None:
-    """Raise RecordError if the journal has lost lines: it does not list a trial whose record exists.
+    """Raise RecordError if the journal has lost lines, so that it does not list a trial whose record exists.
 
     Without this check, the trial would be repeated and its record moved away. An attempt is listed in the journal
     before its folder is created. ``recorded`` are the codes that had a header before the journal was read.
@@ -471,7 +471,7 @@ class Entry:
         return f"{self.code} by {self.author} ({self.role})"
 
     def misfit(self, changes: int) -> str:
-        """Return an empty string: an entry is always possible, because it replaces the person's earlier entry."""
+        """Return an empty string, because an entry is always possible: it replaces the person's earlier entry."""
         del changes
         return ""
 

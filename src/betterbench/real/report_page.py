@@ -39,7 +39,7 @@ def write_real_page(results: RealResults, path: Path) -> Path:
 
 
 def _tone(cell: Cell) -> str:
-    """Return the color class of a cell: mostly successes, mostly failures, or neither."""
+    """Return the color class of a cell, which says whether it has mostly successes, mostly failures, or neither."""
     if cell.success.k == cell.success.n:
         return "good"
     return "poor" if cell.success.k == 0 else "mixed"

@@ -270,7 +270,7 @@ class RealSession:
         self._say(message)
 
     def begin(self) -> None:
-        """Go to the next trial: a finished trial without an entry, or else the next one in the plan."""
+        """Go to a finished trial without an entry or, if there is none, to the next trial in the plan."""
         # the program was killed between writing the entry and the journal line that repeats the trial
         for trial in read_run(self.folder).trials:
             for entry in trial.seen_by("operator"):

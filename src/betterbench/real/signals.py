@@ -111,7 +111,10 @@ class Closing:
 
     @property
     def is_attempt(self) -> bool:
-        """Whether the closing is a grasp attempt: low enough to grasp an object, with or without one in the jaw."""
+        """Whether the closing is a grasp attempt.
+
+        It must be low enough to grasp an object; the jaw may remain empty.
+        """
         return self.grip in (Grip.OBJECT, Grip.NOTHING) and self.low
 
     @property
@@ -304,7 +307,7 @@ def _span(track: JointTrack, first: int, last: int) -> Span:
 
 
 def _freeze(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Span | None:
-    """Return the final rest of the arm: still for ``halt_time``, or trembling in place for ``tremble_time``.
+    """Return the final rest of the arm, which is still for ``halt_time`` or trembles in place for ``tremble_time``.
 
     An arm whose jaw closes or opens has not halted.
     """
@@ -375,7 +378,7 @@ def _descents(height: Floats) -> list[int]:
 
 
 def _closings(track: JointTrack, tool: Floats) -> tuple[Closing, ...]:
-    """Return the closings: decreases of the opening by ``jaw_moves`` after which the jaw stops."""
+    """Return the closings of the jaw. A closing decreases the opening by ``jaw_moves`` and ends when the jaw stops."""
     found = []
     opening = track.opening
     for start, end in _falls(track):

@@ -109,7 +109,7 @@ class RecordBuilder:
             self._check_scene(state)
         if (action is None) is not (step == 0) or (applied is None) is not (step == 0):
             raise InvalidInputError(
-                "action", f"wrongly given or missing in row {step}", "Give both actions in every row except row 0"
+                "action", f"is missing in row {step}, or given in row 0", "Give both actions in every row except row 0"
             )
         if action is None or applied is None:
             action = applied = self._no_action

@@ -44,7 +44,7 @@ _SETTINGS = (
 
 @dataclass(frozen=True, slots=True)
 class Grounds:
-    """Statistical basis of a conclusion: its test, and the run needed to decide it.
+    """Statistical basis of a conclusion, with its test and the run that would decide it.
 
     Attributes:
         supported: Whether the test is passed; True for a conclusion that only counts outcomes.
@@ -96,14 +96,14 @@ def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
 
 
 def claim_of_training_failure(count: int, n: int) -> Grounds:
-    """Return the basis of the claim that a kind of failure is typical in training, for a run without variations."""
+    """Return the basis of the claim that a run without variations often fails in this way in training."""
     p = _above(count, n, USUAL_SHARE)
     test = f"failed training trials against {100 * USUAL_SHARE:.0f} % (exact binomial)"
     return Grounds(count >= FEW and p <= DEFAULT_ALPHA, test, p)
 
 
 def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
-    """Return the basis for a run without variations: the trials needed to judge reasoning, and their command."""
+    """Return the basis for a run without variations, with the trials needed to judge reasoning and their command."""
     text = "To diagnose its reasoning, run the variations of these tasks, with the same seeds."
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
     if not tasks or not all(facts_of_task(task).measured for task in tasks):
@@ -115,14 +115,17 @@ def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
 
 
 def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
-    """Return the basis of the claim that a failure in some conditions is a habit, corrected for their number."""
+    """Return the basis of the claim that a failure in some conditions is a habit.
+
+    The p-value is corrected for the number of conditions.
+    """
     p = min(1.0, conditions * _above(count, n, USUAL_SHARE))
     test = f"failed trials against {100 * USUAL_SHARE:.0f} % (exact binomial, times {plural(conditions, 'condition')})"
     return Grounds(count >= FEW and p <= DEFAULT_ALPHA, test, p)
 
 
 def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
-    """Return the basis of the claim that no failure was found, for a run in which all variation trials succeeded.
+    """Return the basis of the claim that a run in which all variation trials succeeded shows no failure.
 
     At least six solved trials are needed to rule out a policy that fails half of the variation trials.
     """

@@ -238,7 +238,7 @@ def _has_failed(trial: TrialDiagnosis) -> bool:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Return whether a slot rule leads only to objects that look like the target, and is otherwise often violated."""
+    """Return whether a slot rule leads only to look-alikes of the target, and other trials often violate the rule."""
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
     right = sum(bool(trial.intention_correct) and rule in _exposed(trial) for trial in trials)
@@ -339,7 +339,7 @@ def _confused(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis]
 
 
 def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds]:
-    """Return the conclusion for a run in which every variation is solved, with the failures of its training trials."""
+    """Return the conclusion for a run that solves every variation. It also states the failures of training trials."""
     trained = [trial for trial in diagnosis.trials if trial.variation is None and trial.kind is not Kind.UNFINISHED]
     failed = [trial for trial in trained if _has_failed(trial)]
     main = main_failure(trained)
@@ -359,7 +359,7 @@ def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds
 
 
 def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str, Grounds]:
-    """Return the conclusion for a run without variations: the results in training, and their limits."""
+    """Return the conclusion for a run without variations, which states the results in training and their limits."""
     ended = [trial for trial in diagnosis.trials if trial.kind is not Kind.UNFINISHED]
     untold = untold_by(diagnosis.trials)
     if not ended:
@@ -536,7 +536,7 @@ def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
 
 
 def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
-    """Return the sentence about the failures: counts by kind, and the leading label."""
+    """Return the sentence about the failures, with their counts by kind and the leading label."""
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
     if main is None:

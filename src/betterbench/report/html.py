@@ -15,7 +15,7 @@ from betterbench.quoting import LONGEST_TEXT
 
 
 def environment() -> Environment:
-    """Return the environment of all templates: every value is escaped, and an unknown name is an error."""
+    """Return the environment of all templates. It escapes every value, and an unknown name is an error."""
     return Environment(
         loader=PackageLoader("betterbench.report", "templates"),
         autoescape=True,

@@ -57,7 +57,7 @@ class Figure:
 
     @classmethod
     def gap(cls, diagnosis: RunDiagnosis, scope: str) -> Figure:
-        """Return the illusion gap of a scope with its sides: the twins, and the variations in the same pairs."""
+        """Return the illusion gap of a scope and the two sides of its pairs, the twins and the variations."""
         names = ("illusion_gap", "twin_success_rate", "paired_success_rate")
         gap, twins, paired = (diagnosis.metric(name, scope) for name in names)
         figure = cls.of(gap, difference=True, noun="pairs")

@@ -25,7 +25,7 @@ def panel_head(
     judged: int,
     total: int,
 ) -> str:
-    """Return the upper part of the panel: progress, the name with its verdict, and a table of facts.
+    """Return the upper part of the panel, with progress, the name and its verdict, and a table of facts.
 
     Args:
         name: Name of the current object or scene.
@@ -91,7 +91,7 @@ def panel_foot(
 
 
 def decision_sign(decision: object) -> str:
-    """Return the symbol of a decision: that of its verdict, or a dot for a change."""
+    """Return the symbol of a decision. It is the symbol of the verdict, or a dot for a change."""
     return SIGNS[decision.verdict] if isinstance(decision, Verdict) else "·"
 
 

@@ -108,7 +108,7 @@ def _paired_scores(first: Sequence[float], second: Sequence[float]) -> npt.NDArr
     if len(first) != len(second):
         problem = f"{len(first)} first and {len(second)} second scores cannot be paired"
         raise InvalidInputError(
-            "first, second", problem, "Give one first and one second score per pair, in the same order"
+            "first, second", problem, "Give as many scores in first as in second, with the pairs in the same order"
         )
     sides = []
     for where, side in (("first", first), ("second", second)):

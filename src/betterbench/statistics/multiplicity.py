@@ -44,7 +44,7 @@ def e_benjamini_hochberg(evidence: Sequence[float], *, level: float, hypotheses:
     check_fraction("level", level)
     for i, value in enumerate(evidence):
         if not value >= 0.0:
-            raise InvalidInputError(f"evidence[{i}]", f"{value!r} is not an e-value", "Give values of at least 0")
+            raise InvalidInputError(f"evidence[{i}]", f"an e-value is at least 0, got {value!r}", "Give e-values")
     m = len(evidence) if hypotheses is None else hypotheses
     ranked = sorted(range(len(evidence)), key=lambda i: -evidence[i])
     count = max((k for k, i in enumerate(ranked, 1) if evidence[i] >= m / (level * k)), default=0)

@@ -48,7 +48,7 @@ class EProcess:
 
     @property
     def p_value(self) -> float:
-        """The anytime-valid p-value: the inverse of the largest evidence so far, at most 1."""
+        """The anytime-valid p-value, which is the inverse of the largest evidence so far, but at most 1."""
         return math.exp(-max(0.0, *self.logs)) if self.logs else 1.0
 
     @property

@@ -1,4 +1,4 @@
-"""Psychometric threshold: the stimulus size at which answers become correct.
+"""Psychometric threshold, which is the stimulus size at which answers become correct.
 
 The model is the psychometric function with guessing and lapses (Wichmann and Hill, "The psychometric function: I.
 Fitting, sampling, and goodness of fit", Perception & Psychophysics 63, 2001):

@@ -139,6 +139,6 @@ def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
 
 
 def _uninformative(first: Rate, second: Rate) -> bool:
-    """Return whether the data cannot distinguish the rates: an arm is empty, or all trials have the same result."""
+    """Return whether the rates cannot be distinguished, because an arm is empty or all trials have the same result."""
     k, n = first.k + second.k, first.n + second.n
     return first.n == 0 or second.n == 0 or k in (0, n)

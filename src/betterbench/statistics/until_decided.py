@@ -88,7 +88,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Current answer to a question: verdict, counts and evidence.
+    """Current answer to a question, with its verdict, counts and evidence.
 
     Attributes:
         pairs: Pairs in the complete rounds during which the question was open.

@@ -87,7 +87,7 @@ def _metrics(chosen: Benchmark) -> list[Any]:
 
 
 def static_score(items: ItemSet, settings: RunSettings, chosen: Benchmark) -> Scorer:
-    """Return our score: between 0 and 1, and 0 for an unreadable answer."""
+    """Return our score between 0 and 1. An unreadable answer scores 0."""
     known = {item.id: item for item in items.items}
 
     @scorer(metrics=_metrics(chosen), name="betterbench")

@@ -46,7 +46,7 @@ class Gold:
 
     @property
     def written(self) -> str:
-        """The correct answer as a string: its text, the box edges, the mask name, or an empty string."""
+        """The correct answer as a string, which is its text, the box edges, the mask name, or empty."""
         if self.text is not None:
             return self.text
         return self.mask or ("" if self.box is None else f"[{', '.join(f'{v:g}' for v in self.box)}]")

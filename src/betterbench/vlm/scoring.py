@@ -1,8 +1,8 @@
 """Scores of answers, with fixed denominators.
 
 Every item of the benchmark counts. An item without an answer, with a rejected request or with an unreadable answer
-scores 0. Each score has three columns. The first uses values that were read strictly, the second all values that the
-parser read. The third also uses values that an extractor copied from the remaining answers.
+scores 0. Each score has three columns. The first counts only values that the strict parser read, and the second also
+values that the tolerant parser read. The third also counts values that an extractor copied from the remaining answers.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from betterbench.vqa.question import Form
 from betterbench.vqa.scoring import is_in_place
 
 COLUMNS = ("strict", "parsed", "extracted")
-"""Columns of a score: values read strictly, by the parser, and by the parser or the extractor."""
+"""Columns of a score: values read by the strict parser, by either parser, and by a parser or the extractor."""
 
 _LEVELS = {"easy": 1, "medium": 2, "hard": 3}
 
@@ -117,7 +117,7 @@ class StaticScore:
 
     @property
     def all(self) -> Part:
-        """Score of all items: the micro mean."""
+        """Micro mean of the scores of all items."""
         return self.parts[0]
 
     def part(self, kind: str, name: str) -> Part:

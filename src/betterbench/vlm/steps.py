@@ -53,7 +53,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Row of the comparison: a model, resolution and prompt, with the headline numbers by benchmark."""
+    """Row of the comparison, for one model, resolution and prompt, with the headline numbers by benchmark."""
 
     name: str
     cells: dict[str, Cell]
@@ -217,7 +217,10 @@ def step_table(
 
 
 def _names(runs: Sequence[StoredRun]) -> list[str]:
-    """Return the row name of each run: model, resolution, tiles, and the prompt if only that distinguishes runs."""
+    """Return the row name of each run.
+
+    It has model, resolution, tiles, and the prompt if only the prompt distinguishes runs.
+    """
     plain = [(_name(run), run.benchmark.name) for run in runs]
     prompts = defaultdict[tuple[str, str], set[str]](set)
     for key, run in zip(plain, runs, strict=True):

@@ -210,7 +210,7 @@ class _AnswerFile(LineJournal):
 
 
 def prompt_for(question: Question, coordinates: Coordinates = "pixels") -> str:
-    """Return the prompt for a model: question, options, and the required form of the answer."""
+    """Return the prompt for a model, with the question, the options, and the required form of the answer."""
     return f"{question.prompt}\n{answer_line(spec_of(question, coordinates=coordinates))}"
 
 
@@ -308,7 +308,7 @@ def is_answers(file: Path) -> bool:
 
 
 def _goes_on(file: Path, head: AnswersHead) -> bool:
-    """Return whether the answers in a file can be continued: it has a complete first line, or is empty."""
+    """Return whether the answers in a file can be continued, because it has a complete first line or is empty."""
     return _first_line(file) in (b"", json_line(dump_json(asdict(head))))
 
 

@@ -139,7 +139,7 @@ def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]
 
 
 def _shares(available: Mapping[NameT, int], count: int) -> dict[NameT, int]:
-    """Return the number of questions per type or family: equal shares, redistributed if some have too few."""
+    """Return the number of questions per type or family. Shares are equal, and redistributed if some have too few."""
     shares = dict.fromkeys(available, 0)
     wanting, left = [k for k in available if available[k]], count
     while wanting and left > 0:

@@ -151,7 +151,7 @@ def _by_form(questions: Sequence[Question]) -> list[list[int]]:
 
 
 def answer_class(question: Question) -> str:
-    """Return the class of an answer: the answer itself or, for a box or point, the image cell of its center."""
+    """Return the class of an answer. This is the answer itself or, for a box or point, the image cell of its center."""
     if question.form not in (Form.BOX, Form.POINT) or question.box is None:
         return question.answer
     return _cell(question.box, question.width, CELLS)
@@ -171,7 +171,7 @@ def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str
 
 
 def _typical(questions: Sequence[Question]) -> str:
-    """Return the answer that is correct most often: the most frequent one, or the box or point with most matches."""
+    """Return the answer that is correct most often: the most frequent answer, or the box or point with most matches."""
     if questions[0].form not in (Form.BOX, Form.POINT):
         counts = Counter(q.answer for q in questions)
         return min(counts, key=lambda a: (-counts[a], a))

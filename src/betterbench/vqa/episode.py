@@ -91,7 +91,7 @@ class Episode:
         return Doing(Act.REACHING, i) if now[i] <= REACH_M and alone and nearer else None
 
     def out_of_place(self, i: int) -> bool:
-        """Return whether an object (exchanged, or a look-alike) starts in a slot where training had another kind."""
+        """Return whether an exchanged or look-alike object starts in a slot where training had another kind."""
         info = self.trace.info.objects[i]
         if info.slot is None:
             return False

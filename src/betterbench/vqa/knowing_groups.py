@@ -132,7 +132,7 @@ class GroupKnowledge:
 
 
 def group_knowledge(trials: Sequence[AskedTrial], *, alpha: float = 0.05) -> tuple[GroupKnowledge, ...]:
-    """Return the groups of a policy's trials: all, then axes, variations and failure modes.
+    """Return the groups of a policy's trials, in the order all trials, axes, variations and failure modes.
 
     Args:
         trials: Knowledge by trial.

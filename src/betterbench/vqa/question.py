@@ -111,7 +111,7 @@ class Candidate:
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:
-        """Return the identifier in a set with a given seed: a hash of question and frame, without the answer."""
+        """Return the identifier in a set with a given seed. It is a hash of question and frame, without the answer."""
         s = self.source
         told = (str(seed), s.task, s.condition, str(s.seed), str(s.row), s.camera, *self.key, *sorted(self.objects))
         told += tuple(f"{k}={v}" for k, v in sorted(self.words.items()))

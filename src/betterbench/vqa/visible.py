@@ -1,4 +1,4 @@
-"""Visibility limits for fair questions: an object must be large enough in the image and not mostly hidden."""
+"""Visibility limits for fair questions. An object must be large enough in the image and not mostly hidden."""
 
 from __future__ import annotations
 

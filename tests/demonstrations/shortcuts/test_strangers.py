@@ -214,7 +214,7 @@ def info_of(path, **changes):
     ("names", "said"),
     [
         (["x", "y", "z", "gripper", "x", "y", "z", "gripper"], "2 components of action have the name of a gripper"),
-        (["left_gripper", "gripper", "x", "y", "z", "a", "b", "c"], "grippers with and without an arm"),
+        (["left_gripper", "gripper", "x", "y", "z", "a", "b", "c"], "only some of the grippers name an arm"),
         (["x", "x", "y", "gripper", "a", "b", "c", "d"], "2 components have the name x"),
         (
             ["left_x", "left_y", "right_x", "right_y", "gripper", "a", "b", "c"],

@@ -31,4 +31,4 @@ def assets_command(what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(met
     Args:
         what: index, search, show, licenses, import or check.
     """
-    raise AssertionError(f"better assets {what} is dispatched by betterbench.cli.main")
+    raise AssertionError(f"this function cannot run 'better assets {what}'; call betterbench.cli.main instead")

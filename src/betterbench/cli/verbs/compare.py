@@ -161,8 +161,8 @@ def _prediction(
     from betterbench.vlm.stored import read_static_run
 
     if name and len(name) != len(runs):
-        problem = f"{len(name)} names for {len(runs)} runs"
-        raise InvalidInputError("--name", problem, "Give one name per run, or none")
+        problem = f"got {len(name)} names for {len(runs)} runs"
+        raise InvalidInputError("--name", problem, "Give --name once per run, or leave it out")
     acted = [path for path in runs if path not in static]
     if any(not path.is_dir() for path in acted):
         other = next(path for path in acted if not path.is_dir())

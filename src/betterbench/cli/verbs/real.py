@@ -33,4 +33,4 @@ def real_command(what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metav
     Args:
         what: sheet, check-cameras, plan, run, status, judge or report.
     """
-    raise AssertionError(f"better real {what} is dispatched by betterbench.cli.main")
+    raise AssertionError(f"this function cannot run 'better real {what}'; call betterbench.cli.main instead")

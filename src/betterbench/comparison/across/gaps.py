@@ -22,7 +22,7 @@ from betterbench.tasks.worlds.libero_plus import AXES, axis_of
 
 @dataclass(frozen=True, slots=True)
 class WorldGap:
-    """Illusion gap of one policy in one world: success with and without a scene change.
+    """Illusion gap of one policy in one world, computed from the success with and without a scene change.
 
     Attributes:
         world: "better60", "LIBERO-PRO", "LIBERO-Plus" or "CALVIN".

@@ -84,7 +84,9 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
     called = tuple(names) if names else tuple(run_names([run])[0] for run in runs)
     if len(called) != len(runs):
         raise InvalidInputError(
-            "--name", f"got {len(called)} names for {len(runs)} runs", "Give it once per run, in the same order"
+            "--name",
+            f"got {len(called)} names for {len(runs)} runs",
+            "Give --name once per run, in the order of the runs",
         )
     found: dict[tuple[str, str], SuiteRun] = {}
     for run, name in zip(runs, called, strict=True):

@@ -189,7 +189,7 @@ def _image_name(adapter: str, key: tuple[str, ...]) -> str:
 
 
 def _states(adapter: Adapter, joints: int) -> tuple[VectorColumn, ...]:
-    """Return the state columns: one for all state parts, or one per part where the trainer requires it."""
+    """Return the state columns. There is one for all state parts, or one per part where the trainer requires it."""
     columns: list[VectorColumn] = []
     parts: list[VectorPart] = []
     names: list[str] = []

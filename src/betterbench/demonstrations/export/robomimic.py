@@ -262,7 +262,10 @@ def _write_frames(group: Any, part: Part, layout: DatasetLayout) -> None:  # noq
 
 
 def _environment(dataset: Dataset) -> dict[str, Any]:
-    """Return robomimic's description of the environment: a Gymnasium id if all demonstrations belong to one task."""
+    """Return robomimic's description of the environment.
+
+    It has a Gymnasium id if all demonstrations belong to one task.
+    """
     tasks = sorted({str(episode.about["task"]) for episode in dataset.episodes})
     single = "".join(word.capitalize() for word in tasks[0].split("_"))
     return {

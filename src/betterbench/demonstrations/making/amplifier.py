@@ -189,7 +189,7 @@ class Amplifier:
             run.close()
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
-        """Return the action to execute: the last action plus noise. No noise is added while the arm settles.
+        """Return the action to execute, which is the last action plus noise. No noise is added while the arm settles.
 
         Out-of-range values are clipped on execution.
         """
@@ -230,7 +230,7 @@ class Amplifier:
     def _carry_out(
         self, state: WorldState, window: SkillWindow, source: str | None
     ) -> Generator[np.ndarray, WorldState, tuple[WorldState, str | None]]:
-        """Execute one skill of the primary source, with the motion of the first source that can be transferred."""
+        """Execute one skill of the primary source, with the first motion of any source that fits the scene."""
         if window.kind == "place" and state.held != window.object:
             raise AttemptFailedError("dropped", f"{window.object} was lost on the way to {window.target}")
         slide_m = self._slide_m(state, window) if window.kind == "slide" else 0.0
@@ -354,7 +354,10 @@ class Amplifier:
                 yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn)
 
     def _is_trained(self, state: WorldState, window: SkillWindow, foot: tuple[float, float, float]) -> bool:
-        """Return whether demonstrations release objects at a base position [m], or True if this was not measured."""
+        """Return whether demonstrations release objects at a base position [m].
+
+        If this was not measured, return True.
+        """
         trained = self._trained(window.target, window.relation, window.region)
         if trained is None:
             return True

@@ -436,7 +436,7 @@ def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
 
 
 def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], method: Method) -> list[list[Start]]:
-    """Return one list per planned initial state: the state followed by its replacements."""
+    """Return one list per planned initial state, in which the state is followed by its replacements."""
     chains = []
     for start in wanted:
         chain = [start]

@@ -66,7 +66,7 @@ class CarriedOver:
         return CarriedOver(self.source, (*before[:-1], *self.targets[self.change :]), gripper, len(before) - 1)
 
     def checkpoints(self, begin: int, end: int) -> list[Pose]:
-        """Return poses for the collision check: the first, the last, and some in between."""
+        """Return poses for the collision check, which are the first, the last, and some in between."""
         found = [self.targets[begin]]
         for pose in self.targets[begin + 1 : end]:
             far = distance(pose.position, found[-1].position) >= CHECKED_EVERY_M

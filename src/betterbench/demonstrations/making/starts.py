@@ -76,7 +76,7 @@ class Factor:
 
 
 def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
-    """Return the random factors of a condition: the slots of the instruction's objects, then those of targets."""
+    """Return the random factors of a condition. The slots of the instruction's objects come before those of targets."""
     slots = _slots(task, condition)
     return (
         *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),

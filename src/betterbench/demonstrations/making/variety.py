@@ -241,7 +241,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
 
 
 def _goal_of(record: Record, window: SkillWindow) -> Pose:
-    """Return the reference frame at the end of a motion: that of the object or of the target region."""
+    """Return the reference frame at the end of a motion, which is that of the object or of the target region."""
     state = record.state(window.change - 1)
     if window.kind == "place" and window.target:
         return region_frame(state, window)

@@ -601,7 +601,7 @@ def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
 
 
 def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
-    """Return findings about constants: the slot of a landmark, the number of objects, or the first slot."""
+    """Return findings about the slot of a landmark, the number of objects, or the first slot if it is constant."""
     raw = []
     slots: dict[str, Counter[str]] = {}
     for facts in episodes:

@@ -67,7 +67,7 @@ class Still:
 
 
 def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -> list[Still | None]:
-    """Return the grippers that never move: their values are constant, or only the noise of an idle arm.
+    """Return the grippers that never move. Their values are constant, or only the noise of an idle arm.
 
     Another gripper is in the same column, or in a column whose name differs only in the side. Values count as noise if
     their range is less than :data:`IDLE_SHARE` of the range of another gripper. They also count as noise if their range

@@ -194,7 +194,7 @@ class _Said:
 
     @classmethod
     def of(cls, path: Path, info: Mapping[str, Any], named: str | None) -> _Said:
-        """Find the instructions: in the tasks file, or in the column named by the user."""
+        """Find the instructions in the tasks file, or in the column named by the user."""
         features = info["features"]
         texts = [
             name
@@ -551,7 +551,7 @@ def _name(episode: _Episode, begin: int) -> str:
 
 
 def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield one fact per segment: the arm that closes its gripper first."""
+    """Yield one fact per segment, which is the arm that closes its gripper first."""
     for i, episode in enumerate(episodes):
         for begin, end, text in episode.stretch.segments:
             closings = [(row, arm.grip.arm) for arm in arms for row in arm.closings[i] if begin <= row < end]

@@ -104,8 +104,8 @@ def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
     if not found:
         raise InvalidInputError(columns.where, _why_no_gripper(columns), _cure_gripper(columns))
     if len(found) > 1 and "" in found:
-        problem = f"grippers with and without an arm: {', '.join(grip.number.shown for grip in found.values())}"
-        raise InvalidInputError(columns.where, problem, "Give one per arm with --gripper")
+        problem = f"only some of the grippers name an arm: {', '.join(grip.number.shown for grip in found.values())}"
+        raise InvalidInputError(columns.where, problem, "Give one gripper per arm with --gripper")
     return tuple(found[arm] for arm in sorted(found))
 
 
@@ -195,7 +195,9 @@ def _span(count: int) -> str:
 
 
 def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
-    """Return the position components of each arm: those given by the user, end-effector positions, or joints.
+    """Return the position components of each arm.
+
+    The user may give them; otherwise, they are end-effector positions or joints.
 
     Raises:
         InvalidInputError: If an arm has no such components, or two sets of them.
@@ -281,7 +283,7 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
     if not columns.states:
         problem = "the dataset has no proprioception (observation.state)"
         more = f", or --place '+COLUMN[0,1,2]', {syntax}, if the actions are steps of the tool"
-        raise InvalidInputError(columns.where, problem, "Give one with proprioception" + more)
+        raise InvalidInputError(columns.where, problem, "Give a dataset with proprioception" + more)
     column = next((name for name in _STATES if name in columns.numbers), columns.states[0])
     pairs = columns.pairs(column)
     left = [n for n, part in pairs if part.kind not in ("gripper", "finger") and n != grip.number]

@@ -46,7 +46,7 @@ def in_plane(points: _Floats, plane: tuple[_Floats, _Floats]) -> _Floats:
 
 
 def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
-    """Return a place name for each point: the center of the points in its cell.
+    """Return a place name for each point, which is the center of the points in its cell.
 
     Args:
         points: Points (d,), d is 2 or 3. The third coordinate (height) is only split at gaps.

@@ -105,7 +105,7 @@ QUESTIONS = (
 
 @dataclass(frozen=True, slots=True)
 class WordOutcome:
-    """Outcome: a property of a demonstration that words of the instruction may predict.
+    """Property of a demonstration that words of the instruction may predict.
 
     Attributes:
         name: Name of the question about single words.

@@ -126,7 +126,7 @@ def most_permutations(level: float, tests: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Planted:
-    """Data for planting a rule: the values of a question, arranged so that a rule holds as far as possible.
+    """Data for planting a rule. They are the values of a question, arranged so that a rule holds as far as possible.
 
     Attributes:
         y: (n,) outcome of each observation.

@@ -31,7 +31,7 @@ def instruction_words(text: str) -> frozenset[str]:
 
 
 def is_spaced(word: str) -> bool:
-    """Return whether a text is a word of a script with spaces, and not a run of characters."""
+    """Return whether a text is a word of a script that separates words by spaces, rather than a run of characters."""
     return not _NO_SPACES.search(word)
 
 

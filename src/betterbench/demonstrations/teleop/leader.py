@@ -111,7 +111,7 @@ class Follower:
 
 
 class Mirror:
-    """Conversion for a robot with the leader's joints: its tool moves to the pose given by the leader's joint angles.
+    """Conversion for a robot with the leader's joints. Its tool moves to the pose given by the leader's joint angles.
 
     The robot does not move until the leader's tool has come within :data:`MEETING_M` of the robot's tool. It therefore
     does not jump at the beginning, and does not return to a pose that was undone.
@@ -146,7 +146,7 @@ class Mirror:
 
 
 def motion_for(spec: RobotSpec) -> LeaderMotion:
-    """Return the conversion for a robot: absolute if the robot has the leader's joints, otherwise relative."""
+    """Return the conversion for a robot. It is absolute if the robot has the leader's joints, otherwise relative."""
     return Mirror(spec) if spec.arm_joints == JOINTS else Follower()
 
 

@@ -271,7 +271,7 @@ _COLORS = {"go": "#2e86de", "wait": "#8395a7", "good": "#20bf6b", "bad": "#eb3b5
 
 
 def _head(shown: PanelState) -> str:
-    """Return the upper part of the panel: the instruction, and the subgoal states."""
+    """Return the upper part of the panel, with the instruction and the subgoal states."""
     rows = "".join(
         f'<div style="padding:2px 0;color:{"#20bf6b" if done else "inherit"}">'
         f"<b>{'✔' if done else '○'}</b>&ensp;{markup_text(text)}</div>"
@@ -285,7 +285,7 @@ def _head(shown: PanelState) -> str:
 
 
 def _foot(shown: PanelState) -> str:
-    """Return the lower part of the panel: the status, and the messages."""
+    """Return the lower part of the panel, with the status and the messages."""
     color = _COLORS[shown.tone]
     notice = markup_text(shown.notice)
     said = "".join(f'<div style="opacity:.7">{markup_text(line)}</div>' for line in shown.said)

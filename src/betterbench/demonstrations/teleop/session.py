@@ -57,7 +57,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moment:
-    """Moment to which an undo can return: the number of rows, and the complete state of scene and steering."""
+    """Moment to which an undo can return, with the number of rows and the complete state of scene and steering."""
 
     rows: int
     done: tuple[bool, ...]
@@ -113,7 +113,7 @@ class TeleopSession:
 
     @property
     def steps(self) -> int:
-        """Control steps taken, without undone steps."""
+        """Number of control steps, without undone steps."""
         return len(self._rows) - 1
 
     @property
@@ -171,7 +171,7 @@ class TeleopSession:
         return state
 
     def undo(self) -> str:
-        """Return to the last moment at which a subgoal was reached, or to the start; return the moment's name.
+        """Return to the last moment at which a subgoal was reached, or to the initial state. Return the moment's name.
 
         If nothing has happened since this moment, return to the moment before.
         """
@@ -181,7 +181,7 @@ class TeleopSession:
         return moment.name
 
     def restart(self) -> None:
-        """Return to the start."""
+        """Return to the initial state."""
         self._moments = self._moments[:1]
         self._come_back(self._moments[0])
 
@@ -262,7 +262,7 @@ class TeleopSession:
         return _Moment(len(self._rows), done, name, self.scene.snapshot(), self._steering, self._stuck_for)
 
     def _last_moment(self) -> _Moment:
-        """Return the last moment after which something has happened, or the start."""
+        """Return the last moment after which something has happened, or the moment of the initial state."""
         return next((m for m in reversed(self._moments) if m.rows < len(self._rows)), self._moments[0])
 
     def _come_back(self, moment: _Moment) -> None:

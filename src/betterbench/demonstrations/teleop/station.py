@@ -141,7 +141,10 @@ class Station:
         self._show(asked)
 
     def _obey(self, taps: Sequence[Tap]) -> None:
-        """Execute taps up to the first that changes the start; later taps referred to the old start and are dropped."""
+        """Execute taps up to the first tap that changes the initial scene.
+
+        Later taps, made in the old scene, are dropped.
+        """
         for tap in taps:
             before = self._starts
             self._do[tap]()

@@ -62,7 +62,7 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class Steering:
-    """Steering state between control steps: the current speed of the commanded pose [m/s]."""
+    """Steering state between control steps, which is the current speed of the commanded pose [m/s]."""
 
     speed_m_s: float = 0.0
 

@@ -1,4 +1,7 @@
-"""Store of teleoperated demonstrations: an ordinary run folder, and the starts that are still due."""
+"""Store of teleoperated demonstrations.
+
+It is an ordinary run folder with the initial states still to be demonstrated.
+"""
 
 from __future__ import annotations
 
@@ -150,7 +153,7 @@ class DemonstrationStore:
 
 
 def can_keep(attempt: DemonstrationAttempt) -> bool:
-    """Return whether a demonstration can be saved: it succeeded and remained successful."""
+    """Return whether a demonstration can be saved, because it succeeded and remained successful."""
     return attempt.record.outcome.success and (attempt.note.accepted or attempt.note.failure in ADVICE)
 
 

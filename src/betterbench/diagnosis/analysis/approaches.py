@@ -60,7 +60,7 @@ class Stay:
 
 
 def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
-    """Return the stays after a row in time order, except over objects at a target or on the floor."""
+    """Return the stays after a row in time order, except stays over objects that are at a target or on the floor."""
     near = _near_anything(trace) & _is_empty(trace)
     over = np.array([_over(trace, row) if near[row] else -1 for row in range(first, trace.rows)], dtype=np.int64)
     stays: list[Stay] = []
@@ -78,7 +78,7 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
 
 def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
-    """Return the first stay after a row over the object that the policy chooses by this stay, or None.
+    """Return the first stay, after a row of the record, over the object that the policy chooses by staying, or None.
 
     Args:
         trace: The episode.
@@ -125,7 +125,7 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
-    """Return the object to which an open gripper descends after a row, low enough to grasp it, or None.
+    """Return the object to which an open gripper descends low enough to grasp it after a row of the record, or None.
 
     The gripper must be at the object for a minimum total time, and only rarely within reach of another object.
     """
@@ -163,7 +163,7 @@ def is_down(trace: Trace, i: int) -> Bools:
 
 
 def stays_above(trace: Trace, first: int, i: int) -> bool:
-    """Return whether an open gripper stays over an object after a row without descending over time."""
+    """Return whether an open gripper stays over an object after a row of the record and does not descend."""
     rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
     if len(rows) < trace.steps(STAY_TIME):
         return False
@@ -267,7 +267,7 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 
 
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the pushes by an empty gripper in time order, with the rows and the object of each.
+    """Return the pushes by an empty gripper in time order. Each push has its rows and its object.
 
     An object that moves while the gripper is closed on it is carried or dragged and not pushed. An object that is hit
     while another object is between the fingers is not pushed either.
@@ -278,7 +278,10 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the rows in which an empty gripper moves an object, even by less than a push, in time order."""
+    """Return the rows, in time order, in which an empty gripper moves an object.
+
+    The movement may be less than a push.
+    """
     shoves = [Stay(a, b, i) for i in trace.items for a, b in _touches(trace, grasps, i) if _shoved(trace, i, a, b)]
     return tuple(sorted(shoves, key=lambda s: (s.start, s.object)))
 
@@ -392,7 +395,7 @@ def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
 
 
 def _moves_from(trace: Trace, i: int, touched: int) -> int:
-    """Return the row at which an object begins to move, at the latest the row of the first recorded touch.
+    """Return the row at which an object begins to move. This is at the latest the row of the first recorded touch.
 
     Touches shorter than a control step are only visible by their effects.
     """

@@ -130,7 +130,7 @@ class EpisodeAnalysis:
 
     @property
     def decisions(self) -> tuple[Step, ...]:
-        """All steps that show a target, in order of time: grasp attempts, pushes, and a final stay.
+        """All steps that show a target, in order of time. These are grasp attempts, pushes, and a final stay.
 
         Drawers that were opened or shut for a wrong first choice are excluded.
         """
@@ -234,7 +234,7 @@ class EpisodeAnalysis:
 
     @property
     def shoves(self) -> tuple[Stay, ...]:
-        """Rows in which the empty gripper moves an object, even by less than a push, in order of time."""
+        """Rows, in time order, in which the empty gripper moves an object. The movement may be less than a push."""
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
@@ -258,12 +258,15 @@ class EpisodeAnalysis:
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
-        """Return the objects that may be attempted at a row: the current step's, or any step's if the order is free."""
+        """Return the objects that may be attempted at a row of the record.
+
+        If the order is free, these are the objects of all steps.
+        """
         _, now = _due(self.trace, self.instruction, row)
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
     def completed_after(self, goal: int | None, row: int) -> bool:
-        """Return whether a subgoal is done at or after a row, so that an earlier failure was corrected."""
+        """Return whether a subgoal is done at a step of the record or later, which corrects an earlier failure."""
         return goal is not None and bool(self.trace.done[row:, goal].any())
 
     def attempted_after(self, goal: int, row: int) -> bool:
@@ -315,7 +318,7 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the region in which an object was placed contrary to the instruction, with two rows, or None.
+        """Return the region in which an object was placed contrary to the instruction, and two rows, or None.
 
         The rows are those at which the object was released and came to rest. An object that was deliberately released
         at a region counts as placed there in any posture.
@@ -398,7 +401,7 @@ class EpisodeAnalysis:
         return math.dist(trace.positions[row, i, :2], place[:2])
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the wrong region in which a correct object was placed, with the rows of release and rest.
+        """Return the wrong region in which a correct object was placed, and the rows of its release and rest.
 
         Returns:
             The rows and the region. None if the object was placed in the correct region at any time, or outside all
@@ -409,7 +412,7 @@ class EpisodeAnalysis:
         return self.put_down(step)
 
     def last_try(self, step: Step) -> Step:
-        """Return the decisive attempt among repeated attempts at an object: the first that lifted it, or the last."""
+        """Return the decisive one of repeated attempts at an object: the first that lifted it, or else the last."""
         for later in self.steps:
             if later.grasp.start <= step.grasp.start:
                 continue
@@ -683,7 +686,7 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
-    """Return the objects of a correct attempt: those requested now, and drawers that must be moved for them."""
+    """Return the objects of a correct attempt: the objects requested now, and the drawers that must be moved for them."""
     _, now = _due(trace, instruction, grasp.start)
     return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
 
@@ -738,7 +741,7 @@ def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
 
 
 def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the open subgoals at a row, and those that may be done next (only the first if the order is fixed)."""
+    """Return the subgoals that are open at a row of the record, and those of them that may be done next."""
     due = _open_goals(trace, instruction.subgoals, row)
     return due, due[:1] if instruction.ordered else due
 
@@ -772,7 +775,10 @@ def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
 
 
 def _wanted(trace: Trace, g: int, row: int) -> set[int]:
-    """Return the objects of a correct attempt for a subgoal: its own objects, and drawers that must be moved first."""
+    """Return the objects of a correct attempt for a subgoal.
+
+    These are its own objects and drawers that must be moved first.
+    """
     busy = trace.serves[row].any(axis=0)
     wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
     drawers = {i for i, _, _ in trace.drawers}
@@ -814,7 +820,7 @@ def _step(
 
 
 def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | None:
-    """Return the last row, shortly before a row, at which the current steps were still done, or None."""
+    """Return the last row shortly before a given row at which the current steps were still done, or None."""
     _, now = _due(trace, instruction, row)
     first = max(0, row - trace.steps(UNDONE_WITHIN))
     done = np.flatnonzero(trace.done[first:row, list(now)].all(axis=1)) if now else np.array([], int)

@@ -1,4 +1,4 @@
-"""Halts: the arm stays still, or trembles in place, until the end although subgoals are unfinished."""
+"""Detection of halts: the arm stays still or trembles in place until the end although subgoals are unfinished."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
 
 
 def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
-    """Return the rows after a row at which an object is at or over its target region in a subgoal."""
+    """Return the rows, after a given row, at which an object is at or over its target region in a subgoal."""
     trace, goal, t = episode.trace, episode.goals[g], episode.trace.targets[g]
     target = trace.info.objects[t]
     middle = place_middle(target, goal.relation, goal.region)

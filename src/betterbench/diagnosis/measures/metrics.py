@@ -88,7 +88,10 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
 
 
 def _anytime(scope: str, trials: Trials, rates: _Rates) -> Iterator[Metric]:
-    """Yield rates, distractor grasp rate and progress of one condition, with intervals valid at any stopping time."""
+    """Yield the rates, distractor grasp rate and progress of one condition.
+
+    Their intervals are valid at any stopping time.
+    """
     results = [a.result for t in trials for a in t.attempts if a.result != "null"]
     counted = [(name, [shows(t) for t in trials]) for name, shows in rates]
     counted.append(("distractor_grasp_rate", [result == "distractor" for result in results]))
@@ -141,7 +144,7 @@ def _progress(scope: str, trials: Trials) -> Metric:
 
 
 def _delta_success_rates(trials: Trials) -> list[Metric]:
-    """Return ΔSR of each recomposition: success rate minus the mean over the seen compositions of the task."""
+    """Return ΔSR of each recomposition, its success rate minus the mean over the seen compositions of the task."""
     metrics = []
     for task in sorted({t.task for t in trials}):
         mine = [t for t in trials if t.task == task]

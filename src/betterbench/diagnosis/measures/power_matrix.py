@@ -134,7 +134,7 @@ class BlindCell:
 
     @property
     def speechless(self) -> bool:
-        """Whether the instruction is redundant: only one instruction makes sense in the scene."""
+        """Whether the instruction is redundant, because only one instruction makes sense in the scene."""
         return self.chance >= 1.0
 
 
@@ -207,7 +207,7 @@ class PowerMatrix:
         return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
 
     def control(self, key: Key) -> bool:
-        """Return whether a variation is a control: all pretenders succeed on it, except the rule that always fails."""
+        """Return whether a variation is a control. All pretenders except the rule that always fails succeed on it."""
         return any(self.cell(name, key) is not None for name in self.rules) and not (
             set(self.failing(key)) - {STOPPING_AT_NEWS}
         )

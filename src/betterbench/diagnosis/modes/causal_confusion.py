@@ -17,7 +17,7 @@ from betterbench.tasks.relations import relation
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the scene has fewer objects than training episodes have at the start, or a step can be repeated.
+    """Return whether the initial scene has fewer objects than that of training episodes, or a step can be repeated.
 
     A step that is already done also leaves fewer objects, but a policy that counts objects acts correctly in this case.
     """

@@ -190,7 +190,7 @@ def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
 
 
 def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
-    """Return clauses about a gripper that closes between two objects, with the reason why the target is ambiguous."""
+    """Return clauses that say that the gripper closed between two objects, and why the target is ambiguous."""
     before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
     if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
         return "", "on which a finger presses too"
@@ -245,7 +245,7 @@ def _shoved_aside(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the gripper reached the correct target closed, ran into it, or never closed far enough."""
+    """Return evidence if the gripper arrived closed at the correct target, ran into it, or never closed far enough."""
     stay = next((s for s in episode.others if s.means is Means.STAY and s.target is AttemptTarget.ASKED), None)
     if stay is None or stay.at is None:
         return None
@@ -372,7 +372,7 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
 
 
 def _put_back(episode: EpisodeAnalysis, step: Step, rows: tuple[int, int]) -> bool:
-    """Return whether an object was put back to its earlier position, and the next attempt is wrong.
+    """Return whether the policy put an object back to its earlier position and then attempted a wrong object.
 
     The policy then abandoned the correct object for another object. Its manipulation did not fail.
     """

@@ -68,7 +68,7 @@ def _leading_word(episode: EpisodeAnalysis, step: Step) -> str | None:
 
 
 def words_of(episode: EpisodeAnalysis, step: Step | None) -> tuple[str, ...]:
-    """Return the words that a policy may follow in an attempt: the word of the current subgoal, then earlier words.
+    """Return the words that a policy may follow in an attempt. The word of the current subgoal precedes earlier words.
 
     The earlier subgoals of an ordered instruction are done already, but their words are still in the text, and a policy
     may follow the first word that it reads. Without an attempt, the first subgoal is the current one.
@@ -83,7 +83,7 @@ def words_of(episode: EpisodeAnalysis, step: Step | None) -> tuple[str, ...]:
 
 
 def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> bool:
-    """Return whether a word's object was picked in a slot in training, or at its position in another layout."""
+    """Return whether training picked a word's object in this slot, or at this slot's position in another layout."""
     if word is None or slot is None:
         return False
     places = {episode.trace.place_of(trained) for trained in episode.trained.word_slots.get(word, ())}

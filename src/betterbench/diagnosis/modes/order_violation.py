@@ -14,7 +14,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the goal requires an order that training does not contain, and no habit explains a violation."""
+    """Return whether the goal requires an order that training does not contain and that no habit would violate."""
     sequence = tuple(kind for goal in x.goals for kind in sorted(x.kinds(goal))[:1])
     still_open = {kind for goal in x.open_goals for kind in x.kinds(goal)}
     early = {kind for goal in x.open_goals[1:] for kind in x.kinds(goal)} - {x.trained.habit}

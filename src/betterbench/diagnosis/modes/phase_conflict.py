@@ -1,4 +1,7 @@
-"""Phase conflict: the policy does not recognize the current step, and freezes at the start or moves back and forth."""
+"""Phase conflict: the policy does not recognize the current step.
+
+It freezes before any attempt or moves back and forth.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,10 @@ from betterbench.tasks.thresholds import DISPLACED
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the start looks like the middle of a demonstration, and a step is open or lacks its object."""
+    """Return whether the initial state looks like the middle of a demonstration and a step remains to be done.
+
+    A later step whose object is missing also counts as remaining.
+    """
     return x.test.mid_task_look and (x.test.expected is Expected.SUCCEED or x.lacks_later_step)
 
 
@@ -94,7 +100,7 @@ def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether the empty gripper moves an object aside after its last grasp, or approaches a requested object."""
+    """Return whether the empty gripper moves an object aside or approaches a requested object after its last grasp."""
     first, last = min(rows[0], episode.idle_from), rows[1]
     shoves = any(shove.end >= first for shove in episode.shoves)
     way = episode.trace.positions[last] - episode.trace.positions[first]

@@ -27,7 +27,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def label_without_record(reason: str | None) -> Label:
-    """Return the label of a planned trial without a record: unfinished, unless the reason for an error is known."""
+    """Return the label of a planned trial without a record: policy error if a reason is known, or else unfinished."""
     return Label.POLICY_ERROR if reason else Label.UNFINISHED
 
 

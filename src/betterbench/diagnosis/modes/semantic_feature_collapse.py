@@ -85,7 +85,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
-    """Return the properties that the attempted and the requested object share: color, shape, trained slot."""
+    """Return which of color, shape and trained slot the attempted and the requested object share."""
     if step.at is None:
         return ()
     found = episode.trace.info.objects[step.at]

@@ -15,7 +15,7 @@ from betterbench.tasks.words import agreeing
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence about a property of nearly all trials: a wrong target, or the kind of the first object.
+    """Return a sentence if nearly all trials share a wrong target or the kind of the first object.
 
     The kind is only named if the instructed kinds differ.
     """

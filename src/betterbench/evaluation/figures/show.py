@@ -33,7 +33,7 @@ def show_condition(
     outlined: Sequence[str] = (),
     robot: str = USUAL_ROBOT,
 ) -> Image.Image:
-    """Return the front view of a condition at reset, ``size`` x ``size`` pixels, with some objects outlined."""
+    """Return the front view of a condition at reset, with some objects outlined, in ``size`` x ``size`` pixels."""
     scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("high"), robot_name=robot)
     with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, "front", masks=True)
@@ -108,7 +108,7 @@ def show_training(
 
 
 def show_card(task_id: str, *, seed: int = 0, size: int = 256, columns: int = 4) -> Image.Image:
-    """Return the card of a task: the first training condition of each layout, and the test scenes of all variations."""
+    """Return the card of a task, with the first training condition of each layout and all test scenes."""
     task = get_task(task_id)
     layouts = {tuple(sorted(c.layout.items())): c for c in reversed(task.training)}
     shown = [c for c in task.training if c in layouts.values()]

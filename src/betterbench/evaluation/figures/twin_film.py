@@ -74,7 +74,9 @@ class FilmLook:
 
     def __post_init__(self) -> None:
         if self.size % 2 or self.size < 64:
-            raise InvalidInputError("--size", f"{self.size} pixels", "Give an even number of at least 64 pixels")
+            raise InvalidInputError(
+                "--size", f"{self.size} pixels are odd or too few", "Give an even number of at least 64 pixels"
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,7 +81,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
 
     @classmethod
     def configure_render(cls, mode: str) -> dict[str, str]:
-        """Choose the renderer: OSMesa for "cpu"; for "gpu" the one in the environment, by default EGL."""
+        """Choose OSMesa as renderer for "cpu", and for "gpu" the renderer given by the environment (default: EGL)."""
         if mode == "cpu" and "mujoco.egl" in sys.modules:
             raise InvalidInputError(
                 "render", "EGL is already loaded, so cpu rendering cannot be chosen", "Unset MUJOCO_GL"

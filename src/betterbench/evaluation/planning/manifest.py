@@ -56,7 +56,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
 
 
 def run_conventions(plan: Plan) -> dict[str, Any]:
-    """Return all conventions of a run: those of the plan and the fixed ones."""
+    """Return all conventions of a run, both those of the plan and the fixed ones."""
     return {
         "action_space": action_space(plan.action_space).to_json(),
         "observation": observation_spec(plan.observation).to_json(),

@@ -11,7 +11,7 @@ _VARIABLE = "_env"  # suffix of all options whose value is the name of an enviro
 
 
 def risks_of(address: str) -> tuple[str, ...]:
-    """Return the risks of evaluating a policy that need the user's consent: running code, or sending a secret."""
+    """Return the risks of evaluating a policy that need the user's consent: running code and sending a secret."""
     found = []
     kind = find_kind(address)
     head, _, query = address.partition("?")

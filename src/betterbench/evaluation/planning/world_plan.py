@@ -55,7 +55,7 @@ def make_world_plan(
 
 
 def _action_space(policy: str, world: World, asked: str | None) -> str:
-    """Return the action space of a run in a world: the requested one, or that of the policy."""
+    """Return the action space of a run in a world, which is the requested one, or that of the policy."""
     if asked is not None:
         if asked not in world.action_spaces:
             raise UnknownNameError(f"action space of {world.name}", asked, world.action_spaces)

@@ -284,7 +284,7 @@ class _Paths:
         self._marked = [self._now.copy()]
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
-        """Add a control step: the policy's action, and the demonstration's states before and after the step."""
+        """Add a control step, given by the policy's action and the demonstration's states before and after the step."""
         raise NotImplementedError
 
     def mark(self) -> None:

@@ -159,7 +159,7 @@ def _listed(values: np.ndarray, names: tuple[str, ...], *, digits: int = 3) -> s
 
 
 def numbers_text(values: np.ndarray, *, digits: int = 3) -> str:
-    """Format numbers: integers unchanged, all others with a sign."""
+    """Format integers unchanged, and all other numbers with a sign."""
     if values.dtype.kind in "iu":
         return ", ".join(str(value) for value in values.tolist())
     return ", ".join(_signed(value, digits) for value in values.tolist())

@@ -89,7 +89,10 @@ def check_record(path: Path) -> ReplayCheck:
 
 
 def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object]) -> Scene:
-    """Return the scene of a record, with robot and render preset of the record or plan, or matching ones if unknown."""
+    """Return the scene of a record.
+
+    Robot and render preset are those of the record or the plan, or matching ones if unknown.
+    """
     meta, planned = record.metadata, plan.get("quality")
     named = meta.render_quality or (planned.get("name") if isinstance(planned, dict) else None)
     qualities = [named] if isinstance(named, str) and named in QUALITIES else [*QUALITIES]

@@ -152,7 +152,7 @@ def _shadow_metadata(
 
 
 class SessionStore:
-    """Instances of a policy: one for all connections if it supports batches, otherwise one for each.
+    """Instances of a policy. There is one for all connections if it supports batches, otherwise one for each.
 
     When a connection ends, its instance is reused for the next connection, so that weights are not loaded again when a
     client reconnects. At most :data:`KEPT_INSTANCES` idle instances are kept. A new connection always begins with a

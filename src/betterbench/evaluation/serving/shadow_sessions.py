@@ -32,7 +32,10 @@ States = list[tuple[StateRule, np.ndarray]]
 
 
 class ShadowSession:
-    """Session for a client of an expert: identifies trial and step, and gets the actions from a shadow simulation."""
+    """Session for a client of an expert.
+
+    It identifies trial and step, and gets the actions from a shadow simulation.
+    """
 
     def __init__(
         self, shadows: ShadowSimulations, chunk: int, trial: TrialId | None, layout: Adapter | None = None
@@ -85,7 +88,7 @@ class ShadowSession:
         self._shadows.client_left()
 
     def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
-        """Return the control step of a client: as sent, the end of the last chunk, or an earlier step of this chunk.
+        """Return the control step of a client: the one it sent, the last chunk's end, or an earlier step of that chunk.
 
         Many clients only execute some of the received actions, or repeat a request before executing any. For a client
         that does not send its step, its state relative to the start of the episode determines the step in the chunk.

@@ -215,7 +215,7 @@ def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[s
 
 
 def _sentence_problems(scenario: Scenario, request: Request) -> list[str]:
-    """Return the deviations from the user's sentence: missing objects and places, and other goals."""
+    """Return the deviations from the user's sentence, which are missing objects and places, and other goals."""
     if not request.sentence:
         return []
     asked = replace(scenario, instruction=request.sentence)
@@ -249,7 +249,9 @@ def ask_for_template(sentence: str, chat: KeptChat, *, tries: int = DEFAULT_TRIE
             return name
         messages = [*messages, *correction(answer[:_LONGEST_ECHO], [problem])]
     raise InvalidInputError(
-        "sentence", f"the model chose no template ({problem})", "Give one; list them with better list templates"
+        "sentence",
+        f"the model chose no template ({problem})",
+        "Choose a template from the list of better list templates",
     )
 
 

@@ -120,7 +120,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Audit:
-    """All findings about a task: those about the complete task, then those about each variation."""
+    """All findings about a task. Those about the complete task precede those about each variation."""
 
     task: str
     findings: tuple[Finding, ...]
@@ -261,7 +261,7 @@ class _Auditor:
     # ------------------------------------------------------------------------------------------------------- the rules
 
     def rules(self, variation: Resolved) -> Iterator[Finding]:
-        """Check the fail predicates, and the predicates at the start."""
+        """Check the fail predicates, and whether predicates already hold in the initial state."""
         movable = [n for n in variation.active if n not in variation.goals and n != variation.container]
         derived = len(variation.groups["fail"]) * len(self.task.task.defaults.fail_policy.fail_on_relations)
         numbers = {"fail_predicates": len(variation.fail), "objects_without_rule": len(movable)}

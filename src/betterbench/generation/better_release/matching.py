@@ -122,7 +122,7 @@ def match_instances(
 
 
 def _targets(task: ReleaseTask) -> frozenset[str]:
-    """Return the objects that may be targets: members of the container group and named containers."""
+    """Return the objects that may be targets, which are members of the container group and named containers."""
     named = (v.container_instance_id for v in (task.base, *task.variations.values()))
     return frozenset((*task.groups["container"], *filter(None, named)))
 

@@ -45,7 +45,7 @@ class Resolved:
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Objects that are in the scene of the release: those with a pose or in a group, and the container."""
+        """Objects in the scene of the release, which are the container and all objects with a pose or in a group."""
         grouped = (name for members in self.groups.values() for name in members)
         return tuple(sorted({*self.poses, *grouped, self.container}))
 
@@ -61,7 +61,7 @@ class Resolved:
 
 
 def resolve(task: ReleaseTask) -> dict[str, Resolved]:
-    """Return all variations of a task by id: training variations first, without the base variation."""
+    """Return all variations of a task by id, except the base variation. Training variations come first."""
     order = (*task.task.variation_registry.train, *task.task.variation_registry.eval)
     return {name: _resolved(task, task.variations[name]) for name in order}
 

@@ -68,7 +68,7 @@ def answers_to(noun: str, entry: CatalogueEntry) -> bool:
 
 
 def _noun(choice: Choice) -> str:
-    """Return the noun of an object: words of its query without colors, or the asset's own noun.
+    """Return the noun of an object, from the words of its query without colors, or else the asset's own noun.
 
     If the instance name contains only some words of the query, these words are used: "pepper jar" of "pepper spice
     jar".
@@ -91,7 +91,7 @@ def noun_of(entry: CatalogueEntry) -> str:
 
 
 def names_of(kind: str, entry: CatalogueEntry | None) -> set[tuple[str, ...]]:
-    """Return the possible nouns for an object, as terms without colors: its kind and its first tags."""
+    """Return the kind of an object and its first tags as possible nouns, in the form of terms without colors."""
     nouns = [kind, *(() if entry is None else entry.tags[:SYNONYMS])]
     found = (tuple(terms(noun)) for noun in nouns)
     return {tuple(word for word in words if word not in COLORS) or words for words in found}

@@ -48,7 +48,7 @@ def grammar_of(template: str) -> Grammar:
 
 
 def goal_key(choice: Choice) -> GoalKey:
-    """Return the key shared by near-duplicates: the same categories and colors in each group."""
+    """Return the key shared by near-duplicates, which have the same categories and colors in each group."""
     return tuple((group, tuple(sorted(kinds))) for group, kinds in sorted(choice.items()))
 
 
@@ -215,7 +215,7 @@ def _nearest(themes: tuple[Theme, ...], about: str) -> tuple[Theme, ...]:
 
 
 def theme_words(theme: Theme) -> frozenset[str]:
-    """Return the words that distinguish a theme: the content words of its name, context and instructions."""
+    """Return the words that distinguish a theme, which are the content words of its name, context and instructions."""
     return frozenset(terms(" ".join((theme.name, theme.context, *theme.instructions)))) - _SAY_LITTLE
 
 

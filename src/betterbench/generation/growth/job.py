@@ -241,7 +241,7 @@ def grow_suite(
 
 
 class _Growing:
-    """State of the job: proposals and results, in order."""
+    """State of the job, with its proposals and results in order."""
 
     def __init__(
         self,
@@ -290,7 +290,7 @@ class _Growing:
         return "reached"
 
     def _drawn(self, size: int) -> list[Proposal]:
-        """Return the scenarios of the next round: stored ones, or new ones if none are stored."""
+        """Return the scenarios of the next round, which are stored ones, or new ones if none are stored."""
         drawn: list[Proposal] = []
         self._round = self._waiting[0].round if self._waiting else self._round + 1
         while self._waiting and self._waiting[0].round == self._round and len(drawn) < size:

@@ -224,7 +224,9 @@ def _require_each_once(quotas: Sequence[Quota]) -> None:
     for name, count in Counter(quota.name for quota in quotas).items():
         if count > 1:
             both = " and ".join(str(q) for q in quotas if q.name == name)
-            raise InvalidInputError("--quota", f"{name} is given {count} times ({both})", "Give one quota for it")
+            raise InvalidInputError(
+                "--quota", f"{name} is given {count} times ({both})", "Give only one of these quotas"
+            )
 
 
 def _require_known_to(supply: Supply, quotas: Sequence[Quota]) -> None:
@@ -250,7 +252,7 @@ def _require_room(kind: Kind, quotas: Sequence[Quota], until: int, supply: Suppl
         names = {"template": len(supply.templates), "difficulty": len(Difficulty), "context": -1}[kind]
     if sum(leasts) > total:
         problem = f"these quotas need {sum(leasts):g}{unit}, but there are only {total}: {listed}"
-        raise InvalidInputError("--quota", problem, "Lower one of them, or raise --until")
+        raise InvalidInputError("--quota", problem, "Lower one of these quotas, or raise --until")
     for quota, least, most in zip(quotas, leasts, mosts, strict=True):
         if least > most:
             problem = f"requires at least {least:g} and at most {most:g} of {until} tasks"

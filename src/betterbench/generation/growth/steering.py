@@ -124,7 +124,7 @@ class _Tally:
 
 
 class Steering:
-    """State of a growing suite: accepted tasks, and expected tasks per template.
+    """State of a growing suite, with its accepted tasks and the expected tasks per template.
 
     Args:
         quotas: The quotas.

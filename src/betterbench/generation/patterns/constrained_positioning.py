@@ -158,7 +158,7 @@ class _Positioning:
         raise AssertionError("two items are requested in every layout")
 
     def _balanced(self) -> list[Condition]:
-        """Return balanced conditions: each word with all items and another object, and scenes with a single item.
+        """Return balanced conditions of each word with all items and another object, and of scenes with a single item.
 
         A single item is alone or with the look-alike of another item. The additional object distinguishes these scenes
         from tests, and only the words determine the target. With the look-alike of the item itself, the scene would be

@@ -122,7 +122,7 @@ class Draft:
         fixed: Mapping[ObjectSpec, Slot],
         asked: Sequence[a.Instruction],
     ) -> tuple[Condition, ...]:
-        """Return balanced conditions: every order of up to three movable objects in the slots, with every instruction.
+        """Return balanced conditions with every order of up to three movable objects and with every instruction.
 
         More movable objects are rotated cyclically. In one of four conditions, and in every condition that would be a
         test, an object that is not requested is missing.
@@ -203,7 +203,7 @@ def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], Generat
 
 
 def in_order(variations: Iterable[a.Variation]) -> tuple[a.Variation, ...]:
-    """Sort variations by axis: layout, recomposition, object, time."""
+    """Sort variations by axis, in the order layout, recomposition, object and time."""
     return tuple(sorted(variations, key=lambda variation: "LROT".index(variation.name[0])))
 
 

@@ -191,7 +191,7 @@ def _pack(container: ObjectSpec, words: dict[str, str], *things: ObjectSpec) -> 
 def _add_look_alikes(
     draft: Draft, cast: Cast, first: ObjectSpec, third_one: ObjectSpec, starts: dict[ObjectSpec, Slot]
 ) -> None:
-    """Add a look-alike in the slot of the first item: without the item, and with the item in another slot."""
+    """Add two variations with a look-alike in the first item's slot, one without the item and one with it elsewhere."""
     for other in look_alikes_of(cast, first):
         before = len(draft.variations)
         alike = f"{other.kind} where the {first.kind} stood"

@@ -159,7 +159,7 @@ class _Insertion:
         return replace(item, name=f"plain_{item.name}", category=category, color=colors(category)[0])
 
     def _balanced(self) -> list[Condition]:
-        """Return balanced conditions: each jar into each hole, and each ordered pair into two holes, in three layouts.
+        """Return balanced conditions, in three layouts, for each jar in each hole and each ordered pair in two holes.
 
         The instruction therefore does not determine the slots of the jars.
         """

@@ -98,7 +98,7 @@ def _counts_a_noun(r: Reader, at: int) -> bool:
 
 
 def _order_is_held(r: Reader, at: int, items: Sequence[Mention]) -> bool:
-    """Return whether the pattern supports an order: that of the first two objects, or of closing a drawer."""
+    """Return whether the pattern supports the order of the first two objects, or that of closing a drawer."""
     word = r.tokens[at]
     if r.scenario.template == "container_loading":
         return word == "then" and bool({"close", "shut"} & set(r.tokens[at + 1 : at + 3]))

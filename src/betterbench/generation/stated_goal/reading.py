@@ -123,7 +123,10 @@ class Reader:
         return 2 if is_plural_form(self.raw[end - 1]) else 0
 
     def _meant(self, at: int, noun: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the objects that a noun may refer to: those with this name, or else those described with it."""
+        """Return the objects that a noun may refer to.
+
+        They have this name or, if none has it, are described with it.
+        """
         alias = {"top": "upper", "bottom": "lower"} if noun[-1] == "drawer" else {}
         words = [alias.get(word, word) for word in noun]
         last, color = words[-1], color_before(self.tokens, at)
@@ -205,7 +208,7 @@ class Reader:
         return (self.tokens[at] == "to" and following == "go") or (meaning == "in" and place in GATHERED)
 
     def _target(self, at: int) -> tuple[Mention | None, str, str, int]:
-        """Return the target after a relation: object, place, position before "hole", and index after it."""
+        """Return the target after a relation: its object, place and position before "hole", and the index after it."""
         position = place = ""
         i = at
         while i < len(self.tokens):

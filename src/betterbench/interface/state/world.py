@@ -68,7 +68,10 @@ class WorldState:
         return Pose(self.positions[i], self.quaternions[i])
 
     def position(self, name: str) -> Vector:
-        """Return the position of a named object in the world [m]: the center of its bottom face at rest."""
+        """Return the position of a named object in the world [m].
+
+        It is the center of the object's bottom face at rest.
+        """
         return self.positions[self.info.index(name)]
 
     def quaternion(self, name: str) -> Quaternion:
@@ -94,7 +97,7 @@ GRIPPER_BODIES = frozenset({"left_finger", "right_finger", "hand"})
 
 
 class PrivilegedPolicy(Protocol):
-    """Policy with access to the privileged state: the expert or a faulty policy."""
+    """Policy with access to the privileged state, such as the expert or a faulty policy."""
 
     @property
     def name(self) -> str:

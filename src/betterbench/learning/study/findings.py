@@ -175,7 +175,7 @@ class StudyFindings:
 
     @property
     def compared(self) -> tuple[ArmContrast, ...]:
-        """All contrasts: over all tasks, by task, and on the variations of :class:`KnownFinding`."""
+        """All contrasts over all tasks, by task, and on the variations of :class:`KnownFinding`."""
         known = () if self.known is None else (self.known.contrast,)
         return (*self.contrasts, *known, *self.coverage)
 

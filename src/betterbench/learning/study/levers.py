@@ -1,4 +1,4 @@
-"""Levers: effects of recipe changes, per axis and overall, in the layout of the paper's Table 3."""
+"""Effects of recipe changes (levers), per axis and overall, in the layout of the paper's Table 3."""
 
 from __future__ import annotations
 

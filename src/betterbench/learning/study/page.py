@@ -153,7 +153,7 @@ def _duration(seconds: float) -> str:
 
 
 def study_charts(found: StudyFindings) -> Iterator[Chart]:
-    """Yield the figures: success by arm, share of each gap removed by balancing, and doses."""
+    """Yield the figures about success by arm, the share of each gap removed by balancing, and doses."""
     groups = []
     tasks = list(dict.fromkeys(a.task for a in found.arms if not a.lever))
     for task in tasks:

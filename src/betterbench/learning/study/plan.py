@@ -128,7 +128,7 @@ class StudyPlan:
         require_between("noise", self.noise, 0.0, 0.5)
         for name, listed in (("tasks", self.tasks), ("seeds", self.seeds), ("levers", [v.name for v in self.levers])):
             if len(set(listed)) < len(listed):
-                raise InvalidInputError(name, "an entry occurs twice", "Give each once")
+                raise InvalidInputError(name, "an entry occurs twice", "Give each entry once")
         self._require_few()
         for task in map(get_task, self.tasks):
             for regime in {regime for shares in self.arms.values() for regime in shares}:

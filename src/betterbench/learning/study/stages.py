@@ -209,7 +209,7 @@ class _Study:
         return SetRecipe((task,), regime, demos, min(plan.sources, demos), noise=plan.noise)
 
     def run(self) -> StudyOutcome:
-        """Run all stages: first the sets, then the learners, as many in parallel as possible."""
+        """Run all stages. The sets precede the learners, of which as many as possible are trained in parallel."""
         self._require_questions()
         hashes = {name: self._make_set(name, recipe) for name, recipe in self._sets.items()}
         self._hashes = hashes
@@ -263,7 +263,7 @@ class _Study:
         return str(found["sha256"])
 
     def _side_by_side(self, learners: Sequence[PlannedLearner], hashes: Mapping[str, str]) -> list[_Learning]:
-        """Return the next learners to train in parallel, as many as the threads allow, with their inputs."""
+        """Return the next learners to train in parallel, and their inputs. There are as many as the threads allow."""
         group: list[_Learning] = []
         threads = 0
         for learner in learners:
@@ -343,7 +343,7 @@ class _Study:
     def _stage(
         self, kind: str, name: str, inputs: Mapping[str, Any], work: Callable[[OnWork], dict[str, Any]]
     ) -> dict[str, Any]:
-        """Return the output of a stage: from its file if it was completed with the same inputs, else by running it."""
+        """Return the output of a stage, from its file if it was completed with the same inputs, else by running it."""
         self._number += 1
         hashed = _hash_of(inputs)
         if self._there(kind, name, hashed) is None:

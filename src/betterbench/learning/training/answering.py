@@ -91,7 +91,7 @@ def _digest(picture: bytes) -> str:
 
 
 def _possible(question: Question) -> list[tuple[str, str]]:
-    """Return the possible answers to a question: the text in the requested form, and the learner's class."""
+    """Return the possible answers to a question, each with the text in the requested form and the learner's class."""
     if question.form is Form.CHOICE:
         return [(letter(i), option_class(text, question.width)) for i, text in enumerate(question.options)]
     if question.form is Form.YES_NO:

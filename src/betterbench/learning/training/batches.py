@@ -44,7 +44,7 @@ class Batches:
         return found[rank::world]
 
     def questions(self, chosen: np.ndarray, *, training: bool) -> AskedBatch:
-        """Return a batch of questions: their observations and the correct answers."""
+        """Return a batch of questions, with their observations and the correct answers."""
         asked = self._questions
         if asked is None:
             raise AssertionError("questions need co-training")

@@ -78,7 +78,7 @@ class Log:
         return whole.hexdigest()
 
     def svg(self) -> str:
-        """Return two charts, one below the other: the loss, and the errors on held-out demonstrations by phase."""
+        """Return a chart of the loss, and below it a chart of the errors on held-out demonstrations by phase."""
         loss = {"loss": [(row.step, row.loss) for row in self.losses]}
         phases = dict.fromkeys(row.phase for row in self.errors)
         errors = {p: [(row.step, row.translation_mm) for row in self.errors if row.phase == p] for p in phases}

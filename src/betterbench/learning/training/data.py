@@ -233,7 +233,7 @@ def _fewer(chosen: Sequence[ChosenTrial], most: int | None) -> list[ChosenTrial]
 
 
 def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
-    """Return the intended actions, (n_steps, 7), without the noise added by a demonstrator."""
+    """Return the actions that a demonstrator intended, before noise was added, (n_steps, 7)."""
     space = record.metadata.action_space
     if space != EE_DELTA.name:
         where = f"{run}: {trial}"
@@ -392,5 +392,5 @@ def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
 
 
 def epochs_of(data: TrainingSet, recipe: TrainingRecipe) -> float:
-    """Return the number of epochs: the mean number of times that training uses a frame."""
+    """Return the number of epochs, which is the mean number of times that training uses a frame."""
     return recipe.steps * recipe.batch / len(data.frames(held_out=False))

@@ -227,7 +227,7 @@ def require_answers(learner: Learner, option: str = "--learner") -> None:
     recipe = learner.trained.recipe
     if not learner.trained.vocabulary.answers:
         problem = "the learner was trained without questions, so it cannot answer any"
-        raise InvalidInputError(option, problem, "Train one with co_training in its recipe")
+        raise InvalidInputError(option, problem, "Train a learner with co_training in its recipe")
     if recipe.sees != "objects":
         problem = f"the learner of family {recipe.family!r} uses images, but only the family 'objects' is supported"
         raise InvalidInputError(option, problem, "Give a learner of the family 'objects'")

@@ -93,7 +93,10 @@ def learned_class(question: Question) -> str:
 
 
 def option_class(option: str, width: int) -> str:
-    """Return the answer class of an option: the cell of a box, given the image width [pixel], or else the text."""
+    """Return the answer class of an option.
+
+    For a box in an image of this width [pixel], it is the cell, else the text.
+    """
     return box_cell(option, width, CELLS) or option
 
 

@@ -76,8 +76,8 @@ def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
     """Raise HandshakeError if an episode's action space differs from the policy's action space."""
     if start.action_space != adapter.answer.space:
         raise HandshakeError(
-            f"action space: the run uses {start.action_space!r}, {who} returns actions in {adapter.answer.space!r}. "
-            f"{space_cure(adapter.answer.space)}."
+            f"action space: the run uses {start.action_space!r}, but {who} returns actions in "
+            f"{adapter.answer.space!r}. {space_cure(adapter.answer.space)}."
         )
 
 
@@ -101,16 +101,16 @@ class AdaptedPolicy:
         compare_declarations(ours, theirs)
         if space != adapter.answer.space:
             raise HandshakeError(
-                f"action space: the run says {space!r}, {theirs.who} returns actions in {adapter.answer.space!r}. "
+                f"action space: the run says {space!r}, but {theirs.who} returns actions in {adapter.answer.space!r}. "
                 f"{space_cure(adapter.answer.space)}."
             )
         rendered = {camera.name for camera in observation.cameras}
         missing = [c for c in adapter.cameras if c != EVERY_CAMERA and c not in rendered]
         if missing:
             raise HandshakeError(
-                f"cameras: {theirs.who} needs {', '.join(missing)} by adapter {adapter.name}, the run renders "
-                f"{', '.join(sorted(rendered)) or 'none'}. Give --observation with them, or camera.KEY=NAME in the "
-                "address."
+                f"cameras: {theirs.who} needs {', '.join(missing)} (adapter {adapter.name}), but the run renders "
+                f"{', '.join(sorted(rendered)) or 'none'}. Select an observation with these cameras by --observation, "
+                "or give camera.KEY=NAME in the address."
             )
         if adapter.depths and not observation.depth:
             raise HandshakeError(
@@ -119,8 +119,8 @@ class AdaptedPolicy:
             )
         if adapter.control_rate_hz != rate_hz:
             raise HandshakeError(
-                f"control rate: the run says {rate_hz:g} Hz, adapter {adapter.name} {adapter.control_rate_hz:g} Hz. "
-                "Correct control_rate_hz in the adapter."
+                f"control rate: the run says {rate_hz:g} Hz, but adapter {adapter.name} says "
+                f"{adapter.control_rate_hz:g} Hz. Correct control_rate_hz in the adapter."
             )
 
 

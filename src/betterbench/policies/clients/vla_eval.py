@@ -146,7 +146,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         if not isinstance(version, int) or version != PROTOCOL_VERSION:
             raise HandshakeError(
                 f"{self._where} uses version {one_line(version, most=20)} of the protocol, "
-                f"betterbench uses {PROTOCOL_VERSION}."
+                f"but betterbench uses version {PROTOCOL_VERSION}."
             )
         adapter = shaped_by(self._wanted, self._where, hello, chosen=self._address.names_adapter)
         theirs, ours = declare_specs(self._where, hello, adapter)
@@ -224,7 +224,8 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
             "rotation format of the model, and --action-space ee_pose",
         }.get(adapter.answer.space, "Give an adapter that reads absolute poses")
         raise HandshakeError(
-            f"action: the server returns absolute poses, adapter {adapter.name} reads {adapter.answer.space}. {cure}."
+            f"action: the server returns absolute poses, but adapter {adapter.name} reads {adapter.answer.space}. "
+            f"{cure}."
         )
     if parameters.get("send_wrist_image", chosen or len(_images(seen)) > 1) is False:
         adapter = replace(adapter, views=tuple(v for v in adapter.views if v.key[-1] not in _WRIST_KEYS))
@@ -258,8 +259,8 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
     declared = _format(action, "joints")
     if declared not in (None, _JOINTS.get(answer.space)):
         raise HandshakeError(
-            f"action: {who} returns joints as {declared!r}, adapter {adapter.name} reads {answer.space}. "
-            "Give adapter=FILE that reads joints, and --action-space with it."
+            f"action: {who} returns joints as {declared!r}, but adapter {adapter.name} reads {answer.space}. "
+            "Give adapter=FILE with an adapter that reads joints, and --action-space with the same space."
         )
     position = None if joints else "absolute_xyz" if answer.space in _ABSOLUTE else "delta_xyz"
     # if both sides accept a common format, both get its name; otherwise, each side keeps its own

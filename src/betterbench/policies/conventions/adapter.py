@@ -191,7 +191,8 @@ class Adapter:
                     there = ", ".join(observation.images) or "none"
                     raise PolicyError(
                         f"adapter {self.name} needs the camera {camera!r}, but the run renders {there}. "
-                        f"Give --observation with it, or camera.{'/'.join(rule.key)}=NAME in the policy's address."
+                        "Select an observation with this camera by --observation, or give "
+                        f"camera.{'/'.join(rule.key)}=NAME in the policy's address."
                     )
                 shown[rule.named(camera)] = rule.show(observation.images[camera])
         return shown

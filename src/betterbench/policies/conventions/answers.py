@@ -143,7 +143,7 @@ class AnswerRule:
     def _check_numbers(self) -> None:
         if not self.parts:
             raise InvalidInputError(
-                "answer", "the answer has no parts", "List its parts, such as translation, rotation, gripper"
+                "answer", "no parts are given", "List the parts, for example translation, rotation and gripper"
             )
         for name in ("translation_unit_m", "rotation_unit_rad", "joint_unit_rad", "step_rate_hz"):
             value = getattr(self, name)

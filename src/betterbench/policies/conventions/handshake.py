@@ -131,8 +131,8 @@ def read_server(who: str, form: object) -> Declaration:
     version = form.get("protocol") if isinstance(form, Mapping) else None
     if not isinstance(version, int) or version != PROTOCOL:
         raise HandshakeError(
-            f"{who} uses version {one_line(version, most=20)} of the declaration, this client version {PROTOCOL}. "
-            "Install the same release on both sides."
+            f"{who} uses version {one_line(version, most=20)} of the declaration, but this client uses version "
+            f"{PROTOCOL}. Install the same release on both sides."
         )
     try:
         told = _SERVER.validate_python(form)

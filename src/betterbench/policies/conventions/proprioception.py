@@ -106,7 +106,7 @@ MotorPart = Literal["so101_degrees", "so101_normalized"]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StateRule:
-    """State input for a policy: one vector with parts of the robot's state, under a key.
+    """State input for a policy, which is one vector with parts of the robot's state under a key.
 
     Attributes:
         dtype: Type of its numbers.

@@ -32,7 +32,7 @@ class Refuse(BrokenRule):
 
 
 class Phase(BrokenRule):
-    """Freezes or wanders if the scene at the start looks like the middle of a demonstration.
+    """Freezes or wanders if the initial scene looks like the middle of a demonstration.
 
     It wanders if the object of the next step is missing. If a later step is finished before an earlier one, it decides
     correctly, because no demonstration shows such a scene.

@@ -1,4 +1,4 @@
-"""``zoo:inertia``: a policy that continues like most demonstrations, at the start and after a finished step."""
+"""``zoo:inertia``, a policy that does what most demonstrations do, initially and after a finished step."""
 
 from __future__ import annotations
 

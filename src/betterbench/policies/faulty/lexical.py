@@ -17,7 +17,7 @@ class Lexical(BrokenRule):
     label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision: one pick per word, at the next trained slot of that word."""
+        """Return the next decision, which picks at the next trained slot of a word, once per word."""
         index = open_subgoal(state, self.condition)
         if index is not None and not carried(self.goals[index]):
             return super().broken(state, history)

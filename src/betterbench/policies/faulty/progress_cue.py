@@ -14,7 +14,7 @@ class ProgressCue(BrokenRule):
     label = Label.CAUSAL_CONFUSION
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision: the step that corresponds to the number of objects on the table."""
+        """Return the next decision, which is the step that corresponds to the number of objects on the table."""
         del history
         left = sum(
             o.role in ("item", "distractor")

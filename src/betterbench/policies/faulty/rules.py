@@ -191,7 +191,7 @@ class BrokenRule(ExpertRule):
         return max(same, key=self._likeness) if same else None
 
     def _present(self, known: Condition, goal: Subgoal) -> list[str]:
-        """Return the objects of this scene whose kind is taken in a step of a training condition."""
+        """Return the objects of this scene whose kind is picked in a step of a training condition."""
         kinds = {known.object(n).kind for n in known.resolve(goal.reference)}
         return [o.name for o in self.condition.objects if o.kind in kinds]
 
@@ -261,6 +261,9 @@ class BrokenRule(ExpertRule):
         return Label.BEHAVIORAL_INERTIA if self._trained_there(state, decision) else self.place_label
 
     def _trained_there(self, state: WorldState, decision: Bring) -> bool:
-        """Return whether training brought this object kind to this target, so that a decision looks like a habit."""
+        """Return whether training brought this object kind to this target.
+
+        If so, a decision for it looks like a habit.
+        """
         kind, target = (state.info.object(name).kind for name in (decision.object, decision.target))
         return (target, decision.relation, decision.region) in self.trained.kind_targets.get(kind, ())

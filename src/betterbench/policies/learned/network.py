@@ -203,7 +203,7 @@ class LearnerNetwork(nn.Module):
         if _SCALES.get(name) != count:
             known = ", ".join(f'("{key}", {value})' for key, value in _SCALES.items())
             problem = f"the training data have no scale {name!r} of {count} numbers"
-            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, f"Keep one of {known}")
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, f"Choose one of {known}")
         self.register_buffer(f"{name}_mean", torch.zeros(count))
         self.register_buffer(f"{name}_scale", torch.ones(count))
 

@@ -52,7 +52,10 @@ class Learner:
         return cls(network, trained, file_digest(path))
 
     def info(self, address: str, *, execute: int) -> PolicyInfo:
-        """Return the learner's declarations under an address, with ``execute`` executed actions per chunk."""
+        """Return the learner's declarations under an address.
+
+        ``execute`` is the number of actions executed per chunk.
+        """
         recipe = self.trained.recipe
         about = {
             "checkpoint": f"sha256 {self.fingerprint}",
@@ -109,7 +112,7 @@ class Learner:
 
 
 class LearnedPolicy:
-    """Policy of an ``objects`` learner for one episode. It predicts a new chunk after ``execute`` executed actions."""
+    """Policy that runs an ``objects`` learner for one episode and predicts a new chunk every ``execute`` actions."""
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
         """Store the instruction. ``episode`` seeds the noise of a flow-matching learner."""

@@ -25,7 +25,7 @@ _CONTROL = 8
 
 
 class MessageMeter:
-    """Counter of the bytes received by one connection: first an HTTP request, then websocket frames.
+    """Counter of the bytes received by one connection, which sends an HTTP request and then websocket frames.
 
     Only the headers of frames are read (RFC 6455, section 5.2).
 

@@ -63,7 +63,7 @@ class Session(Protocol):
     """Session of one connection, with one request at a time."""
 
     def answer(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the reply to a request: ``actions`` (horizon, dim), and optional further entries.
+        """Return the reply to a request, which has ``actions`` (horizon, dim) and may have further entries.
 
         Raises BetterError, whose text is sent to the client, if the request cannot be answered.
         """

@@ -71,7 +71,7 @@ class LeRobotArm:
         """
         if not port:
             raise InvalidInputError(
-                "--arm-port", "the serial port of the arm is missing", "Give one, such as /dev/ttyACM0"
+                "--arm-port", "the serial port of the arm is missing", "Give a port, such as /dev/ttyACM0"
             )
         if not cameras:
             raise InvalidInputError("--cameras", "no camera is given", "Give at least front=0")
@@ -205,5 +205,5 @@ class LeRobotArm:
 
 
 def _signed(load: int) -> int:
-    """Return a signed load: newer versions of LeRobot decode the sign, older ones return the raw sign bit."""
+    """Return a signed load. Newer versions of LeRobot decode the sign, but older ones return the raw sign bit."""
     return load if abs(load) < _LOAD_SIGN else _LOAD_SIGN - load

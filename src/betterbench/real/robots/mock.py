@@ -198,7 +198,7 @@ class MockRobot:
         return targets
 
     def _load(self, state: np.ndarray) -> np.ndarray:
-        """Return the load of each servo from its lag: torque is the twin's gain times the lag."""
+        """Return the load of each servo, computed from its lag. The torque is the twin's gain times the lag."""
         if self._target is None:
             return np.zeros(6)
         lag = (self._target - state) * np.array([*self._plan.action_space.scale[:5], 0.02])

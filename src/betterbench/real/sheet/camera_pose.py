@@ -203,7 +203,10 @@ def mounted(mount: CameraMount) -> CameraPose:
 
 
 def correction_of(camera: CameraPose, twin: CameraPose) -> CameraCorrection:
-    """Return the motion that moves a camera to the pose of the twin's camera: first translate, then rotate."""
+    """Return the motion that moves a camera to the pose of the twin's camera.
+
+    The translation comes before the rotation.
+    """
     turn, _ = opencv().Rodrigues(camera.axes.T @ twin.axes)
     return CameraCorrection(
         twin.position_m - camera.position_m, np.degrees(np.ravel(turn)), (camera.fovy_deg, twin.fovy_deg)

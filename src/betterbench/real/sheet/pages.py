@@ -182,7 +182,7 @@ _SAYS = (
 
 
 def _overview(width: float, height: float) -> Page:
-    """Return the overview page: a small drawing of the whole sheet with page numbers, and instructions."""
+    """Return the overview page, which has a small drawing of the whole sheet with page numbers, and instructions."""
     scale = 250.0 / SHEET.width
     left, top = 0.5 * (width - 250.0), 16.0
     frame = _Frame(SHEET, left, top, scale)

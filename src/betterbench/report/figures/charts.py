@@ -162,7 +162,7 @@ def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def twin_figure(diagnosis: RunDiagnosis, scope: str) -> Figure:
-    """Return the success rate of a scope's training twins, one per pair: the first side of the illusion gap."""
+    """Return the success rate of a scope's training twins, one per pair. This is the first side of the illusion gap."""
     return Figure.of(diagnosis.metric("twin_success_rate", scope), noun="pairs")
 
 

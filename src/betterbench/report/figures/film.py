@@ -72,7 +72,7 @@ class Film:
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """A trial to show as a film, with the times to render [s], strictly increasing, and their captions.
+    """A trial to show as a film, with the strictly increasing times to render [s] and their captions.
 
     ``twin`` is None if the run has no record of the twin. ``evidence_s`` is the time span of the evidence [s].
     """
@@ -121,7 +121,11 @@ def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
 
 
 def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> list[TrialDiagnosis]:
-    """Sort trials by representativeness: best twin first, then evidence closest to the median time."""
+    """Sort trials so that the most representative trial comes first.
+
+    This is the trial at the median time of the evidence, among the trials with the best twin. The others follow by the
+    success of their twin, then by seed.
+    """
 
     def twin_rank(trial: TrialDiagnosis) -> int:
         twin = by_key.get(trial.twin_key or "")
@@ -134,7 +138,10 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Return the times to show: for the trial around its evidence, and for its twin around the same step."""
+    """Return the times to show.
+
+    Those of the trial are around its evidence, and those of its twin around the same step.
+    """
     start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)
     grasps = trial.kind is not Kind.NONE and any(attempt.start_s == start for attempt in trial.attempts)
     moments = _moments(start, end, trial.duration_s, "attempt" if grasps else "evidence")

@@ -61,7 +61,10 @@ def write_calibration_page(
 
 
 def confusion_figure(calibration: Calibration) -> Figure:
-    """Return the confusion matrix: one row per true label, shading by share of the row, counts as numbers."""
+    """Return the confusion matrix with one row per true label.
+
+    Cells show counts and are shaded by their share of the row.
+    """
     import matplotlib as mpl  # noqa: PLC0415 - takes 0.4 s, which a diagnosis in the terminal does not need
     from matplotlib.figure import Figure  # noqa: PLC0415
 

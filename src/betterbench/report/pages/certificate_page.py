@@ -1,4 +1,4 @@
-"""Page of a certificate: one self-contained HTML file, by task and condition, with the smallest margins."""
+"""Write a certificate as one self-contained HTML page, which shows the smallest margins of each task and condition."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def write_growth_page(
 
 
 def bars_of(growth: Growth) -> dict[str, list[Bar]]:
-    """Return the bars of each property: all values that occur or have a quota."""
+    """Return the bars of each property. There is a bar for each value that occurs or has a quota."""
     tasks = growth.accepted
     counts: dict[str, Counter[str]] = {
         "template": Counter(task.result.template for task in tasks),

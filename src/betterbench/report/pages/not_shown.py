@@ -25,7 +25,7 @@ _MOVING_BLIND = (*BLIND[1:], FLOOR[0])
 
 
 def passing_pretenders(matrix: PowerMatrix, key: Key) -> tuple[str, ...]:
-    """Return the pretenders that pass a variation: in over half of its trials, or in a quarter if they move blindly."""
+    """Return the pretenders that pass over half of a variation's trials, or a quarter of them if they move blindly."""
     perturbed = get_task(key[0]).variation(key[1]).axis is Axis.ADVERSARIAL_OBJECT_PERTURBATION
     found = []
     for name in _ABILITIES:

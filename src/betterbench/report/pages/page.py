@@ -42,7 +42,7 @@ STRIP_FRAMES = 3
 
 @dataclass(frozen=True, slots=True)
 class ReportSetting:
-    """Row of the settings table: a value per policy, or a single value if all policies agree."""
+    """Row of the settings table, with a value per policy, or a single value if all policies agree."""
 
     name: str
     values: tuple[str, ...]
@@ -68,7 +68,7 @@ class ShownChart:
 
 @dataclass(frozen=True, slots=True)
 class Unfinished:
-    """Note on a run that is in progress or stopped: a sentence, and the number of missing trials per condition."""
+    """Note on a run that is in progress or stopped, with a sentence and the number of missing trials per condition."""
 
     text: str
     left: tuple[tuple[str, int], ...]
@@ -85,7 +85,7 @@ class Opening:
 
 
 def is_report(out: Path) -> bool:
-    """Return whether a folder contains a report: a page with the title of betterbench, and its tables."""
+    """Return whether a folder contains a report, which is a page with the title of betterbench and its tables."""
     try:
         with open_ordinary(out / "index.html") as file:
             head = file.read(_HEAD_BYTES)
@@ -390,7 +390,7 @@ def _seeds(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def _settings(values: Sequence[Mapping[str, str]]) -> tuple[ReportSetting, ...]:
-    """Return settings by name: one value if all runs agree, otherwise one per run."""
+    """Return settings by name. A setting has one value if all runs agree, otherwise one value per run."""
     names = sorted({name for mapping in values for name in mapping})
     settings = []
     for name in names:

@@ -139,7 +139,7 @@ def redundant(cells: Iterable[BlindCell]) -> list[str]:
 
 
 def power_tables(matrix: PowerMatrix) -> tuple[Table, ...]:
-    """Return the tables of a matrix: all pretenders overall, then blind pretenders and rules by variation."""
+    """Return the tables of a matrix, with the overall results before those by variation."""
     return _overall(matrix), blind_table(matrix), _rules(matrix), _ceilings(matrix), _limits(matrix)
 
 

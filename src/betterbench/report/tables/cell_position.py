@@ -74,7 +74,7 @@ def _target_state(condition: Condition, goal: Subgoal) -> State:
 
 
 def _distractor_state(condition: Condition, goal: Subgoal) -> State:
-    """Return the initial state of the other objects: on the table if at least one of them is there."""
+    """Return the initial state of the other objects. If at least one of them is on the table, it is "on the table"."""
     supports = {goal.target, *(placed.target for placed in condition.preplaced.values())}
     targets = condition.resolve(goal.reference)
     others = [
@@ -88,6 +88,6 @@ def _distractor_state(condition: Condition, goal: Subgoal) -> State:
 
 
 def _is_at(condition: Condition, name: str, target: str) -> bool:
-    """Return whether an object rests at a target at the start."""
+    """Return whether an object rests at a target in the initial state."""
     placed = condition.preplaced.get(name)
     return placed is not None and placed.target == target

@@ -157,7 +157,10 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
 
 
 def plain_matrix(matrices: Sequence[Matrix]) -> Table:
-    """Return the same matrix of several policies as a plain table: one row per policy and cell, rates as fractions."""
+    """Return the same matrix of several policies as a plain table.
+
+    It has a row per policy and cell, and rates as fractions.
+    """
     rows: list[tuple[Scalar, ...]] = []
     for matrix in matrices:
         for cell in (cell for row in matrix.cells for cell in row):

@@ -20,7 +20,7 @@ GUESS = 0.5
 
 @dataclass(frozen=True, slots=True)
 class PaperGroup:
-    """A heading over several columns: its title and the number of columns."""
+    """A heading over several columns, with its title and the number of columns."""
 
     title: str
     span: int
@@ -36,7 +36,7 @@ class PaperColumn:
 
 @dataclass(frozen=True, slots=True)
 class PaperRow:
-    """A row: its policy's name, the source of its numbers ("chance", "run" or "paper"), and the numbers."""
+    """A row with its policy's name, the source of its numbers ("chance", "run" or "paper"), and the numbers."""
 
     name: str
     source: str

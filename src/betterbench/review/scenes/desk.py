@@ -143,7 +143,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
         return frames[self.selected % len(frames)] if frames else None
 
     def poses(self) -> dict[str, Pose]:
-        """Return ``T_world_object`` of each object at the start, including the edit in progress."""
+        """Return the initial ``T_world_object`` of each object, including the edit in progress."""
         if self.scene is None:
             return {}
         poses = {p.spec.name: p.pose for p in self.scene.placements}

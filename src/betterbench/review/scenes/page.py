@@ -141,7 +141,7 @@ class ScenePage(CommandPage[SceneDesk]):
         self._list.content = queue_list([q.name for q in desk.queue], verdicts, desk.index)
 
     def _show_scene(self) -> None:
-        """Show another scene: its bodies, the collision parts of its objects, and the policy's camera images."""
+        """Show another scene, with its bodies, the collision parts of its objects, and the policy's camera images."""
         for node in (*self._bodies.values(), *(n for nodes in self._touched.values() for n in nodes)):
             node.remove()
         self._bodies, self._touched = {}, {}

@@ -168,7 +168,7 @@ def device_problem(chosen: str, count: int) -> GraphicsError | None:
 
 
 def _is_card(device: EglDevice, name: str) -> bool:
-    """Return whether an entry in ``CUDA_VISIBLE_DEVICES`` names a device: a number, or the beginning of a UUID."""
+    """Return whether an entry in ``CUDA_VISIBLE_DEVICES`` names a device by a number or the beginning of a UUID."""
     if name.isdecimal():
         return device.cuda == int(name)
     start = name.lower().removeprefix("gpu-")

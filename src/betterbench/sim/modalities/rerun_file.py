@@ -89,7 +89,7 @@ def _disconnected(stream: Any) -> Iterator[None]:  # noqa: ANN401 - Rerun's
 
 
 def is_rerun_file(path: Path) -> bool:
-    """Return whether a file was written by :func:`write_rerun`: a Rerun file with our name at its beginning."""
+    """Return whether :func:`write_rerun` wrote a file, which then is a Rerun file with our name at its beginning."""
     with open_ordinary(path) as file:
         head = file.read(_HEAD_BYTES)
     return head.startswith(b"RRF") and _APPLICATION.encode() in head
@@ -195,7 +195,7 @@ def _boxes(rerun: Any, record: Record, shown: ShownRow, classes: list[int]) -> A
 
 
 def _log_lanes(rerun: Any, stream: Any, lanes: list[Lane], row: int) -> None:  # noqa: ANN401
-    """Log the start or the end of a span in a lane."""
+    """Log the beginning or the end of a span in a lane."""
     for lane in lanes:
         said = next((text for first, last, text in lane.spans if first <= row <= last), "")
         before = next((text for first, last, text in lane.spans if first <= row - 1 <= last), "")

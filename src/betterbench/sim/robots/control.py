@@ -372,8 +372,8 @@ class ArmController:
         ):
             raise InvalidInputError(
                 f"base of the robot {self.spec.name!r}",
-                f"it is at {list(base.position)}, or rotated",
-                "Attach the robot at the world origin; all poses are given in the base frame",
+                f"the base is at {list(base.position)}, expected at the world origin without rotation",
+                "Attach the robot there, because all poses are given in the base frame",
             )
 
 

@@ -66,7 +66,7 @@ _Window = tuple[Sequence[float], Sequence[float], float]
 
 @dataclass(frozen=True, slots=True)
 class IKResult:
-    """Joint angles found for a pose: read-only, shape (n,) [rad], with the remaining errors.
+    """Joint angles found for a pose, (n,) [rad], read-only, with the remaining errors.
 
     ``converged`` tells whether both errors are within the requested tolerances. ``iterations`` counts over all
     restarts.

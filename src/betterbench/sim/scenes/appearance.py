@@ -75,7 +75,7 @@ def dynamics_of(task: str, seed: int, robot: RobotSpec) -> Dynamics:
 
 
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
-    """Return a trial's look index, out of ``count``: each set uses the next index in a separate shuffled order."""
+    """Return a trial's look index, out of ``count``. Each set uses the next index in a separate shuffled order."""
     chosen = look_set_of(task, seed, shown=shown)
     round_, place = divmod(chosen, count)
     return int(_order(task, round_, f"order of {shown} {what}", count)[place])

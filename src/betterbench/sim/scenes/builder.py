@@ -44,7 +44,7 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Constant pose in the model: the pose of a fixed object or of a closed drawer."""
+        """Constant pose in the model of a fixed object or of a closed drawer."""
         return self.pose if self.spec.fixed else self.shut
 
 
@@ -129,7 +129,7 @@ def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks =
 
 
 def _opening(condition: Condition, name: str, asset: Asset) -> float:
-    """Return a drawer's opening at the start [m], within its travel."""
+    """Return the initial opening of a drawer [m], within its travel."""
     opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
         raise InvalidInputError(
@@ -139,7 +139,7 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
 
 
 def _below(condition: Condition, place: TargetRegion) -> str:
-    """Return the object below a pre-placed one: the next lower layer of a stack, or else the target itself."""
+    """Return the object below a pre-placed one. This is the next lower layer of a stack or, without one, the target."""
     for name, other in condition.preplaced.items():
         if other.target == place.target and place.region in LAYERS[1:] and other.region == _under(place.region):
             return name

@@ -242,7 +242,7 @@ class Scene:
         return GoalTracker(self.condition, self.info, template=self.task.template, control_rate_hz=self.control_rate_hz)
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return the scene's description for the record."""
+        """Return the scene description that is stored in the episode record."""
         return SceneDescription(
             task_version=self.task.version,
             suite_version=SUITE_VERSION,

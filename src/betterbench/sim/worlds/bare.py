@@ -132,7 +132,7 @@ class BareScene(ABC):
         return BareTracker(self)
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return the scene's description for the record."""
+        """Return the scene description that is stored in the episode record."""
         return SceneDescription(
             task_version=1,
             suite_version=self._suite,

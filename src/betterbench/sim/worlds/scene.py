@@ -226,7 +226,7 @@ class ProcessWorld(World):
 
 
 class ProcessScene:
-    """Trial scene of a world whose simulator runs in a separate process: an initial state of a task."""
+    """Trial scene of a world whose simulator runs in a separate process. It is an initial state of a task."""
 
     draws_in_step: ClassVar[bool] = True
 
@@ -310,7 +310,7 @@ class ProcessScene:
         return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
 
     def files(self) -> dict[str, bytes]:
-        """Return a scene's stored files: the task's file, and its objects' poses after settling.
+        """Return a scene's stored files, which are the task's file and the poses of its objects after settling.
 
         The models themselves belong to the world's packages and are not redistributed.
         """

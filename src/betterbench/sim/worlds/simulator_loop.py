@@ -64,7 +64,7 @@ def answer_requests(simulator: Simulator, descriptor: int) -> None:
 
 
 def _told(problem: BaseException) -> str:
-    """Return an error in one line: the first cause, and the last error if libraries wrap the cause."""
+    """Return an error in one line, with the first cause, and with the last error if libraries wrap the cause."""
     first = problem
     while first.__cause__ is not None:
         first = first.__cause__

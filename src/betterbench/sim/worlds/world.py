@@ -240,13 +240,16 @@ class TrialScene(Protocol):
         """Return the privileged state."""
 
     def simulator_state(self) -> Mapping[str, np.ndarray]:
-        """Return the arrays ``qpos``, ``qvel``, ``ctrl`` and ``act`` for the record."""
+        """Return the arrays ``qpos``, ``qvel``, ``ctrl`` and ``act`` that are stored in the episode record."""
 
     def tracker(self) -> Tracker:
         """Return the judge of an episode, after the reset."""
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return the scene's description for the record. ``images`` is True if images are rendered."""
+        """Return the scene description that is stored in the episode record.
+
+        ``images`` is True if images are rendered.
+        """
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> Mapping[str, Images]:
         """Return the current images by camera. ``renderers`` are the worker's renderers for MuJoCo models."""

@@ -110,7 +110,7 @@ def move(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noq
 
 @operation
 def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, region: str = "") -> Result:  # noqa: A002
-    """Place an object at its target from the start. ``region`` is given if the target has several regions."""
+    """Place an object at its target in the initial state. ``region`` is given if the target has several regions."""
     _require_slot(condition, object)
     condition.object(target.name)
     layout = {name: slot for name, slot in condition.layout.items() if name != object.name}
@@ -120,7 +120,7 @@ def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, regio
 
 @operation
 def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Result:
-    """Open a drawer by ``distance_m`` at the start. A distance of 0 closes it."""
+    """Open a drawer by ``distance_m`` in the initial state. A distance of 0 closes it."""
     if condition.object(drawer.name).mount is None:
         raise _refused(condition, drawer, "it is not a drawer", "Give an object with a mount")
     if not distance_m >= 0.0:

@@ -103,7 +103,7 @@ def training_distribution_of(task: Task) -> TrainingDistribution:
 
 
 def pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]]]:
-    """Return a condition's instruction and initial scene: the kind in each slot, and the open drawers."""
+    """Return a condition's instruction and initial scene, given by the kind in each slot and the open drawers."""
     places = {(condition.object(n).kind, slot) for n, slot in condition.layout.items()}
     places |= {(condition.object(n).kind, f"at {p.target} {p.region}") for n, p in condition.preplaced.items()}
     places |= {(condition.object(n).kind, f"open {distance}") for n, distance in condition.opened.items()}

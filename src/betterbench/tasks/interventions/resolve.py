@@ -32,7 +32,10 @@ class ResolvedCondition:
 
     @property
     def base(self) -> str:
-        """Name of the twin's condition: a variation's training condition, or otherwise the condition itself."""
+        """Name of the twin's condition.
+
+        For a variation, it is the training condition, otherwise the condition itself.
+        """
         return self.condition.name if self.variation is None else self.variation.base
 
     @property

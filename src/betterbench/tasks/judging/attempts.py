@@ -1,4 +1,4 @@
-"""Grasp attempts: the gripper closes within reach of an object or an empty slot."""
+"""Grasp attempts, in which the gripper closes within reach of an object or an empty slot."""
 
 from __future__ import annotations
 
@@ -296,7 +296,10 @@ def _presses(motion: Motion, start: int, limit: int) -> Bools:
 
 
 def _most(touches: Bools, near: Floats, start: int) -> tuple[int, int]:
-    """Return the object touched in most rows (the nearest on a tie), and the first of these rows."""
+    """Return the object that is touched in most rows, and the first of these rows.
+
+    In case of a tie, it is the nearest object.
+    """
     counts = touches.sum(axis=0)
     order = sorted(range(len(counts)), key=lambda i: (-int(counts[i]), float(near[i])))
     return order[0], start + int(np.argmax(touches[:, order[0]]))
@@ -340,7 +343,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
 
 
 def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
-    """Return whether a gripper closes near the table, away from home, and not while the arm moves."""
+    """Return whether a gripper closes near the table and away from its home position while the arm does not move."""
     tool, home = motion.tool[settled], np.array(motion.info.home_position)
     if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
         return False

@@ -247,7 +247,7 @@ def can_stand(thing: ObjectInfo) -> bool:
 
 
 def has_upright(thing: ObjectInfo) -> bool:
-    """Return whether a person would put an object upright again: it can stand, or it is a plate, a bowl or a drink.
+    """Return whether a person would put an object upright again, because it can stand or is a plate, a bowl or a drink.
 
     Plates have the region "floor". Bowls and drinks are registered with ``keeps_upright``.
     """

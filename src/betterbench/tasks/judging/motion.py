@@ -113,7 +113,7 @@ class Motion:
         return self.slot_near(self.positions[row, i], reach)
 
     def place_of(self, slot: str) -> str:
-        """Return the representative of a slot: the first slot that the same motion would reach."""
+        """Return the representative of a slot, which is the first slot that the same motion would reach."""
         at = {s.name: s.position[:2] for s in self.info.slots}
         return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)
 
@@ -188,7 +188,7 @@ def in_reach(boxes: Floats, centers: Floats) -> Bools:
 
 
 def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: float) -> Bools:
-    """Return whether the gripper is commanded to close, or kept closed by a zero command, shape (T,).
+    """Return for each row whether the command closes the gripper, or keeps it closed by a zero command, shape (T,).
 
     The result follows the majority of commands within a quarter second, so flicker or pulses do not hide a closing.
     Fingers that stay half open for longer without contact have not closed, because the gripper was preshaped to an

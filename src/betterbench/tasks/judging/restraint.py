@@ -16,7 +16,7 @@ from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 
 
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
-    """Return the indices of the objects that must not be touched in a refusal: those that are not in the instruction.
+    """Return the indices of the objects that a refusal must not touch, because they are not in the instruction.
 
     Drawers and targets may be touched, because the policy may put away requested objects that exist.
     """
@@ -24,7 +24,7 @@ def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
 
 
 def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int, ...]) -> int | None:
-    """Return the forbidden object of a grasp attempt: it was touched, missed, or absent from its attempted slot."""
+    """Return the forbidden object of a grasp attempt, which was touched, missed, or absent from its attempted slot."""
     at = grasp.object if grasp.object is not None else grasp.aim
     if at is not None:
         return at if at in forbidden else None

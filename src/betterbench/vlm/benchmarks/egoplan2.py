@@ -65,7 +65,7 @@ def _item(row: Row, identifier: str, count: int) -> Item:
 
 
 def _pictures_of(row: Row) -> list[Callable[[], bytes]]:
-    """Return a reader for each key frame: from the row, from a folder of frames, or from the video."""
+    """Return a reader for each key frame. It reads the row, a folder of frames, or the video."""
     if "keyframes" in row.columns:
         return [partial(_embedded, row, i) for i in range(_count(row))]
     identifier, folder = row.text("sample_id"), row.file.parent

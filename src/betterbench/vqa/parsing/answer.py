@@ -58,7 +58,7 @@ NOTHING = Read(None, "none")
 
 
 def final_text(text: str) -> str:
-    """Return the part of a reply that may contain the answer: its end, without the reasoning in thinking tags.
+    """Return the part of a reply that may contain the answer, which is its end without the reasoning in thinking tags.
 
     A reply that ends inside the reasoning, because the token limit was reached, contains no answer.
     """

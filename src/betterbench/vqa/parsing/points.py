@@ -93,7 +93,7 @@ def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
 
 
 def _inside(spec: AnswerSpec, text: str) -> list[Numbers]:
-    """Return the groups in a text with other words: those after the last claim of an answer, or else the last ones."""
+    """Return the groups in a text with other words, preferably those after the last claim of an answer."""
     parts = [text[m.end() :] for m in list(_CLAIM.finditer(text))[-_CLAIMS_TRIED:]]
     for part in (*reversed(parts), text):
         for groups in (_tagged(_TAG.findall(part)), _json_inside(part), _listed(part)):

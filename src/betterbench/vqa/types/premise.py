@@ -35,7 +35,7 @@ def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
 
 
 def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about the kind of the object in a box: its own kind, and the kind at this place in training."""
+    """Yield questions about the object in a box that ask for its own kind, or the kind at this place in training."""
     info = moment.state.info
     for kind, o in moment.things.items():
         usual = info.slot(o.slot).trained_kinds if o.slot is not None else ()

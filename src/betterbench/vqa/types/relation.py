@@ -66,7 +66,7 @@ def _from_camera(moment: Moment, kinds: tuple[str, str], names: tuple[str, str])
 
 
 def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) -> Iterator[QuestionDraft]:
-    """Yield questions in the robot frame: the robot looks along x from the origin, with y to its left."""
+    """Yield questions in the robot frame, in which the robot looks along x from the origin, with y to its left."""
     a, b = (moment.center(name) for name in names)
     words = {"a": definite(kinds[0]), "b": definite(kinds[1])}
     if abs(a[1] - b[1]) >= ROBOT_MARGIN_M:

@@ -36,7 +36,7 @@ def stacking(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _bases(moment: Moment) -> list[ObjectInfo]:
-    """Return the objects on which others are stacked: layer bases, or all plates."""
+    """Return the objects on which others are stacked, which are layer bases or all plates."""
     return [o for o in moment.objects if LAYER.regions(o) or (ON_PLATE.regions(o) and o.role == "item")]
 
 

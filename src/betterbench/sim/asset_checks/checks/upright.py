@@ -19,7 +19,7 @@ _CURE = "Give the axis of the file that points up with --up"
 
 @check
 def upright(subject: Subject) -> Finding:
-    """Check that the pose fits the kind: open at the top, tall, flat, round about the vertical, or broad end down."""
+    """Check that the pose fits the kind, for example that a tall kind is tall, or a container is open at the top."""
     kind = subject.kind
     if kind is None:
         return not_applicable("its kind is not known")

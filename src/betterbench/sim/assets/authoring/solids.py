@@ -78,7 +78,7 @@ def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float
 
 
 def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean: float = 0.0) -> list[CollisionPart]:
-    """Return the wall of a hollow round object: eight equal boxes around a vertical axis at ``x``.
+    """Return the wall of a hollow round object as eight equal boxes around a vertical axis at ``x``.
 
     The half sizes are along the radius, along the circumference and upward. The centers of the boards are at height
     ``z`` and ``away`` from the axis [m]. A positive ``lean`` [rad] tilts their upper ends outward.

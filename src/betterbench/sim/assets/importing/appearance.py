@@ -79,7 +79,7 @@ def reduced(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.nda
 
 
 def _without_needles(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Remove needle triangles: those thinner than a thousandth of their length."""
+    """Remove needle triangles, which are thinner than a thousandth of their length."""
     corners = vertices[faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

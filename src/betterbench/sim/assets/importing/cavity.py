@@ -114,7 +114,7 @@ def _without_gaps(tops: np.ndarray, pitch_m: float, *, most_m: float, least: int
 
 
 def _water(tops: np.ndarray) -> np.ndarray:
-    """Return the water level in each column: the lowest pass on any path to the edge of the grid.
+    """Return the water level in each column, which is the lowest pass on any path to the edge of the grid.
 
     Priority flood (Barnes, Lehman and Mulla, 2014), from the edge inward.
     """

@@ -1,8 +1,8 @@
 """Reader of MJCF files. The bodies of one object, compiled by MuJoCo, are returned as one rigid body.
 
-The document is checked first. MuJoCo then gets it without file names, with meshes and textures as bytes from the
-resolver. A malicious file can crash or hang MuJoCo's parser and compiler (C++), so an untrusted file is only read in a
-limited process (``child``).
+The document is checked first and then passed to MuJoCo without file names; the resolver supplies the meshes and
+textures as bytes. A malicious file can crash or hang MuJoCo's parser and compiler (C++), so an untrusted file is only
+read in a process with limited time and memory (``child``).
 """
 
 from __future__ import annotations

@@ -257,7 +257,7 @@ def _rank(solid: Solid, cavity: Cavity | None, kind: Kind | None, order: int) ->
 
 
 def footing(solid: Solid, *, upside_down: bool = False) -> float:
-    """Return the stability of a pose: the tilt at which the object would fall over, as tan(angle)."""
+    """Return the stability of a pose, which is the tilt at which the object would fall over, as tan(angle)."""
     height = solid.points[:, 2]
     top = float(height.max())
     base = solid.points[height > top - solid.pitch_m if upside_down else height < solid.pitch_m][:, :2]

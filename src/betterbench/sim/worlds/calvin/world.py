@@ -316,7 +316,7 @@ class ChainScene(ProcessScene):
         return self._steps_of_subtask >= STEPS_PER_SUBTASK
 
     def files(self) -> dict[str, bytes]:
-        """Return a scene's stored files: the chain, and the simulator's description of its objects."""
+        """Return a scene's stored files, which are the chain and the simulator's description of its objects."""
         objects = [
             {"name": o.name, "size": o.size_m, "mass": o.mass_kg, "fixed": o.fixed} for o in self.settings.objects
         ]
@@ -465,7 +465,10 @@ class ChainScene(ProcessScene):
 
     @property
     def _shown(self) -> dict[str, Any]:
-        """Settings sent to the simulator with each instruction: images to draw, and the split of actions."""
+        """Settings sent to the simulator with each instruction.
+
+        These are the images to draw and the split of actions.
+        """
         return {
             "images": self._images,
             "depth": self.draws_depth,

@@ -414,7 +414,7 @@ class _Reader:
         return holder in self._objects
 
     def _label_of(self, body: int) -> str:
-        """Return a body's label: an object, a part of the robot, the table or the floor."""
+        """Return a body's label, which names an object, a part of the robot, the table or the floor."""
         names: list[str] = list(self._objects)
         at = body
         while at:

@@ -173,7 +173,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return self._package / "bddl_files" / _base_of(suite) / f"{variant.file}.bddl"
 
     def _states(self, suite: str, variant: Variant) -> np.ndarray:
-        """Return a variant's initial states, (n, m): the fifty of its base task, or its own single state."""
+        """Return a variant's initial states, (n, m). These are the fifty of its base task, or its own single state."""
         folder = self._package / "init_files"
         if variant.own:
             folder /= "libero_newobj"

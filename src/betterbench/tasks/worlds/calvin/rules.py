@@ -115,6 +115,6 @@ def _on(block: BlockInfo, scene: PlayTable) -> bool:
 
 
 def _stacked(block: BlockInfo, scene: PlayTable) -> bool:
-    """Return whether a block touches only other blocks, and is at rest."""
+    """Return whether a block is at rest and touches only other blocks."""
     bodies = {other.body for other in scene.blocks.values()}
     return _on(block, scene) and block.bodies <= bodies and all(abs(part) < REST for part in block.velocity)
