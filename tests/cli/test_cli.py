@@ -507,7 +507,9 @@ def test_the_terminal_ends_with_the_verdict(capsys, small_run, tmp_path):
     assert all("training " in text for text in verdicts)
     status, _, err = run(capsys, "compare", str(small_run), str(tmp_path), "--name", "only")
     assert status == 2
-    status, _, err = run(capsys, "report", str(small_run), "--name", "a", "--name", "b", "--out", str(tmp_path))
+    status, _, err = run(
+        capsys, "report", str(small_run), "--name", "a", "--name", "b", "--out", str(tmp_path / "page")
+    )
     assert status == 2
     assert "--name: got 2 names for 1 run" in err.replace("\n", " ")
 
