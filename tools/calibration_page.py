@@ -102,7 +102,7 @@ An earlier sixth part by another author is no longer available. It was judged on
 reasoning failure. The two faults of the diagnosis that caused most of its mistakes were fixed before the present sixth
 part was written.
 
-Four more families were written by authors who had read only the documentation. Their true labels were fixed before the
+Five more families were written by authors who had read only the documentation. Their true labels were fixed before the
 diagnosis was run. They were judged once and are not packaged. In the table, a false accusation is a trial of a policy
 without a fault that was labeled as a reasoning failure:
 
@@ -111,8 +111,9 @@ without a fault that was labeled as a reasoning failure:
 | 45 | 508 | 96.5 % (251/260) | 99.2 % | 2 of 90 trials |
 | 34 | 419 | 98.5 % | 99.2 % | 1 of 100 trials |
 | 66, in all ten tasks | 1,189 | 91.9 % (203/221) | 100 % (221/221) | \
-| 60, in all ten tasks | 763 | 92.0 % (355/386) | 98.7 % (381/386) | none of 184 trials |
 1 of 646 trials, and none of 320 trials in which a fault was not active |
+| 60, in all ten tasks | 763 | 92.0 % (355/386) | 98.7 % (381/386) | none of 184 trials |
+| 37, in all ten tasks | 649 | 98.8 % (333/337) | 98.8 % (333/337) | none of 102 trials |
 
 In the family of 66 policies, all 5 policies that do not use the instruction were recognized, and 62 of 65 runs got the
 correct headline. Twelve of the 18 wrong labels belong to one policy that grasps the placement target. For this policy,
@@ -120,7 +121,7 @@ the documented definition of `semantic_feature_collapse` contradicted the suite,
 more wrong labels (a policy that follows the word for a finished step) and the false accusation (a mug that jams on the
 open fingers) led to changes in the diagnosis. For the last two wrong labels, either label can be defended.
 
-The results of the last family: 54 of 60 runs got the correct headline. The other six runs had too few trials, and their
+In the family of 60 policies, 54 of 60 runs got the correct headline. The other six runs had too few trials, and their
 headlines claim nothing or give no reason. These are the 31 wrong labels:
 
 - Sixteen (`wrong_object` instead of `visual_layout_bias`) belong to two policies that do not use the instruction. They
@@ -130,6 +131,11 @@ headlines claim nothing or give no reason. These are the 31 wrong labels:
   skipped step. The diagnosis was changed for this.
 - In five trials, the documentation did not clearly say which label takes precedence. It now does.
 - In the last five trials, the policy did not do what its author had intended.
+
+In the family of 37 policies, all 8 policies that do not use the instruction were recognized, and 36 of 37 runs got the
+correct headline. The four wrong labels (`early_halt` instead of `execution_failure`) and the wrong headline belong to
+one policy that drops the object on the way and then stops: in these trials, the object fell to its target, which its
+author had not intended.
 
 """,
     "fifth": """\

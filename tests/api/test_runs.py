@@ -235,6 +235,11 @@ def test_runs_that_are_not_there(tmp_path):
         betterbench.write_report()
 
 
+def test_a_report_does_not_count_a_run_twice(runs, tmp_path):
+    with pytest.raises(InvalidInputError, match=r"runs: .* is given twice"):
+        betterbench.write_report(runs[0], runs[0], out=tmp_path / "report")
+
+
 def test_a_level_out_of_range_is_named_as_the_argument(runs):
     with pytest.raises(InvalidInputError, match=r"^alpha: 2 is not a significance level"):
         betterbench.compare(runs[0], runs[2], alpha=2)

@@ -191,6 +191,8 @@ def test_variations_are_counted_by_axis(capsys):
         (("report", "no/such/run"), "no run"),
         (("report",), "runs: no run was given"),
         (("compare",), "Give at least two"),
+        (("eval", "--policy", "expert", "--out", ""), "--out: it is empty"),
+        (("eval", "--policy", "expert", "--out="), "--out: it is empty"),
         (("export",), "runs: no run was given"),
         (("export", "--check", "set"), "the folders of the runs to compare set with"),
         (("replay", "no/such/record.parquet", "--check"), "record.parquet"),
@@ -275,7 +277,9 @@ def test_tensorboard_gets_every_metric_with_its_interval(capsys, small_run, tmp_
 
 @pytest.mark.parametrize("extra", ["tensorboard", "wandb"])
 def test_a_missing_tracker_is_one_line_with_the_extra(capsys, monkeypatch, small_run, tmp_path, extra):
-    monkeypatch.setitem(sys.modules, {"tensorboard": "tensorboardX"}.get(extra, extra), None)
+    package = {"tensorboard": "tensorboardX"}.get(extra, extra)
+    for name in {package, *(name for name in sys.modules if name.startswith(f"{package}."))}:
+        monkeypatch.setitem(sys.modules, name, None)
     status, _, err = run(capsys, "export", str(small_run), "--to", extra, "--out", str(tmp_path))
     assert status == 2
     assert f"setup EXTRAS={extra}" in " ".join(err.split())
@@ -491,18 +495,21 @@ def test_the_terminal_ends_with_the_verdict(capsys, small_run, tmp_path):
     line = "zoo:lexical: "
     _, out, _ = run(capsys, "diagnose", str(small_run), "--keep")
     assert any(text.startswith(line) for text in out.splitlines()[-3:]), "what would decide may follow"
-    status, out, err = run(capsys, "report", str(small_run), str(small_run), "--out", str(tmp_path), "--films", "0")
+    runs = str(small_run), str(shutil.copytree(small_run, tmp_path / "copy" / small_run.name))
+    status, out, err = run(capsys, "report", *runs, "--out", str(tmp_path / "page"), "--films", "0")
     assert status == 0
     assert out.replace("\n", "").endswith("index.html")
     assert sum(text.startswith("zoo:lexical (run) #") for text in err.splitlines()[-6:]) == 2
     names = ("--name", "before", "--name", "after")
-    _, _, err = run(capsys, "report", str(small_run), str(small_run), *names, "--out", str(tmp_path), "--films", "0")
+    _, _, err = run(capsys, "report", *runs, *names, "--out", str(tmp_path / "page"), "--films", "0")
     verdicts = [text for text in err.splitlines()[-6:] if text.startswith(("before: ", "after: "))]
     assert [text.partition(":")[0] for text in verdicts] == ["before", "after"]
     assert all("training " in text for text in verdicts)
     status, _, err = run(capsys, "compare", str(small_run), str(tmp_path), "--name", "only")
     assert status == 2
-    status, _, err = run(capsys, "report", str(small_run), "--name", "a", "--name", "b", "--out", str(tmp_path))
+    status, _, err = run(
+        capsys, "report", str(small_run), "--name", "a", "--name", "b", "--out", str(tmp_path / "page")
+    )
     assert status == 2
     assert "--name: got 2 names for 1 run" in err.replace("\n", " ")
 

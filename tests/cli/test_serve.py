@@ -23,6 +23,7 @@ from betterbench.errors import BetterError
 from betterbench.evaluation.serving.server import DEFAULT_CHUNK
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.protocols.wire import encode_openpi
+from betterbench.tasks.user_files import VARIABLE
 
 PATIENCE_S = 60
 
@@ -30,6 +31,7 @@ PATIENCE_S = 60
 @pytest.fixture
 def serve():
     started = []
+    without_task_files = {name: value for name, value in os.environ.items() if name != VARIABLE}  # of other tests
 
     def start(*arguments, **environment):
         process = subprocess.Popen(
@@ -37,7 +39,7 @@ def serve():
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            env={**os.environ, **environment, "PYTHONUNBUFFERED": "1"},
+            env={**without_task_files, **environment, "PYTHONUNBUFFERED": "1"},
         )
         started.append(process)
         return process

@@ -78,6 +78,13 @@ def test_too_few_pairs_can_show_nothing(side):
     assert "no difference can be detected" in found.verdict[0]
 
 
+def test_one_pair_is_not_called_pairs(side):
+    single = {"seeds": range(1), "conditions": (L1,)}
+    text = compare([side("one", {}, **single), side("two", {}, **single)]).verdict[0]
+    assert "1 pair" in text
+    assert "1 pairs" not in text
+
+
 def test_the_order_of_the_sides_only_turns_the_sign(two):
     there, back = compare(two), compare(two[::-1])
     for group in there.groups:

@@ -21,6 +21,7 @@ from betterbench.diagnosis.verdict import Metric
 from betterbench.report.headline import headline_of
 
 MUGS = ("train1", "train2", "train3", "train4", "L1", "L2", "L3", "L4")
+CABINETS = ("train1", "train3", "train5", "train7")
 DESKS = tuple(f"train{n}" for n in range(1, 10))
 
 
@@ -51,6 +52,13 @@ def by_start_pose(s):
 def by_turns(s):
     """The choice of a policy that takes another place with each seed."""
     return sorted(s.movable(), key=lambda n: s.positions[n][1])[s.metadata.seed % 3]
+
+
+def back(s, seed=0):
+    """The back slot of either layout of office_drawer; in the second layout, odd seeds lead to the front slot."""
+    if "left_back" in s.condition.layout.values():
+        return "left_back"
+    return "right_front" if seed % 2 else "right_back"
 
 
 def nearest(s):
@@ -127,6 +135,16 @@ def test_a_favorite_place_of_one_task_is_not_the_rule_of_all(stage):
     assert {t.task for t in wrong} == {"morning_coffee", "desk_meeting"}
     assert {t.evidence.rule for t in wrong} == {SAME_TARGET}
     assert "does not use the instruction" in headline_of(found).conclusion
+
+
+def test_a_favorite_place_may_differ_between_layouts_without_a_common_slot(stage):
+    """No slot of office_drawer is occupied in both positions of the cabinet, so no single slot can be the favorite."""
+    backs = take(stage, lambda s: s.at(back(s)), CABINETS, "office_drawer")
+    found = diagnose_records([*take(stage, lambda s: s.at("near")), *backs])
+    assert found.findings[0].partition("The deciding cue is ")[2] == "the place of the object."
+    backs = take(stage, lambda s: s.at(back(s, s.metadata.seed)), CABINETS, "office_drawer", seeds=range(4))
+    found = diagnose_records([*take(stage, lambda s: s.at("near")), *backs])
+    assert "not a slot" in found.findings[0], "in the second layout the seed decides"
 
 
 def test_a_missed_grasp_and_a_grasp_of_the_same_object_are_the_same_target(stage):

@@ -125,3 +125,15 @@ def test_every_threshold_states_its_reason():
         assert len(entry.reason) > 20, entry.name
         assert entry.reason.endswith("."), entry.name
         assert entry.unit in ("m", "s", "rad", "m/s", "rad/s", "N", "1", "%"), entry.name
+
+
+def test_the_calibration_page_has_the_remarks_of_its_generator(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    import calibration_page
+
+    page = (ROOT / "docs" / "calibration.md").read_text()
+    for family, remark in calibration_page.REMARKS.items():
+        missing = [line for line in remark.splitlines() if line not in page.splitlines()]
+        assert remark in page, (
+            f"write the remark on {family!r} into docs/calibration.md too; lines that differ: {missing}"
+        )

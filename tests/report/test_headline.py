@@ -324,6 +324,14 @@ def test_one_of_many_forms_of_failure_is_said_to_be_one():
     assert headline_of(diagnosis([*most, *trained(range(12))])).conclusion.startswith("It maps words to motions")
 
 
+@pytest.mark.parametrize(("drops", "more"), [(5, ""), (6, " 6 of 12 failures are of another kind: execution.")])
+def test_failures_of_another_kind_are_counted_if_they_are_as_frequent(drops, more):
+    trials = [*varied(range(6), Label.EARLY_HALT), *varied(range(6, 6 + drops), Label.EXECUTION_FAILURE)]
+    assert (
+        headline_of(diagnosis([*trained(range(12)), *trials])).conclusion == f"It stops after part of the task.{more}"
+    )
+
+
 def test_who_has_not_come_to_a_first_grasp_is_not_said_to_do_the_right_things():
     trials = varied(range(8), Label.TIMEOUT, attempts=())
     assert headline_of(diagnosis(trials)).conclusion == "It runs out of time before its first grasp."

@@ -77,7 +77,9 @@ BAD = {
     "task: training[0].instruction.subgoals[0].relation: Unknown relation 'insid'. Did you mean 'inside'": lambda f: f[
         "training"
     ][0]["instruction"]["subgoals"][0].update(relation="insid"),
-    "reference: names both": lambda f: f["training"][0]["instruction"]["subgoals"][0]["reference"].update(slot="x"),
+    "reference: must contain either a kind or a slot": lambda f: f["training"][0]["instruction"]["subgoals"][0][
+        "reference"
+    ].update(slot="x"),
     "task: variations[0].name": lambda f: f["variations"][0].update(name="X1"),
     "task: variations[0].base: Unknown training condition": lambda f: f["variations"][0].update(base="train99"),
     "task: variations: 'L1' is given twice": lambda f: f["variations"].append(f["variations"][0]),

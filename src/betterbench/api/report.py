@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
@@ -178,11 +179,15 @@ def report_into(
     """Build a report, by default in the first run's folder; see :func:`build_report`.
 
     Raises:
-        InvalidInputError: If no run is given.
+        InvalidInputError: If no run is given, or a run is given twice.
         RunConflictError: If the folder contains other files, and may not be overwritten.
     """
     if not runs:
         raise InvalidInputError("runs", "no run was given", "Give the --out folder of better eval")
+    folders = [os.path.realpath(run.path) for run in runs]
+    twice = next((run.path for i, run in enumerate(runs) if folders[i] in folders[:i]), None)
+    if twice is not None:
+        raise InvalidInputError("runs", f"{twice} is given twice", "Give every run once")
     place = runs[0].report_path if out is None else out
     with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
         return build_report(runs, place, names=names, twins=twins, latex=latex, films=films, listener=listener)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import itertools
 import logging
 import os
 import sys
@@ -22,6 +23,7 @@ from betterbench.cli.console import LONGEST_MESSAGE, complain, make_streams_pati
 from betterbench.cli.help_text import brief_usage, color_as_asked, description_of, word_options
 from betterbench.errors import (
     BetterError,
+    InvalidInputError,
     MissingDependencyError,
     UnknownNameError,
     line_start,
@@ -198,6 +200,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     color_as_asked()
     try:
         if given and given[0] in VERBS:
+            _require_out(given)
             name, verb, rest = _chosen(given)
             function = verb.load(telling)
             words = verb.words(rest)
@@ -227,6 +230,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         return _interrupted(given)  # native code raised this error because of Ctrl-C
     return 0
+
+
+def _require_out(given: Sequence[str]) -> None:
+    """Raise InvalidInputError if --out has an empty value, which would otherwise mean the current folder."""
+    if "--out=" in given or any(pair == ("--out", "") for pair in itertools.pairwise(given)):
+        raise InvalidInputError("--out", "it is empty", "Give a folder; a shell variable in it may not be set")
 
 
 def every_command() -> dict[str, Verb]:

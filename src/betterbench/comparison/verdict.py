@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from betterbench.comparison.contrast import Contrast, Group, SequentialContrast
 from betterbench.statistics import percent
-from betterbench.statistics.wording import counted, p_text, points
+from betterbench.statistics.wording import counted, p_text, plural, points
 from betterbench.tasks.labels import Kind
 from betterbench.tasks.worlds.facts import facts_of_task
 
@@ -47,13 +47,13 @@ def scope_text(scope: str) -> str:
 
 def _sentence(c: Contrast, *, paired: bool, alpha: float) -> str:
     where = "the training trials" if c.scope == "training" else "the trials of variations"
-    kind = "pairs" if paired else "trials a side"
     n = min(c.first_rate.n, c.second_rate.n)
+    trials = plural(n, "pair") if paired else f"{plural(n, 'trial')} a side"
     corrected = f", Holm over {c.family}" if c.family > 1 else ""
     value = c.difference.value or 0.0
     numbers = (
         f"{100 * (1 - alpha):g} % interval {points(c.difference.low)} to {points(c.difference.high)}, "
-        f"{c.test} {p_text(c.p_adjusted)}{corrected}, {n} {kind}"
+        f"{c.test} {p_text(c.p_adjusted)}{corrected}, {trials}"
     )
     if c.different:
         swap = c.higher == c.second
@@ -66,14 +66,13 @@ def _sentence(c: Contrast, *, paired: bool, alpha: float) -> str:
     return (
         f"Nothing can be concluded about which of {c.first} and {c.second} is better on {where}: "
         f"{counted(c.first_rate)} against {counted(c.second_rate)}, a difference of {points(value)} points "
-        f"({numbers}). {_limit(c, n, kind)}"
+        f"({numbers}). {_limit(c, n, trials)}"
     )
 
 
-def _limit(c: Contrast, n: int, kind: str) -> str:
+def _limit(c: Contrast, n: int, trials: str) -> str:
     """Describe the smallest difference that the trials of an undecided contrast could have detected."""
     fewer = 0 if c.table is None else min(c.table.only_first, c.table.only_second)
-    trials = f"{n} {kind}"
     if fewer:
         trials += f", of which {fewer}/{n} ({percent(fewer, n)} %) point in the other direction,"
     if c.smallest is None or c.smallest.value is None:
@@ -130,10 +129,14 @@ def _sequential(c: SequentialContrast, alpha: float, contrasts: int) -> str:
         better = c.first if c.table.only_first > c.table.only_second else c.second
         worse = c.second if better == c.first else c.first
         stop = f" The runs may stop: {left} of {c.planned} pairs are left." if left else ""
-        at = "" if c.process.decided_at is None else f" after {c.process.decided_at} pairs"
+        at = "" if c.process.decided_at is None else f" after {plural(c.process.decided_at, 'pair')}"
         return (
             f"Decided{at}, valid for any number of inspections: {better} is better than {worse} ({counts}; "
             f"{reach}).{stop}"
         )
-    rest = f"{left} of {c.planned} pairs are left to run" if left else f"all {n} pairs are used"
-    return f"Not decided between {c.first} and {c.second} after {n} pairs ({counts}; {reach}); {rest}."
+    rest = (
+        f"{left} of {c.planned} pairs are left to run"
+        if left
+        else f"{'the only pair is' if n == 1 else f'all {n} pairs are'} used"
+    )
+    return f"Not decided between {c.first} and {c.second} after {plural(n, 'pair')} ({counts}; {reach}); {rest}."

@@ -40,18 +40,32 @@ class Decider:
 def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
     """Return the cues that explain the choices of a policy that does not use the instruction.
 
-    ``choices`` contains the first attempts in each task. The favored slot or kind may differ between tasks.
+    ``choices`` contains the first attempts in each task. The favored slot or kind may differ between tasks. The
+    favored slot may also differ between layouts, if it is empty in some of them.
     """
     every = [choice for mine in choices.values() for choice in mine if choice.slot is not None]
     things = [choice for choice in every if choice.thing]
     found = {
-        _BY_PLACE: all(_usual([c.slot for c in mine if c.slot is not None]) for mine in choices.values()),
+        _BY_PLACE: all(_by_place([c for c in mine if c.slot is not None]) for mine in choices.values()),
         "the kind of object": all(_usual([c.thing for c in mine if c.thing]) for mine in choices.values()),
         "the color of the object": _usual([c.color for c in things]) is not None,
         "the smallest distance to the gripper at the start": _usual([str(c.slot == c.nearest) for c in every])
         == "True",
     }
     return Decider(tuple(name for name, holds in found.items() if holds and every))
+
+
+def _by_place(attempts: Sequence[Choice]) -> bool:
+    """Return whether nearly all attempts are at the favorite slot, or at the next favorite slot where it is empty."""
+    rest, followed = list(attempts), 0
+    while rest:
+        slots = [c.slot for c in rest]
+        favorite = max(sorted({str(slot) for slot in slots}), key=slots.count)
+        # slots at the same position have one name in `slot`, but not in `stocked`
+        named = any(favorite in c.stocked for c in rest if c.slot == favorite)
+        followed += slots.count(favorite)
+        rest = [c for c in rest if named and c.slot != favorite and favorite not in c.stocked]
+    return followed >= NEARLY_ALL * len(attempts) and bool(attempts)
 
 
 def _usual(names: Sequence[str]) -> str | None:

@@ -108,10 +108,10 @@ def find_notes(
     if pairs:
         smallest = smallest_paired_difference(pairs)
         if smallest.value is None:
-            notes.append(f"{pairs} pairs cannot detect any difference at 80 % power ({smallest.assumption}).")
+            notes.append(f"{plural(pairs, 'pair')} cannot detect any difference at 80 % power ({smallest.assumption}).")
         else:
             notes.append(
-                f"The smallest difference that {pairs} pairs detect at 80 % power is "
+                f"The smallest difference that {plural(pairs, 'pair')} can detect at 80 % power is "
                 f"{100 * smallest.value:.1f} percentage points ({smallest.assumption})."
             )
     return tuple(notes)

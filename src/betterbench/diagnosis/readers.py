@@ -46,7 +46,7 @@ class Reader(Protocol):
         """Return the diagnosis of a planned trial that has no record."""
 
     def group(self, task: str) -> str:
-        """Return the group in which rules are judged: the task, or the suite if its tasks have one instruction each."""
+        """Return the group for judging rules: the task, or the suite if each of its tasks has one instruction."""
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
         """Return notes about the world of a run."""

@@ -43,6 +43,9 @@ how it reasons, but its first attempts can still be judged."""
 ANYWHERE = (Label.EARLY_HALT, Label.EXECUTION_FAILURE, Label.TIMEOUT)
 """Labels that can occur in any condition and therefore do not identify an axis."""
 
+KIND_NAMES = {Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "the system"}
+"""Names of the kinds of failures in conclusions, after "failures of"."""
+
 LONGEST_REASON = 300
 """Maximum length of the reason for a breakdown on the first screen [characters]."""
 
@@ -310,6 +313,7 @@ def _by_failures(
     if main in ANYWHERE and (where := _where(trials, main)):
         text = f"{text.removesuffix('.')} {where}."
     text = _confused(trials, failed, main) or _of_several(text, failed, main)
+    text = f"{text}{_of_other_kinds(failed, main.kind)}"
     if weak and main.kind is not Kind.SYSTEM:
         if not weak_claim.supported:
             before = f"It solved {training.count()} training trials."
@@ -401,11 +405,19 @@ def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str
     if _is_majority(failed, main):
         return text
     same, kind = _counts(failed, main)
-    names = {Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "the system"}
     return (
-        f"Its failures of {names[main.kind]} have several forms, none of which is a majority; the most frequent one "
-        f"({same} of {kind}): {text[0].lower()}{text[1:]}"
+        f"Its failures of {KIND_NAMES[main.kind]} have several forms, none of which is a majority; the most frequent "
+        f"one ({same} of {kind}): {text[0].lower()}{text[1:]}"
     )
+
+
+def _of_other_kinds(failed: Sequence[TrialDiagnosis], kind: Kind) -> str:
+    """Return a sentence that counts the failures of other kinds, or an empty string if they are fewer than half."""
+    others = [trial.kind for trial in failed if trial.kind is not kind]
+    if 2 * len(others) < len(failed):
+        return ""
+    names = listed([KIND_NAMES[other] for other in KIND_NAMES if other in others])
+    return f" {len(others)} of {len(failed)} failures are of another kind: {names}."
 
 
 NOTHING_YET = "Nothing to conclude yet"

@@ -686,7 +686,7 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
-    """Return the objects of a correct attempt: the objects requested now, and drawers that must be moved for them."""
+    """Return the objects of a correct attempt: the objects requested now, and drawers to be moved for them."""
     _, now = _due(trace, instruction, grasp.start)
     return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
 

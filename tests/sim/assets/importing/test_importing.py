@@ -180,6 +180,9 @@ def test_another_unit_gives_the_middle_size_of_the_kind_and_says_so():
     placed = place(raw(mesh, "z", 1.0), kind_of("mug"), "mug.glb")
     assert np.ptp(placed.mesh.bounds(), axis=0).max() == pytest.approx(kind_of("mug").middle_m)
     assert "usual for a mug" in placed.notes[0]
+    mesh = cup()
+    mesh.apply_scale(50.0)
+    assert "usual for an egg cup" in place(raw(mesh, "z", 1.0), kind_of("egg cup"), "egg_cup.glb").notes[0]
 
 
 def test_a_size_that_nothing_tells_is_asked_for():

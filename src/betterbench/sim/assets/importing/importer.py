@@ -27,6 +27,7 @@ from betterbench.sim.assets.importing.raw import RawMesh
 from betterbench.sim.assets.importing.solid import Solid, mass_of_cells
 from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M, Placed, place
 from betterbench.sim.assets.names import file_words, words_of
+from betterbench.tasks.words import with_article
 
 DENSITY = 500.0
 """Assumed density of an object of unknown kind [kg/m^3]: between foam and water."""
@@ -188,7 +189,7 @@ def _mass(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> 
     elif kind.mass_at(longest) > _DENSEST * volume:
         mass, why = _DENSEST * volume, f"{_DENSEST:g} kg/m^3 of solid: it is slimmer than a usual {kind.name}"
     else:
-        mass, why = kind.mass_at(longest), f"usual for a {kind.name} of this size"
+        mass, why = kind.mass_at(longest), f"usual for {with_article(kind.name)} of this size"
     mass = round(min(max(mass, _LIGHTEST_KG), _HEAVIEST_KG), 4)
     return mass, f"mass {1000 * mass:.3g} g, {why}"
 

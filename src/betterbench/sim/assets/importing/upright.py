@@ -15,6 +15,7 @@ from betterbench.sim.assets.importing.kinds import FLAT_SHARE, TALL_SHARE, Kind
 from betterbench.sim.assets.importing.measures import depth_in_hull
 from betterbench.sim.assets.importing.raw import RawMesh
 from betterbench.sim.assets.importing.solid import GRID, Solid, mass_of_cells, solid_of
+from betterbench.tasks.words import with_article
 
 # Usual units of mesh files [m]: meters, decimeters, centimeters, millimeters, inches, feet.
 UNITS_M = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}
@@ -231,7 +232,10 @@ def _scale(mesh: RawMesh, kind: Kind | None, where: str, size_m: float | None) -
         for name, unit in UNITS_M.items():
             if low <= longest * unit <= high:
                 return unit, f"longest side {100 * longest * unit:.3g} cm, read as {name}"
-    return kind.middle_m / longest, f"longest side set to {100 * kind.middle_m:.3g} cm, usual for a {kind.name}"
+    return (
+        kind.middle_m / longest,
+        f"longest side set to {100 * kind.middle_m:.3g} cm, usual for {with_article(kind.name)}",
+    )
 
 
 def _standing(moved: RawMesh, *, grid: int = GRID) -> tuple[RawMesh, Solid, Cavity | None]:
