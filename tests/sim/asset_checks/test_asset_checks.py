@@ -372,7 +372,8 @@ def test_the_command_prints_what_failed_and_exits_with_one(good, tmp_path, capsy
 
 
 @pytest.mark.slow
-def test_planted_bad_assets_are_found_and_good_ones_are_kept(planted, meshes_if_here, tmp_path):
+def test_planted_bad_assets_are_found_and_good_ones_are_kept(planted, meshes_if_here, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(TOOLS))  # for the worker processes
     out = tmp_path / "planted"
     results = planted.measure(planted.make_plan(0, out, meshes_if_here, each=3), out, workers=2)
     rates = planted.print_table(results)
@@ -383,7 +384,8 @@ def test_planted_bad_assets_are_found_and_good_ones_are_kept(planted, meshes_if_
 
 
 @pytest.mark.slow
-def test_real_meshes_pass_without_a_person(meshes, tmp_path):
+def test_real_meshes_pass_without_a_person(meshes, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(TOOLS))  # for the worker processes
     tool = _tool("real_meshes")
     rates = tool.print_summary(tool.measure(tool.named_files(meshes), tmp_path, workers=2))
     assert rates["imported"] == 1.0
