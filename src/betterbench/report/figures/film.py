@@ -123,8 +123,9 @@ def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
 def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> list[TrialDiagnosis]:
     """Sort trials so that the most representative trial comes first.
 
-    This is the trial at the median time of the evidence, among the trials with the best twin. The others follow by the
-    success of their twin, then by seed.
+    Trials whose twin succeeded are preferred to trials whose twin failed, and these to trials without a twin. Among the
+    most preferred trials, the first is the one whose evidence begins at the median time. The others are sorted by this
+    preference, then by seed.
     """
 
     def twin_rank(trial: TrialDiagnosis) -> int:
