@@ -217,10 +217,10 @@ better calibrate --power --out runs/power
 ```
 
 This command measures the matrix again and writes a page. It can be interrupted and resumed. Replays use demonstrations.
-Their seeds begin at 1,000,000, so no trial is solved by a replay of its own twin. A blind probe runs the smallest number
-of trials with which a perfect score would be significant. After Holm's correction over all cells, this number is 7 if the
-chance of a correct guess is 25 %, and 14 if it is 50 %. The probe without language gets at least 14 trials, because with
-few trials its guesses are often correct by chance.
+Their seeds begin at 1,000,000, so a trial is never a replay of its own twin. A blind probe runs the smallest number of
+trials with which a perfect score would be significant. After Holm's correction over all cells, this number is 7 if the
+chance of a correct guess is 25 %, and 14 if it is 50 %. The probe without language gets at least 14 trials, because
+with few trials its guesses are often correct by chance.
 
 The tables use these terms:
 

@@ -279,7 +279,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
 def _by_failures(
     diagnosis: RunDiagnosis, varied: Sequence[TrialDiagnosis], training: Figure, gap: Figure
 ) -> tuple[str, str, Grounds]:
-    """Return the main sentence from the failures of the variation trials, with its color family and statistical basis."""
+    """Return the same as :func:`_conclusion`, but only from the failures of the variation trials."""
     trials = diagnosis.trials
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)

@@ -74,7 +74,7 @@ def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
         key = unquote(key)
         if not separator or not key.isidentifier() or key in arguments:
             problem = f"argument {key!r} is given twice" if key in arguments else f"{part!r} is not an argument"
-            raise InvalidInputError(f"policy python:{address}", problem, "Write ?key=value&key=value with each key once")
+            raise InvalidInputError(f"policy python:{address}", problem, "Write ?key=value&key=value, each key once")
         arguments[key] = _value(unquote(value))
     return where, name, arguments
 
