@@ -101,7 +101,7 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool =
     solved trials. Within each group, the most frequent pairs come first. Trials without a record are left out.
     """
     if limit < 0:
-        raise InvalidInputError("limit", f"{limit} is negative", "Give 0 or more")
+        raise InvalidInputError("limit", f"{limit} is negative", "Give a number of at least 0")
     by_key = {trial.key: trial for trial in diagnosis.trials if trial.record is not None}
     groups: dict[tuple[str, str, str], list[TrialDiagnosis]] = defaultdict(list)
     for trial in by_key.values():
