@@ -216,11 +216,11 @@ reference lines next to a policy's score.
 better calibrate --power --out runs/power
 ```
 
-This command measures the matrix again and writes a page. It can be interrupted and resumed. Replays use demonstrations,
-whose seeds begin at 1,000,000, and never the trial's own twin. The number of trials of a blind probe is the smallest
-number with which solving all trials would be significant. After Holm's correction over all cells, this number is 7 if
-chance is 25 %, and 14 if it is 50 %. The probe without language gets at least 14 trials, because with few trials its
-guesses are often correct by chance.
+This command measures the matrix again and writes a page. It can be interrupted and resumed. Replays use demonstrations.
+Their seeds begin at 1,000,000, so a trial is never a replay of its own twin. A blind probe runs the smallest number of
+trials with which a perfect score would be significant. After Holm's correction over all cells, this number is 7 if the
+chance of a correct guess is 25 %, and 14 if it is 50 %. The probe without language gets at least 14 trials, because
+with few trials its guesses are often correct by chance.
 
 The tables use these terms:
 

@@ -36,7 +36,9 @@ def free_port(host: str, port: int) -> int:
     Raise InvalidInputError if the requested port is not available.
     """
     if not 0 <= port <= 65535:
-        raise InvalidInputError("--port", f"{port} is not a port", "Give 0 to 65535; 0 chooses a free port")
+        raise InvalidInputError(
+            "--port", f"{port} is not a port", "Give a number from 0 to 65535; 0 chooses a free port"
+        )
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:

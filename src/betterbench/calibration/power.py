@@ -121,10 +121,11 @@ def measure_power(
 ) -> PowerMatrix:
     """Run every pretender on every variation and return the matrix.
 
-    The same call resumes an interrupted measurement. Trials that a rule shares with the expert need no simulation.
+    The same call resumes an interrupted measurement. Trials in which a faulty rule decides as the expert does are not
+    simulated again.
 
     Raises:
-        RunConflictError: If a folder contains another run.
+        RunConflictError: If a folder already contains a different run.
         RecordError: If a record cannot be read, or an error outside the policy ended a trial.
     """
     total, before = planned.total, 0

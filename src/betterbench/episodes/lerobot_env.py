@@ -70,7 +70,7 @@ def make_env(
         UnknownNameError: If a task, condition or setting is unknown.
     """
     if n_envs < 1:
-        raise InvalidInputError("n_envs", f"{n_envs} is not positive", "Give at least 1")
+        raise InvalidInputError("n_envs", f"{n_envs} is not positive", "Give a number of at least 1")
     if getattr(cfg, "max_parallel_tasks", 1) > 1:
         raise InvalidInputError(
             "max_parallel_tasks", "rendering is limited to one thread", "Leave this value at 1 and raise n_envs"

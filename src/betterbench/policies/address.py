@@ -152,7 +152,7 @@ class AddressForm:
             pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query), max_num_fields=100)
         except ValueError as error:
             raise InvalidInputError(
-                where, f"its options cannot be read ({error})", "Write ?key=value&key=value"
+                where, f"the options cannot be read ({error})", "Write the options as ?key=value&key=value"
             ) from None
         if pairs and not self.options:
             raise InvalidInputError(where, f"{self.scheme} does not take options", f"Write {self.example}")

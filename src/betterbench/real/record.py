@@ -379,7 +379,7 @@ class RealJournal(LineJournal):
             InvalidInputError: If the trial is not finished, or the reason is empty.
         """
         if self._states[code].state != "done":
-            raise InvalidInputError("repeat", f"{code} is not finished", "Give a finished trial")
+            raise InvalidInputError("repeat", f"{code} is not finished", "Choose a finished trial")
         if not reason.strip():
             raise InvalidInputError("repeat", f"{code} needs a reason", "Give the reason why its record is invalid")
         self._append(Event("repeated", code, self._states[code].attempt, now(), reason[:500], person))

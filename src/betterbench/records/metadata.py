@@ -58,7 +58,7 @@ class Outcome:
             )
         for name in ("clipped_actions", "invalid_actions"):
             if getattr(self, name) < 0:
-                raise InvalidInputError(name, f"{getattr(self, name)} is negative", "Give 0 or more")
+                raise InvalidInputError(name, f"{getattr(self, name)} is negative", "Give a number of at least 0")
 
 
 @strict_form

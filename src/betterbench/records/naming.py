@@ -69,7 +69,7 @@ def _checked(given: Sequence[str], runs: int) -> tuple[str, ...]:
         raise InvalidInputError("--name", problem, "Give one name per run, in the same order")
     for name in given:
         if not name.strip() or _shown(name) != name:
-            cure = f"Give 1 to {MOST_CHARACTERS} printable characters"
+            cure = f"Give a name of 1 to {MOST_CHARACTERS} printable characters"
             raise InvalidInputError("--name", f"{name[:MOST_CHARACTERS]!r} cannot be the name of a run", cure)
         if given.count(name) > 1:
             raise InvalidInputError("--name", f"{name!r} is given twice", "Give each run a different name")

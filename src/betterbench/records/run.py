@@ -313,7 +313,9 @@ class RunFolder:
     def scene_path(self, scene_hash: str) -> Path:
         """Return the path of a stored scene. Raises InvalidInputError for a hash that is not lower-case hexadecimal."""
         if not _HASH.fullmatch(scene_hash):
-            raise InvalidInputError("scene hash", f"{scene_hash!r} is not a hash", "Give 8 to 128 hexadecimal digits")
+            raise InvalidInputError(
+                "scene hash", f"{scene_hash!r} is not a hash", "Give a hash of 8 to 128 hexadecimal digits"
+            )
         return self._inside("scenes", f"{scene_hash}.zip")
 
     def write_record(self, record: Record) -> Path:

@@ -254,10 +254,11 @@ def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
 
 
 def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple[str, str, Grounds]:
-    """Return the main sentence, its color family and its test.
+    """Return the main sentence, its color family and its statistical basis.
 
-    Proof that the instruction is not used takes precedence over the failures of the variations, unless a habit explains
-    the wrong first attempts in the whole run. In a few variations, a habit may coincide with a blind choice.
+    Evidence that the policy does not use the instruction takes precedence over the failures in the variations, unless a
+    habit explains the wrong first attempts in the whole run. In only a few variations, a habit can look like a choice
+    without the instruction.
     """
     trials = diagnosis.trials
     varied = [trial for trial in trials if trial.variation is not None and trial.kind is not Kind.UNFINISHED]
@@ -278,7 +279,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
 def _by_failures(
     diagnosis: RunDiagnosis, varied: Sequence[TrialDiagnosis], training: Figure, gap: Figure
 ) -> tuple[str, str, Grounds]:
-    """Return the main sentence, its color family and its test, from the failures of the variation trials."""
+    """Return the same as :func:`_conclusion`, but only from the failures of the variation trials."""
     trials = diagnosis.trials
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)

@@ -51,7 +51,7 @@ def paired_bootstrap(
     check_fraction("confidence", confidence)
     if resamples < 1:
         raise InvalidInputError(
-            "resamples", f"{resamples} is not a valid number of resamples", "Give at least 1, such as 10000"
+            "resamples", f"{resamples} is not a valid number of resamples", "Give a number of at least 1, such as 10000"
         )
     scores = _paired_scores(first, second)
     n = len(scores)

@@ -116,10 +116,10 @@ def _common_rates() -> npt.NDArray[np.float64]:
 
 
 def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
-    """Return the largest probability of a set of outcomes under any common rate.
+    """Return the maximum probability of a set of outcomes over all success rates that both arms may have in common.
 
     Returns:
-        The maximum over a grid of common rates, refined once around its best point.
+        The maximum over a grid of common rates, which is refined once around its best point.
     """
     n1, n2 = extreme.shape[0] - 1, extreme.shape[1] - 1
     members = extreme.astype(np.float64)

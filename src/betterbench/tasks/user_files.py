@@ -56,10 +56,10 @@ T = TypeVar("T")
 class TaskFile:
     """A loaded user file: a Python file, or the manifest of an asset folder.
 
-    Workers get the same text even if the file changes meanwhile.
+    Workers get the same text even if the file changes in the meantime.
 
-    The path is absolute, on the machine that first loaded it. ``demonstrations`` is the text of its companion file, if
-    there is one, and ``suite`` the suite folder with which it was loaded.
+    The path is the absolute path on the machine that first loaded the file. ``demonstrations`` is the text of the
+    file's companion, if it has one. ``suite`` is the suite folder with which the file was loaded.
     """
 
     path: str

@@ -529,7 +529,7 @@ def test_a_data_set_that_is_here_is_checked(tmp_path):
 @pytest.mark.parametrize(
     ("framework", "form", "options", "said"),
     [
-        ("openpi", "better", {"gpus": 3}, "a batch of 128 is not divisible by 3.*Give 1, 2, 4, 8"),
+        ("openpi", "better", {"gpus": 3}, "a batch of 128 is not divisible by 3.*Give one of 1, 2, 4, 8"),
         ("openpi", "better", {"gpus": 0}, "--gpus: 0 is out of range"),
         ("openpi", "better", {"data": ()}, "--data: is missing"),
         ("openpi", "better", {"data": ("a", "b")}, "2 data sets are given, but this trainer reads only one"),

@@ -97,7 +97,7 @@ def _sign(made: MadeDataset, key: Path) -> None:
     from betterbench.demonstrations.shortcuts.prediction import sign
 
     if made.prediction is None:
-        raise InvalidInputError("--sign", "there are too few demonstrations for a prediction", "Give more --demos")
+        raise InvalidInputError("--sign", "there are too few demonstrations for a prediction", "Increase --demos")
     sign(made.path / "prediction.json", key)
 
 

@@ -294,7 +294,7 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
             "--from", f"runs of {chosen.suite} cannot be repeated", "Give --suite and --policy instead"
         )
     if policy is None:
-        raise InvalidInputError("--policy", "no policy is given", "Give its address")
+        raise InvalidInputError("--policy", "no policy is given", "Give the address of a policy")
     _refuse_changed(
         replace(chosen, suite="better60", tasks=(), trials=None, seed=0, action_space=None, observation="default"),
         f"the option does not apply to {chosen.suite}",

@@ -129,7 +129,9 @@ def _named(texts: tuple[str, ...], option: str) -> dict[str, str]:
         name, separator, value = text.partition("=")
         if not separator or not name.isidentifier() or name in found:
             raise InvalidInputError(
-                option, f"expected NAME=VALUE with each name given once, got {text!r}", "Write front=0"
+                option,
+                f"expected NAME=VALUE with each name given once, got {text!r}",
+                "Write, for example, front=0",
             )
         found[name] = value
     return found

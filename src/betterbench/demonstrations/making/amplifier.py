@@ -482,7 +482,7 @@ class Amplifier:
         return state
 
     def _leave(self, state: WorldState) -> Motion:
-        """Retreat upward at the end, to release the object completely even if the source ended earlier."""
+        """Retreat upward at the end, so that the gripper leaves the object even if the source ended before that."""
         if state.held is not None:
             return state
         goal = state.commanded_pose.translated(z=LEAVE_M)

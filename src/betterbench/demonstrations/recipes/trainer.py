@@ -107,7 +107,7 @@ class Training:
         if batch % self.gpus:
             divisors = ", ".join(str(n) for n in range(1, batch + 1) if batch % n == 0)
             raise InvalidInputError(
-                "--gpus", f"a batch of {batch} is not divisible by {self.gpus} GPUs", f"Give {divisors}"
+                "--gpus", f"a batch of {batch} is not divisible by {self.gpus} GPUs", f"Give one of {divisors}"
             )
         return batch // self.gpus
 
@@ -152,7 +152,7 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
     """
     folder = Path(place)
     if not _is_place(place):
-        raise InvalidInputError("--data", f"{place!r} is not the path of a data set", "Give its folder")
+        raise InvalidInputError("--data", f"{place!r} is not the path of a data set", "Give the folder of a data set")
     if not _NAME.fullmatch(folder.name):
         problem = f"{folder.name!r}, the last part of {place!r}, is not a valid name of a data set"
         raise InvalidInputError("--data", problem, "Rename the folder, with only letters, digits, '_', '.' and '-'")

@@ -75,8 +75,8 @@ class SmallestRule:
         least_share: Smallest fraction of outcomes that a rule must decide to be found in at least :data:`POWER` of all
             data sets with these counts. The other outcomes are random. None if not even a rule without exceptions is
             found.
-        strong_share: Same fraction if the p-value is ignored, so that only strength counts. This is the limit for many
-            demonstrations.
+        strong_share: Same fraction if the p-value is ignored, so that only strength counts. It is the value of
+            ``least_share`` for a large number of demonstrations.
         sentence: Sentence that explains ``least_share``.
     """
 

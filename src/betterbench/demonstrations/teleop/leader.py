@@ -178,7 +178,7 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
     if kind not in LEADERS:
         raise InvalidInputError("--leader", f"{kind!r} is unknown", f"Use one of {', '.join(LEADERS)}")
     if not port:
-        raise InvalidInputError("--leader", "its serial port is missing", "Give --leader-port, such as /dev/ttyACM0")
+        raise InvalidInputError("--leader", "the serial port is missing", "Give --leader-port, such as /dev/ttyACM0")
     leader = ArmKind("teleoperators", kind, "so_leader")
     options = {"port": port, "id": name, "use_degrees": True}
     made = make_arm(leader, options, what="--leader needs lerobot with its Feetech motors")

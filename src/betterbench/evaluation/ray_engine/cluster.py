@@ -41,7 +41,9 @@ class Cluster:
         if not 1 <= self.replicas <= 256:
             raise InvalidInputError("--replicas", f"{self.replicas} is out of range", "Give a number from 1 to 256")
         if self.replica_gpus is not None and not 0.0 <= self.replica_gpus <= 64.0:
-            raise InvalidInputError("--replica-gpus", f"{self.replica_gpus:g} is out of range", "Give 0 to 64")
+            raise InvalidInputError(
+                "--replica-gpus", f"{self.replica_gpus:g} is out of range", "Give a number from 0 to 64"
+            )
 
 
 def require_ray(cluster: Cluster) -> None:

@@ -79,11 +79,11 @@ def open_server(
         UnknownNameError: If no such policy, task, condition or preset exists.
     """
     if not 1 <= chunk <= MAX_CHUNK:
-        raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Give 1 to {MAX_CHUNK}")
+        raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Give a number from 1 to {MAX_CHUNK}")
     if not 1 <= batch <= 1024:
-        raise InvalidInputError("--batch", f"{batch} is out of range", "Give 1 to 1024")
+        raise InvalidInputError("--batch", f"{batch} is out of range", "Give a number from 1 to 1024")
     if not 1 <= clients <= MOST_CLIENTS:
-        raise InvalidInputError("--clients", f"{clients} is out of range", f"Give 1 to {MOST_CLIENTS}")
+        raise InvalidInputError("--clients", f"{clients} is out of range", f"Give a number from 1 to {MOST_CLIENTS}")
     kind = kind_of(policy)
     needs = kind.needs_of(policy)
     if needs.trial:

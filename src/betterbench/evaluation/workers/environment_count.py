@@ -1,10 +1,11 @@
-"""Choice of the number of environments per worker by a warm-up.
+"""Choice of the number of environments per worker, from the throughput measured in a warm-up.
 
 A worker with n environments is a closed queue. A chunk takes S seconds of the worker's time and L seconds of the
-policy's time. The knee of the queue is at (L + S) / S environments; with fewer, the worker has to wait. Near the knee,
-fluctuations still cost a quarter to a third of the throughput. More environments than the knee are therefore opened
-(:data:`KNEES`) if this increases the throughput of the policy. If a server processes one request at a time, more
-environments only lengthen its queue, which the measured throughput shows. Records do not depend on the number.
+policy's time. The throughput saturates at (L + S) / S environments, the knee of the queue; with fewer, the worker has
+to wait. Near the knee, fluctuations still cost a quarter to a third of the throughput. More environments than the knee
+are therefore opened (:data:`KNEES`) if this increases the throughput of the policy. If a server processes one request
+at a time, more environments only lengthen its queue, which the measured throughput shows. The number of environments
+does not affect the records.
 """
 
 from __future__ import annotations

@@ -141,7 +141,7 @@ def _require_context(value: str, place: str) -> None:
     try:
         plain_text(value)
     except ValueError as error:
-        raise InvalidInputError(place, f"the context {error}", "Write words") from error
+        raise InvalidInputError(place, f"the context {error}", "Write the context in words") from error
     if len(value) > LONGEST_NAME:
         raise InvalidInputError(place, f"the context has {len(value)} characters", f"Write at most {LONGEST_NAME}")
 

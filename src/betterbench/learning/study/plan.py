@@ -135,10 +135,10 @@ class StudyPlan:
                 conditions_of(task, regime)
         for arm, shares in self.arms.items():
             if abs(sum(shares.values()) - 1.0) > _SUM_SLACK:
-                raise InvalidInputError(f"arms.{arm}", "its shares do not add up to 1", "Give shares that add up to 1")
+                raise InvalidInputError(f"arms.{arm}", "the shares do not add up to 1", "Give shares that add up to 1")
             if len(shares) > self.demos:
                 problem = f"{self.demos} demonstrations are too few for {len(shares)} regimes"
-                raise InvalidInputError(f"arms.{arm}", problem, "Give more in demos")
+                raise InvalidInputError(f"arms.{arm}", problem, "Increase demos")
         self.recipe_of(PlannedLearner(self.tasks[0], next(iter(self.arms)), self.seeds[0]), ("data",))
         for i, lever in enumerate(self.levers):
             _require_known(f"levers[{i}].arms", lever.arms, self.arms)

@@ -318,7 +318,7 @@ class Overlap:
         if not overlap.steps >= 1 or overlap.frozen > overlap.steps:
             raise address.error(
                 f"{overlap.frozen} frozen steps do not fit into an overlap of {overlap.steps} steps",
-                "rtc_overlap_steps must be at least 1 and at least rtc_frozen_steps (or ahead)",
+                "rtc_overlap_steps must be at least 1, and not less than rtc_frozen_steps (by default ahead)",
             )
         return overlap
 

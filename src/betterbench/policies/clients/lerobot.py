@@ -263,7 +263,7 @@ def _camera(key: str, address: PolicyAddress, where: str) -> str:
 
 
 def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRule:
-    """Return the answer rule for an action with the checkpoint's number of values."""
+    """Return the rule that converts answers to actions, for the number of values that the checkpoint declares."""
     space = address.options.get("action_space", "ee_delta" if features.action == 7 else "")
     turned = "quaternion_wxyz" if space == "ee_pose" else "axis_angle"
     parts: tuple[AnswerPart, ...]

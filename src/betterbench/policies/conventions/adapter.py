@@ -171,7 +171,7 @@ class Adapter:
                 )
         if self.horizon is not None and self.horizon < 1:
             raise InvalidInputError(
-                f"adapter {self.name}: horizon", f"{self.horizon} is out of range", "Give 1 or more"
+                f"adapter {self.name}: horizon", f"{self.horizon} is out of range", "Give a number of at least 1"
             )
 
     @property

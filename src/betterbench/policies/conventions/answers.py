@@ -151,12 +151,14 @@ class AnswerRule:
                 raise InvalidInputError(f"answer: {name}", f"{value:g} is out of range", "Give a number above 0")
         if not 0.0 <= self.gripper_threshold < 1.0:
             raise InvalidInputError(
-                "answer: gripper_threshold", f"{self.gripper_threshold:g} is out of range", "Give 0 or more, below 1"
+                "answer: gripper_threshold",
+                f"{self.gripper_threshold:g} is out of range",
+                "Give a number of at least 0 and below 1",
             )
         for part in self.parts:
             if part.size is not None and not 1 <= part.size <= 10_000:
                 raise InvalidInputError(
-                    f"answer: {part.kind}", f"{part.size} columns are out of range", "Give 1 or more"
+                    f"answer: {part.kind}", f"{part.size} columns are out of range", "Give at least one column"
                 )
             if part.kind == "unused" and part.size is None:
                 raise InvalidInputError(

@@ -56,9 +56,13 @@ class ImageRule:
             raise InvalidInputError(where, "only one of width and height is given", "Give both or neither")
         for side in (self.width, self.height):
             if side is not None and not 1 <= side <= _LARGEST_SIDE:
-                raise InvalidInputError(where, f"{side} pixels are out of range", f"Give 1 to {_LARGEST_SIDE}")
+                raise InvalidInputError(
+                    where, f"{side} pixels are out of range", f"Give a number from 1 to {_LARGEST_SIDE}"
+                )
         if not 0.0 < self.keep <= 1.0:
-            raise InvalidInputError(where, f"keep = {self.keep:g} is out of range", "Give more than 0 and at most 1")
+            raise InvalidInputError(
+                where, f"keep = {self.keep:g} is out of range", "Give a number above 0 and at most 1"
+            )
         if self.camera == EVERY_CAMERA and not any("{camera}" in part for part in self.key):
             raise InvalidInputError(where, "all cameras would have the same key", "Use {camera} in the key")
 

@@ -106,7 +106,7 @@ def require_own_layout(address: PolicyAddress, world: str) -> None:
     if named in UNTRANSLATED:
         raise InvalidInputError(
             "--policy",
-            f"the preset {named} converts our scenes to LIBERO's conventions, but this run is in {world} itself",
+            f"the preset {named} converts our scenes to LIBERO's conventions, but this run uses {world}'s own scenes",
             f"Give preset={UNTRANSLATED[named]}"
             if world == "LIBERO"
             else f"Give preset=NAME ({', '.join(CALVIN_PRESETS)})",

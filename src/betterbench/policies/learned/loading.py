@@ -76,7 +76,8 @@ def _executed(address: PolicyAddress, learner: Learner) -> int:
         return recipe.execute
     if not given.isdecimal() or not 1 <= int(given[:9]) <= recipe.chunk:
         raise address.error(
-            f"execute={given} is out of range", f"Give 1 to {recipe.chunk}, the number of actions per chunk"
+            f"execute={given} is out of range",
+            f"Give a number from 1 to {recipe.chunk}, the number of actions per chunk",
         )
     return int(given)
 

@@ -235,7 +235,7 @@ class TrainingRecipe:
             problem = (
                 f"a share of {self.co_training.weight} of a batch of {self.batch} samples is less than one question"
             )
-            raise InvalidInputError("co_training.weight", problem, "Give a larger weight or batch, or no co_training")
+            raise InvalidInputError("co_training.weight", problem, "Increase the weight or batch, or omit co_training")
         if self.sees == "pixels" and self.history > 1:
             require_asked(self.history_stride, self.execute, "history_stride")
 

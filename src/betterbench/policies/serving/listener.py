@@ -101,7 +101,9 @@ def listen(host: str, port: int, *, most: int | None = None, budget: FrameBudget
     Raises InvalidInputError if it cannot be bound.
     """
     if not 0 <= port <= 65535:
-        raise InvalidInputError("--port", f"{port} is not a port", "Give 1 to 65535, or 0 for any free port")
+        raise InvalidInputError(
+            "--port", f"{port} is not a port", "Give a number from 1 to 65535, or 0 for any free port"
+        )
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return Listener(socket.create_server((host, port), family=family), most=most, budget=budget)

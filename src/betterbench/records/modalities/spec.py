@@ -51,7 +51,9 @@ class PlacedCamera:
                 "camera", "position and target are the same point", "Give a target that differs from the position"
             )
         if not 1.0 <= self.fovy_deg <= 170.0:
-            raise InvalidInputError("camera", f"has a field of view of {self.fovy_deg:g} degrees", "Give 1 to 170")
+            raise InvalidInputError(
+                "camera", f"has a field of view of {self.fovy_deg:g} degrees", "Give an angle from 1 to 170 degrees"
+            )
 
 
 @strict_form

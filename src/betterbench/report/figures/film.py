@@ -101,7 +101,7 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool =
     solved trials. Within each group, the most frequent pairs come first. Trials without a record are left out.
     """
     if limit < 0:
-        raise InvalidInputError("limit", f"{limit} is negative", "Give 0 or more")
+        raise InvalidInputError("limit", f"{limit} is negative", "Give a number of at least 0")
     by_key = {trial.key: trial for trial in diagnosis.trials if trial.record is not None}
     groups: dict[tuple[str, str, str], list[TrialDiagnosis]] = defaultdict(list)
     for trial in by_key.values():
@@ -123,8 +123,9 @@ def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
 def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> list[TrialDiagnosis]:
     """Sort trials so that the most representative trial comes first.
 
-    This is the trial at the median time of the evidence, among the trials with the best twin. The others follow by the
-    success of their twin, then by seed.
+    Trials whose twin succeeded are preferred to trials whose twin failed, and these to trials without a twin. Among the
+    most preferred trials, the first is the one whose evidence begins at the median time. The others are sorted by this
+    preference, then by seed.
     """
 
     def twin_rank(trial: TrialDiagnosis) -> int:

@@ -161,11 +161,12 @@ class ArmIK:
     def window(
         self, q: Sequence[float], centers: Sequence[float], lead_rad: float = math.inf
     ) -> tuple[list[float], list[float]]:
-        """Return the lowest and the highest joint reference one control step after ``q``, all of length n [rad].
+        """Return the lowest and the highest joint references allowed one control step after ``q``.
 
-        A joint obeys its velocity limit, and moves at most :data:`APPROACH` of its distance to a position limit, so
-        that it slows down before the limit. From outside the limits it returns at full speed. Within these bounds it
-        stays within ``lead_rad`` of ``centers``.
+        All arguments and results are angles of the n joints [rad]. In a step, a joint obeys its velocity limit, and
+        covers at most the fraction :data:`APPROACH` of its distance to a position limit, so that it slows down before
+        the limit. A joint outside its limits must return by at least this fraction, as far as its velocity limit
+        permits. Within these bounds, a reference stays within ``lead_rad`` of ``centers``.
         """
         lowest: list[float] = []
         highest: list[float] = []

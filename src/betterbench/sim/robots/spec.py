@@ -229,7 +229,7 @@ class RobotSpec:
         return "arm" if body in self.arm_bodies else None
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict for records and handshakes, without dynamics that do not vary."""
+        """Return a JSON-serializable dict for records and handshakes. Empty dynamics are omitted."""
         form = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
         del form["steering"], form["kept_apart"]
         if not self.dynamics:

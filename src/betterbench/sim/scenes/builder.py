@@ -133,7 +133,7 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
     opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
         raise InvalidInputError(
-            f"{condition.id} opened[{name!r}]", f"{opening} m is out of range", f"Give 0 to {travel} m"
+            f"{condition.id} opened[{name!r}]", f"{opening} m is out of range", f"Give a distance from 0 to {travel} m"
         )
     return opening
 

@@ -104,14 +104,14 @@ _EPISODE_START = TypeAdapter(_EpisodeStart)
 
 @dataclass(frozen=True, slots=True)
 class WorldTask:
-    """Task of a suite, as described by its world.
+    """Task of a suite, as defined by the simulated world.
 
     Attributes:
         suite: Suite name ("libero_spatial_swap").
-        number: Its index in the suite.
-        name: Its name in the world.
+        number: Index of the task in the suite.
+        name: Name of the task in the world.
         instruction: Instruction to the policy.
-        bddl_sha256: Its file's fingerprint.
+        bddl_sha256: SHA-256 fingerprint of the task's BDDL file.
     """
 
     suite: str

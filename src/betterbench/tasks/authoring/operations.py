@@ -124,7 +124,11 @@ def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Res
     if condition.object(drawer.name).mount is None:
         raise _refused(condition, drawer, "it is not a drawer", "Give an object with a mount")
     if not distance_m >= 0.0:
-        raise InvalidInputError(f"{condition.id} distance_m", f"{distance_m} m", "Give 0 or more (0 closes the drawer)")
+        raise InvalidInputError(
+            f"{condition.id} distance_m",
+            f"{distance_m} m is out of range",
+            "Give a distance of at least 0 m (0 closes the drawer)",
+        )
     return condition.with_(opened={**condition.opened, drawer.name: distance_m}), Changes(frozenset({drawer.name}))
 
 

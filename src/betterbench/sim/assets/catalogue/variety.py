@@ -56,7 +56,7 @@ def choose_different(
         InvalidInputError: If the number is out of range, or the catalogue has fewer assets that fit.
     """
     if not 1 <= count <= MOST:
-        raise InvalidInputError("num", f"{count} is out of range", f"Give 1 to {MOST}")
+        raise InvalidInputError("num", f"{count} is out of range", f"Give a number from 1 to {MOST}")
     hits = _of_one_kind(catalogue.search(description, limit=_SEARCHED, filters=filters), description)
     left = [Chosen(one, hit) for hit in hits for one in _looks(hit.entry)]
     if not left:
