@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ from betterbench.errors import InvalidInputError, MissingDependencyError, Record
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
 from betterbench.jobs import OnCount
 from betterbench.jobs.outputs import OutputFolder
-from betterbench.records import RunFolder, run_names
+from betterbench.records import RunFolder, require_each_once, run_names
 from betterbench.records.credits import credits_of_runs
 from betterbench.report.figures.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
 from betterbench.report.figures.media import Media, Thumbnails
@@ -184,10 +183,7 @@ def report_into(
     """
     if not runs:
         raise InvalidInputError("runs", "no run was given", "Give the --out folder of better eval")
-    folders = [os.path.realpath(run.path) for run in runs]
-    twice = next((run.path for i, run in enumerate(runs) if folders[i] in folders[:i]), None)
-    if twice is not None:
-        raise InvalidInputError("runs", f"{twice} is given twice", "Give every run once")
+    require_each_once([run.path for run in runs])
     place = runs[0].report_path if out is None else out
     with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
         return build_report(runs, place, names=names, twins=twins, latex=latex, films=films, listener=listener)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -12,7 +11,7 @@ from betterbench.comparison.conventions import side_conventions
 from betterbench.comparison.submission import Submission, read_submission
 from betterbench.diagnosis import RunDiagnosis, diagnose_run
 from betterbench.errors import InvalidInputError
-from betterbench.records import RunFolder, run_names, told_apart
+from betterbench.records import RunFolder, require_each_once, run_names, told_apart
 from betterbench.tasks import TrialId
 
 
@@ -56,10 +55,7 @@ def load_sides(
         raise InvalidInputError(
             "runs", f"a comparison needs at least two runs, got {len(paths)}", "Give at least two run folders"
         )
-    places = [os.path.realpath(path) for path in paths]
-    twice = next((paths[i] for i, place in enumerate(places) if place in places[:i]), None)
-    if twice is not None:
-        raise InvalidInputError("runs", f"{twice} is given twice", "Give every run once")
+    require_each_once(paths)
     sources = [read_submission(path) if path.is_file() else RunFolder.open(path) for path in paths]
     called = run_names([_heading(s, path) for s, path in zip(sources, paths, strict=True)], names)
     return tuple(

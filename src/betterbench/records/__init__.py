@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from betterbench.records.demonstration import Demonstrator, SkillWindow, SubgoalSegment
     from betterbench.records.journal import Journal, JournalEntry, TrialStatus, read_journal
     from betterbench.records.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
-    from betterbench.records.naming import run_names, told_apart
+    from betterbench.records.naming import require_each_once, run_names, told_apart
     from betterbench.records.parquet import read_outcome, read_record, record_bytes, write_record
     from betterbench.records.record import Record
     from betterbench.records.run import RunFolder
@@ -45,6 +45,7 @@ __all__ = [
     "read_outcome",
     "read_record",
     "record_bytes",
+    "require_each_once",
     "run_names",
     "subgoal_segments",
     "told_apart",
@@ -63,7 +64,7 @@ if not TYPE_CHECKING:
             "parquet": ("read_outcome", "read_record", "record_bytes", "write_record"),
             "record": ("Record",),
             "run": ("RunFolder",),
-            "naming": ("run_names", "told_apart"),
+            "naming": ("require_each_once", "run_names", "told_apart"),
             "segmenting": ("subgoal_segments",),
         },
     )

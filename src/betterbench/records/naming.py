@@ -1,7 +1,8 @@
-"""Unique display names for runs that are shown together."""
+"""Runs that are shown together: each is given once, and has a unique display name."""
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -18,6 +19,14 @@ The names are repeated here because reading records must not import the policy k
 
 MOST_CHARACTERS = 80
 """Maximum length of a run's name; longer names are truncated to keep pages and tables readable."""
+
+
+def require_each_once(paths: Sequence[Path]) -> None:
+    """Raise InvalidInputError if two paths lead to the same run."""
+    places = [os.path.realpath(path) for path in paths]
+    twice = next((paths[i] for i, place in enumerate(places) if place in places[:i]), None)
+    if twice is not None:
+        raise InvalidInputError("runs", f"{twice} is given twice", "Give every run once")
 
 
 def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str, ...]:
