@@ -111,22 +111,17 @@ def place_task(task: Task, spec: RobotSpec) -> Placed:
     near, far = ring_of(spec)
     center = np.array(spec.steering.center[:2])
     steps = np.arange(-FARTHEST_M, FARTHEST_M + 0.5 * GRID_M, GRID_M)
-    best: tuple[tuple[int, float], tuple[float, float], np.ndarray] | None = None
-    for x, y in itertools.product(steps.tolist(), steps.tolist()):
-        flat = slots - (x, y) - center
-        radii = np.hypot(flat[:, 0], flat[:, 1])
-        out = (radii < near) | (radii > far) | (np.abs(np.arctan2(flat[:, 1], flat[:, 0])) > WIDEST_RAD)
-        cost = (int(out.sum()), float(np.abs(radii - 0.5 * (near + far)).sum()))
-        if best is None or cost < best[0]:
-            best = cost, (round(x, 2), round(y, 2)), out
-    if best is None:
-        raise AssertionError("the grid of positions is not empty")
-    _, (x, y), out = best
+    positions = np.array(list(itertools.product(steps, steps)))
+    flat = slots - positions[:, None] - center  # (positions, slots, 2)
+    radii = np.hypot(flat[..., 0], flat[..., 1])
+    out = (radii < near) | (radii > far) | (np.abs(np.arctan2(flat[..., 1], flat[..., 0])) > WIDEST_RAD)
+    best = int(np.lexsort((np.abs(radii - 0.5 * (near + far)).sum(axis=1), out.sum(axis=1)))[0])
+    x, y = (round(float(value), 2) for value in positions[best])
     name = f"{task.id}_{spec.name}"
     if suite_of(name) is not None:
         name += "_placed"
     there = laid_out(task, name, robot=spec.name, robot_title=spec.title, base_m=(x, y))
-    outside = tuple(slot["name"] for slot, is_out in zip(form["slots"], out, strict=True) if is_out)
+    outside = tuple(slot["name"] for slot, is_out in zip(form["slots"], out[best], strict=True) if is_out)
     return Placed(there, (x, y), outside)
 
 

@@ -136,7 +136,8 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
     for row in np.flatnonzero(low[:, items].any(axis=1)).tolist():
         if row < first:
             continue
-        reach, gaps = trace.within_reach(row, trace.tool[row]), trace.box_distances(row, trace.tool[row])
+        gaps = trace.box_distances(row, trace.tool[row])
+        reach = in_reach(gaps, trace.center_distances(row, trace.tool[row]))
         near = [i for i in items if low[row, i] and reach[i] and not trace.there[row, i]]
         if near:
             times[min(near, key=lambda i: (float(gaps[i]), i))] += 1

@@ -171,14 +171,22 @@ def box_distances(objects: Sequence[ObjectInfo], positions: Floats, quaternions:
         quaternions: (n, 4) their rotations (w, x, y, z).
         point: (3,) the point [m].
     """
-    size = np.array([o.size_m for o in objects]).reshape(-1, 3)
-    offset = point - positions
-    axis = -quaternions[:, 1:]
-    twice = 2.0 * _cross(axis, offset)
-    local = offset + quaternions[:, :1] * twice + _cross(axis, twice)
-    local[:, 2] -= 0.5 * size[:, 2]
-    outside: Floats = np.linalg.norm(np.maximum(np.abs(local) - 0.5 * size, 0.0), axis=1)
-    return outside
+    # In floats, because arrays of a few objects take four times as long.
+    px, py, pz = point.tolist()
+    distances = []
+    for o, (x, y, z), (w, qx, qy, qz) in zip(objects, positions.tolist(), quaternions.tolist(), strict=True):
+        width, depth, height = o.size_m
+        dx, dy, dz = px - x, py - y, pz - z
+        # the offset in the frame of the object: turned back by its rotation
+        tx, ty, tz = 2.0 * (qz * dy - qy * dz), 2.0 * (qx * dz - qz * dx), 2.0 * (qy * dx - qx * dy)
+        local_x = dx + w * tx + (qz * ty - qy * tz)
+        local_y = dy + w * ty + (qx * tz - qz * tx)
+        local_z = dz + w * tz + (qy * tx - qx * ty) - 0.5 * height
+        out_x = max(abs(local_x) - 0.5 * width, 0.0)
+        out_y = max(abs(local_y) - 0.5 * depth, 0.0)
+        out_z = max(abs(local_z) - 0.5 * height, 0.0)
+        distances.append(math.sqrt(out_x * out_x + out_y * out_y + out_z * out_z))
+    return np.array(distances, dtype=np.float64)
 
 
 def in_reach(boxes: Floats, centers: Floats) -> Bools:
@@ -291,12 +299,3 @@ class MotionBuilder:
             held=np.array(held, dtype=np.int16), force=pressing,
             there=np.array(self._there, dtype=np.bool_).reshape(len(states), n), picked=self._picked,
         )  # fmt: skip
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    """Return the cross products of two lists of vectors, shape (n, 3). NumPy's functions are slow on short lists."""
-    products = np.empty(a.shape, dtype=np.result_type(a, b))
-    products[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
-    products[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
-    products[:, 2] = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return products
