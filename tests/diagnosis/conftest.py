@@ -125,6 +125,15 @@ def turned(posture: Quaternion, yaw: float) -> Quaternion:
     return multiply(posture, from_yaw(yaw))
 
 
+@functools.cache
+def action_of(command: float) -> np.ndarray:
+    return np.full(7, command)
+
+
+NO_JOINTS, NO_MOTORS = np.zeros(3), np.zeros(2)
+"""State of a simulator that there is not; the same arrays in each row, so that they are read once."""
+
+
 class Stage:
     """One episode, acted out step by step; every method that moves time appends rows."""
 
@@ -348,6 +357,21 @@ class Stage:
         return self.supported[1]
 
     def state(self) -> WorldState:
+        """Returns the state; while nothing moves, the one before at its own time."""
+        there = (
+            self.grip, self.pushing, self.width, self.command, self.tool.tobytes(), *self.yaws.values(),
+            *self.postures.values(), *(p.tobytes() for p in self.positions.values()),
+        )  # fmt: skip
+        if there != self.seen[0]:
+            self.seen = there, None  # the next one may be the same, but for its speeds
+            return self.new_state()
+        if self.seen[1] is None:
+            self.seen = there, self.new_state()
+        return replace(self.seen[1], step=self.step, time_s=self.step / RATE)
+
+    seen: tuple[tuple, WorldState | None] = ((), None)
+
+    def new_state(self) -> WorldState:
         names = [o.name for o in self.info.objects]
         supports = self.supports()
         contacts = []
@@ -386,9 +410,9 @@ class Stage:
     def _append(self) -> None:
         state = self.state()
         truth = self.tracker.update(state)
-        action = None if self.step == 0 else np.full(7, self.command)
+        action = None if self.step == 0 else action_of(self.command)
         self.builder.append(
-            state, qpos=np.zeros(3), qvel=np.zeros(3), ctrl=np.zeros(2), action=action, applied=action,
+            state, qpos=NO_JOINTS, qvel=NO_JOINTS, ctrl=NO_MOTORS, action=action, applied=action,
             predicates=truth.relations, subgoals=truth.subgoals, goal=truth.goal, forbidden=truth.forbidden,
         )  # fmt: skip
         self.succeeded, self.done = self.succeeded or truth.success, truth.subgoals

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -504,7 +505,7 @@ def _with_pairs(pairs, same):
         (12, 5, "which may be chance: this does not show whether the instruction is used"),
     ],
 )
-@pytest.mark.parametrize("several", [False, True])
+@pytest.mark.parametrize("several", others_slow([False, True], 2))
 def test_the_page_shows_the_instruction_effect_with_its_pairs_and_one_sentence(tmp_path, pairs, same, said, several):
     run = _with_pairs(pairs, same) if pairs else diagnosis([trial(seed=seed) for seed in range(3)])
     other = replace(run_of("zoo:inertia", seeds=2), policy="other")
