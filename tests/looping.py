@@ -13,6 +13,9 @@ def each(
 ) -> Callable[[Any], Any]:
     """Makes a test run over all cases, one after the other; the first that fails is named in the traceback.
 
+    The attribute ``only`` of the test is a function that says of the values of a case whether it is run: all are, until
+    a caller who wants fewer replaces it.
+
     Args:
         arguments: Names of the arguments that a case stands for, separated by commas, as for ``parametrize``.
         cases: The cases: values, or tuples of values where there are several arguments. A function makes them when the
@@ -35,7 +38,7 @@ def each(
 
         @functools.wraps(check)
         def test(**fixtures: object) -> None:
-            for values in listed():
+            for values in filter(lambda case: test.only(*case), listed()):
                 try:
                     check(**dict(zip(names, values, strict=True)), **fixtures)
                 except BaseException as error:
@@ -43,6 +46,7 @@ def each(
                     raise
 
         kept = [parameter for parameter in parameters if parameter.name not in names]
+        test.only = lambda *_: True
         test.__signature__ = inspect.Signature(kept)
         del test.__wrapped__
         return test

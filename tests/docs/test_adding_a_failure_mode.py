@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from betterbench.cli.main import main
 from betterbench.diagnosis.failure_mode import remove_mode
 from betterbench.diagnosis.modes import MODES
 from betterbench.records import JournalEntry, RunFolder
@@ -66,8 +67,8 @@ def test_everything_else_follows_from_the_entry(put_back):
     assert Label("put_back_again") is put_back.PUT_BACK
 
 
-def test_the_command_gives_the_label_with_the_file_and_not_without(tmp_path):
-    """The mode is loaded in processes of its own, so that it is in no other test."""
+def test_the_command_gives_the_label_with_the_file_and_not_without(tmp_path, capsys):
+    """The mode is loaded in a process of its own, so that it is in no other test."""
     s = imported("stage_of_diagnosis", ROOT / "tests" / "diagnosis" / "conftest.py").Stage("fast_food", "train1")
     burger = s.at("first")
     trial = {"task": "fast_food", "condition": "train1", "variation": None, "seed": 0}
@@ -77,12 +78,14 @@ def test_the_command_gives_the_label_with_the_file_and_not_without(tmp_path):
     with run.journal() as journal:
         journal.append(JournalEntry("fast_food", "train1", None, 0))
     (tmp_path / "put_back.py").write_text(MODE)
-    labels = []
-    for options in ([], ["--task-file", str(tmp_path / "put_back.py")]):
-        command = [sys.executable, "-m", "betterbench.cli", "diagnose", str(run.path), "--json", *options]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        labels.append(json.loads(done.stdout)["trials"][0]["label"])
+    words = ["diagnose", str(run.path), "--json"]
+    assert main(words) == 0
+    told = [capsys.readouterr().out]
+    command = [sys.executable, "-m", "betterbench.cli", *words, "--task-file", str(tmp_path / "put_back.py")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    told.append(done.stdout)
+    labels = [json.loads(text)["trials"][0]["label"] for text in told]
     followed = "put_back" in {label.value for label in all_labels()}  # in a clone in which the page was carried out
     assert labels == ["put_back" if followed else "execution_failure", "put_back_again"]
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import pytest
 from tests.daily import in_turn
-from tests.tasks.arranging import arranged, condition_of
+from tests.tasks.arranging import condition_of, states_of
 
 from betterbench.geometry import tilt_of, yaw_of
 from betterbench.tasks import GoalTracker, get_task
@@ -58,7 +58,7 @@ SAID = [scene for scene in SCENES if "without" not in scene.kind]
 
 
 def accepts(scene: Scene) -> bool:
-    start, state = arranged(scene.setting, scene.arrangement)
+    start, state = states_of(scene.setting, scene.arrangement)
     if scene.kind.split(",")[0] == "harm":
         condition = condition_of(scene.setting)
         tracker = GoalTracker(condition, state.info, template=get_task(condition.task).template, control_rate_hz=20.0)
@@ -232,7 +232,7 @@ def posture_of(scene: Scene) -> str | None:
     thing, _, target = scene.pair.partition(" > ")
     if thing not in ("fork", "spoon") or target != "plate":
         return None
-    _, state = arranged(scene.setting, scene.arrangement)
+    _, state = states_of(scene.setting, scene.arrangement)
     pose, anchor = state.pose(thing), state.pose(target)
     side = side_of(state.info.object(target), *anchor.inverse().apply(foot(state, thing))[:2])
     if not is_at(side, scene.region) or not state.touching(thing, "table"):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 from tests.daily import others_slow
-from tests.tasks.arranging import arranged, condition_of
+from tests.tasks.arranging import condition_of, states_of
 
 from betterbench.interface.state import ObjectInfo, WorldState
 from betterbench.sim.assets import build, categories, looks, unseen_looks
@@ -82,8 +82,8 @@ def harm_after(setting: str, states: Sequence[WorldState]) -> set[tuple[str, str
     ],
 )
 def test_what_tips_is_knocked_over_and_what_stands_again_or_lay_before_is_not(setting, thing):
-    upright, lying = arranged(setting, f"{thing} from tilt=90 settle")
-    _, leaning = arranged(setting, f"{thing} from tilt=44")
+    upright, lying = states_of(setting, f"{thing} from tilt=90 settle")
+    _, leaning = states_of(setting, f"{thing} from tilt=44")
     assert harm_after(setting, [upright, lying]) >= {("knocked_over", thing)}
     assert not harm_after(setting, [upright, leaning])
     assert not harm_after(setting, [upright, leaning, upright])
@@ -96,17 +96,17 @@ def test_what_tips_is_knocked_over_and_what_stands_again_or_lay_before_is_not(se
     [("dinner_plates/O1", "red_bowl"), ("breakfast_table/train1", "bowl"), ("dinner_plates/L2", "red_plate")],
 )
 def test_a_bowl_or_plate_that_was_turned_over_in_its_place_is_knocked_over(setting, thing):
-    upright, over = arranged(setting, f"{thing} from z=3 tilt=180 settle")
+    upright, over = states_of(setting, f"{thing} from z=3 tilt=180 settle")
     assert harm_after(setting, [upright, over]) == {("knocked_over", thing)}
-    _, leaning = arranged(setting, f"{thing} from tilt=30")
+    _, leaning = states_of(setting, f"{thing} from tilt=30")
     assert not harm_after(setting, [upright, leaning])
     assert not harm_after(setting, [upright, over, upright])
 
 
 def test_what_has_no_upper_side_may_be_turned_over():
-    upright, over = arranged("dinner_plates/train1", "white_plate from turn=0")
+    upright, over = states_of("dinner_plates/train1", "white_plate from turn=0")
     assert not harm_after("dinner_plates/train1", [upright, over])
-    upright, over = arranged("cheeseburger/O1", "sponge from z=3 tilt=180 settle")
+    upright, over = states_of("cheeseburger/O1", "sponge from z=3 tilt=180 settle")
     assert not harm_after("cheeseburger/O1", [upright, over])
 
 
@@ -115,5 +115,5 @@ def test_what_has_no_upper_side_may_be_turned_over():
     [("desk_meeting/train1", "mug"), ("fast_food/train1", "fries"), ("seasoning_rack/train1", "salt")],
 )
 def test_what_the_instruction_asks_to_be_moved_is_the_goals_concern_and_no_harm(setting, thing):
-    upright, lying = arranged(setting, f"{thing} from tilt=90 settle")
+    upright, lying = states_of(setting, f"{thing} from tilt=90 settle")
     assert not harm_after(setting, [upright, lying])

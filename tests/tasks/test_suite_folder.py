@@ -89,14 +89,27 @@ def test_a_suite_without_tasks_or_with_another_name_is_refused():
         suite_files("Shared tasks", forms())
 
 
+ENDS = """
+from betterbench.interface import PolicyInfo
+class Ends:
+    info = PolicyInfo("ends", needs_images=False)
+    def reset(self, start):
+        pass
+    def act(self, observation):
+        raise RuntimeError("enough")  # long before the step limit
+"""
+
+
 def test_commands_take_the_folder(suite, tmp_path):
     """As ``--suite`` and as ``--task-file``; messages name ``--suite`` and the folder, and not each of its files."""
     out = tmp_path / "run"
-    command = [sys.executable, "-m", "betterbench.cli", "eval", "--policy", "noop", "--suite", str(suite)]
+    (tmp_path / "ends.py").write_text(ENDS, encoding="utf-8")
+    policy = f"python:{tmp_path / 'ends.py'}:Ends"
+    command = [sys.executable, "-m", "betterbench.cli", "eval", "--policy", policy, "--suite", str(suite)]
     command += ["--variations", "shared_fruit_lunch/O1", "--trials", "1", "--uncertified", "--workers", "1"]
     alone = {name: value for name, value in os.environ.items() if name != VARIABLE}  # without files of other tests
     done = subprocess.run([*command, "--out", str(out)], capture_output=True, text=True, check=False, env=alone)
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert "errors      2 trials ended with an error of the policy" in done.stdout, done.stdout + done.stderr
     assert f"better report {out} --suite {suite}" in " ".join((done.stdout + done.stderr).split())
     assert len(list((out / "task_files").iterdir())) == 2
     said = [sys.executable, "-m", "betterbench.cli", "diagnose", str(out), "--task-file", str(suite), "--json"]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from tests.tasks.arranging import arranged, condition_of, one_step_before
+from tests.tasks.arranging import condition_of, one_step_before, states_of
 
 from betterbench.geometry import Pose, from_yaw
 from betterbench.interface.state import WorldState
@@ -53,7 +53,7 @@ def verdict(place: str | None) -> str:
 )
 def test_a_relation_says_what_a_person_would_say(line):
     thing, target = line.pair.split(" > ")
-    _, state = arranged(line.setting, line.arrangement)
+    _, state = states_of(line.setting, line.arrangement)
     kind = relation(line.relation)
     place = kind.where(state, thing, target)
     rest = RestWatch(rate_hz=20.0)
@@ -69,7 +69,7 @@ def test_a_relation_reads_poses_contacts_and_what_is_held_and_nothing_else():
     moved = Pose((0.3, 0.3, 0.6), from_yaw(1.0))
     for line in LINES:
         thing, target = line.pair.split(" > ")
-        _, state = arranged(line.setting, line.arrangement)
+        _, state = states_of(line.setting, line.arrangement)
         other = replace(
             state,
             step=state.step + 7,
@@ -93,7 +93,7 @@ def test_a_relation_reads_poses_contacts_and_what_is_held_and_nothing_else():
 @pytest.mark.parametrize("cells", HARMS, ids=[f"{i}-{c[0]}-{c[3].replace(' ', '_')}" for i, c in enumerate(HARMS)])
 def test_a_success_does_no_harm(cells):
     setting, arrangement, goal, _ = cells
-    start, state = arranged(setting, arrangement)
+    start, state = states_of(setting, arrangement)
     condition = condition_of(setting)
     tracker = GoalTracker(condition, state.info, template=get_task(condition.task).template, control_rate_hz=20.0)
     tracker.update(start)
@@ -118,7 +118,7 @@ def test_a_success_does_no_harm(cells):
     ],
 )
 def test_what_was_brought_is_named_as_what_was_brought(arrangement, sort, words):
-    start, state = arranged("dinner_plates/train1", arrangement)
+    start, state = states_of("dinner_plates/train1", arrangement)
     condition = condition_of("dinner_plates/train1")
     asked = asked_by(condition)
     template = get_task(condition.task).template

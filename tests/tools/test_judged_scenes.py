@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from tests.tasks.arranging import arranged, clauses_of, condition_of
@@ -56,10 +57,25 @@ def test_a_drawn_scene_is_possible_and_its_line_crosses_a_border(scenes, task):
     assert question.question.startswith("Is this step done: the ")
 
 
+class InThisProcess:
+    """Stands for the executor of one process."""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def submit(self, function, *arguments):
+        found = function(*arguments)
+        return SimpleNamespace(result=lambda: found)
+
+
 @pytest.mark.render
-def test_the_folder_for_judges_holds_no_verdict_and_several_processes_give_the_same(scenes, tmp_path):
-    sets = []
-    for workers in ("1", "2"):
+def test_the_folder_for_judges_holds_no_verdict_and_several_processes_give_the_same(scenes, tmp_path, monkeypatch):
+    sets, ordinary = [], scenes.ProcessPoolExecutor
+    for workers, executor in (("1", lambda *_, **__: InThisProcess()), ("2", ordinary)):
+        monkeypatch.setattr(scenes, "ProcessPoolExecutor", executor)
         out = tmp_path / workers
         scenes.main(["draw", str(out), "--count", "2", "--seed", "4", "--near-border", "0", "--workers", workers])
         shown = {path.name: path.read_bytes() for path in (out / "for_judges").iterdir()}
