@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.episodes import Observer, TrialContext, heap, run_episode, settled_heap
 from betterbench.evaluation import check_record
@@ -374,11 +375,16 @@ def interrupt(_):
 @pytest.mark.parametrize(
     ("task_id", "name", "policy", "shorter"),
     [
-        ("fast_food", "train1", "expert", 1),
-        ("fast_food", "L1", "zoo:lexical", 3),
         ("morning_coffee", "T1", "expert", 3),
         ("morning_coffee", "T1", "zoo:inertia", 1),
-        ("cheeseburger", "train1", "expert", 1),
+        *others_slow(
+            [
+                ("fast_food", "train1", "expert", 1),
+                ("fast_food", "L1", "zoo:lexical", 3),
+                ("cheeseburger", "train1", "expert", 1),
+            ],
+            3,
+        ),
     ],
 )
 def test_an_episode_that_judges_in_blocks_is_one_that_judges_every_state_at_once(

@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from tests.daily import others_slow
 from tests.robots import ROBOTS, moves_in, still_in, task_of, usual_space
 
 import betterbench
@@ -93,7 +94,7 @@ def test_every_task_passes_gymnasium_s_checker(make, task_id):
 
 @pytest.mark.render
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")
-@pytest.mark.parametrize("task_id", TASKS)
+@pytest.mark.parametrize("task_id", others_slow(TASKS, 3))
 def test_every_task_passes_the_checker_with_images(make, task_id):
     env = make(task_id, observation="default", render_mode="rgb_array")
     check_env(env.unwrapped)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.diagnosis import diagnose_record
 from betterbench.diagnosis.trial import offline_truth
@@ -104,7 +105,7 @@ class Sweeping(Guided):
         ]
 
 
-@pytest.mark.parametrize("aside_m", [0.03, 0.05, 0.08])
+@pytest.mark.parametrize("aside_m", others_slow([0.03, 0.05, 0.08], 3))
 def test_a_gripper_that_closes_on_its_way_over_the_block_does_not_refuse_it(aside_m):
     task = get_task("fruit_lunch")
     condition = vary(task, task.variation("O1"))[0]

@@ -90,10 +90,10 @@ SPAWNED = f"""
 import gymnasium
 def main():
     envs = gymnasium.make_vec(
-        "{ID}", num_envs=2, vectorization_mode="async", vector_kwargs={{"context": "spawn"}},
+        "{ID}", num_envs=1, vectorization_mode="async", vector_kwargs={{"context": "spawn"}},
         observation="state_only", quality="fast",
     )
-    envs.reset(seed=[3, 4])
+    envs.reset(seed=[3])
     print(*envs.get_attr("step_limit"), envs.spec.id)
     envs.close()
 if __name__ == "__main__":
@@ -105,7 +105,7 @@ def test_a_script_that_imports_gymnasium_alone_spawns_environments(tmp_path):
     (tmp_path / "loop.py").write_text(SPAWNED)
     command = [sys.executable, str(tmp_path / "loop.py")]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
-    assert done.stdout.split() == ["540", "540", "BeTTER/MorningCoffee-v0"], done.stderr
+    assert done.stdout.split() == ["540", "BeTTER/MorningCoffee-v0"], done.stderr
 
 
 @pytest.mark.slow
