@@ -30,6 +30,16 @@ def content(run: Path) -> dict[str, bytes]:
     return {str(p.relative_to(run)): p.read_bytes() for p in files}
 
 
+def check_steps(told: list[tuple[str, int]]) -> None:
+    """Checks what ``on_progress`` and ``on_steps`` told, as ("trial", done) and ("steps", count)."""
+    kinds = [kind for kind, _ in told]
+    assert kinds[0] == "trial"
+    assert kinds.index("steps") < kinds.index("trial", 1), "steps are told before the first trial ends"
+    steps = [count for kind, count in told if kind == "steps"]
+    assert steps == sorted(steps)
+    assert len(set(steps)) == len(steps)
+
+
 def in_few_steps(steps: int, *, still: int | None = None) -> Callable[[Trial], ResolvedCondition]:
     """Returns a method that resolves a trial to a task with a short step limit; other processes do not know it."""
     ordinary = Trial.resolve

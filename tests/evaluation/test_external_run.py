@@ -43,6 +43,7 @@ def test_a_callable_leaves_the_records_of_better_eval(tmp_path):
     assert theirs.context["engine"]["name"] == "external"
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_a_run_whose_folder_vanishes_goes_on_and_runs_again_what_is_gone(tmp_path):
     out = tmp_path / "run"
     with ExternalRun(plan(), out) as run:
@@ -87,6 +88,7 @@ def test_a_policy_that_raises_ends_its_trial_and_the_run_goes_on(tmp_path):
         assert len(record.time) == 5
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_an_episode_given_up_is_run_again_by_the_same_run(tmp_path):
     with ExternalRun(plan(), tmp_path / "run") as run:
         first, second = run.plan.trials

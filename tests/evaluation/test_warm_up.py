@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 import time
 
 import numpy as np
 import pytest
+from tests.evaluation.conftest import check_steps, tiny
 
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.workers import memory
@@ -41,36 +43,40 @@ class Slow:
         pass
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def address():
     Slow.first_s, Slow.drops = 0.0, 0
     with PolicyServer(Slow, metadata={}, port=0) as server:
         yield f"{server.address}?preset=native"
 
 
+@pytest.fixture(scope="module")
+def chosen(address, tmp_path_factory):
+    """A run of sixteen trials, whose warm-up chose its number of environments."""
+    Slow.first_s = 1.0
+    return evaluate(tiny(address, trials=16), tmp_path_factory.mktemp("chosen") / "run")
+
+
 def numbers(run: RunFolder) -> list[float]:
     return [e.wall["envs"] for e in run.entries()]
 
 
-def test_a_warm_up_opens_more_environments_and_changes_no_record(address, tiny_plan, tmp_path, run_content):
-    Slow.first_s = 1.0
+def test_a_warm_up_opens_more_environments_and_changes_no_record(chosen, address, tiny_plan, tmp_path, run_content):
+    assert chosen.context["engine"] == {"name": "local", "workers": 1, "envs": 8, "most_envs": 96}
+    assert max(numbers(chosen)) > 8
     plan = tiny_plan(address, trials=16)
-    run = evaluate(plan, tmp_path / "chosen")
-    assert run.context["engine"] == {"name": "local", "workers": 1, "envs": 8, "most_envs": 96}
-    assert max(numbers(run)) > 8
-    one = evaluate(plan, tmp_path / "six", envs=6)
-    assert one.context["engine"] == {"name": "local", "workers": 1, "envs": 6}
-    assert set(numbers(one)) == {6.0}, "a number that was asked for is kept"
-    assert run_content(one.path) == run_content(run.path)
+    last = evaluate(dataclasses.replace(plan, trials=plan.trials[8:]), tmp_path / "six", envs=6)
+    assert last.context["engine"] == {"name": "local", "workers": 1, "envs": 6}
+    assert set(numbers(last)) == {6.0}, "a number that was asked for is kept"
+    assert run_content(last.path).items() <= run_content(chosen.path).items()
 
 
 def test_a_single_environment_can_be_forced(address, tiny_plan, tmp_path):
     assert set(numbers(evaluate(tiny_plan(address, trials=2), tmp_path / "run", envs=1))) == {1.0}
 
 
-def test_a_run_is_resumed_with_another_number(address, tiny_plan, tmp_path, run_content):
+def test_a_run_is_resumed_with_another_number(chosen, address, tiny_plan, tmp_path, run_content):
     plan = tiny_plan(address, trials=12)
-    whole = evaluate(plan, tmp_path / "whole")
     interrupted = []
 
     def stop(progress):
@@ -81,14 +87,24 @@ def test_a_run_is_resumed_with_another_number(address, tiny_plan, tmp_path, run_
     with pytest.raises(KeyboardInterrupt):
         evaluate(plan, tmp_path / "run", envs=4, on_progress=stop)
     again = evaluate(plan, tmp_path / "run")
-    assert run_content(again.path) == run_content(whole.path)
+    assert len(again.entries()) == 12
+    assert run_content(again.path).items() <= run_content(chosen.path).items()
     assert 4.0 in numbers(again)
     assert max(numbers(again)) >= 8.0
 
 
-def test_more_workers_than_trials(address, tiny_plan, tmp_path):
-    run = evaluate(tiny_plan(address, trials=2), tmp_path / "run", workers=3)
+def test_more_workers_than_trials_tell_their_steps_before_a_trial_ends(address, tiny_plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(Slow, "first_s", 1.0)
+    told = []
+    run = evaluate(
+        tiny_plan(address, trials=2),
+        tmp_path / "run",
+        workers=3,
+        on_progress=lambda state: told.append(("trial", state.done)),
+        on_steps=lambda steps: told.append(("steps", steps)),
+    )
     assert len(run.entries()) == 2
+    check_steps(told)
 
 
 def test_a_server_that_takes_few_connections_gets_no_more(tiny_plan, tmp_path, caplog):

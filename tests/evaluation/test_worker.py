@@ -262,10 +262,8 @@ OVER = (44, "RuntimeError: enough")
 def test_records_do_not_depend_on_environments_order_or_latency(plugin, tiny_plan, tmp_path, run_content):
     plan = tiny_plan(f"{plugin}:Slow", trials=3)
     one = evaluate(plan, tmp_path / "one", envs=1)
-    three = evaluate(plan, tmp_path / "three", envs=3)
     assert outcomes(one) == {0: OVER, 1: OVER, 2: OVER}
-    assert run_content(three.path) == run_content(one.path)
-    other = evaluate(dataclasses.replace(plan, trials=plan.trials[::-1]), tmp_path / "other", envs=2)
+    other = evaluate(dataclasses.replace(plan, trials=plan.trials[::-1]), tmp_path / "other", envs=3)
     assert run_content(other.path) == run_content(one.path)
 
 
