@@ -345,7 +345,7 @@ def test_a_planner_finds_every_contact_of_the_folded_arm_with_itself() -> None:
     assert folded > 2
 
 
-@pytest.mark.parametrize(("condition", "seed"), [("train2", 0), ("train2", 1), ("train2", 5)])
+@pytest.mark.parametrize(("condition", "seed"), others_slow([("train2", 0), ("train2", 1), ("train2", 5)], 3))
 def test_layers_near_the_base_are_picked_once_and_put_on_a_stack_at_the_edge_of_the_reach(
     condition: str, seed: int
 ) -> None:

@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.errors import RecordError
 from betterbench.interface.actions import EE_DELTA
@@ -108,12 +109,15 @@ limited.draw_for_parent("fast", 64)
 
 @pytest.mark.parametrize(
     ("how", "said"),
-    [
-        ("os.kill(os.getpid(), signal.SIGSEGV)", "crashed (SIGSEGV)"),
-        ("os.kill(os.getpid(), signal.SIGKILL)", "was killed, perhaps because memory ran out"),
-        ("signal.setitimer(signal.ITIMER_PROF, 0.2)\n    while True: pass", "took more than 60 s of CPU time"),
-        ("os._exit(3)", "ended (exit status 3)"),
-    ],
+    others_slow(
+        [
+            ("os.kill(os.getpid(), signal.SIGSEGV)", "crashed (SIGSEGV)"),
+            ("os.kill(os.getpid(), signal.SIGKILL)", "was killed, perhaps because memory ran out"),
+            ("signal.setitimer(signal.ITIMER_PROF, 0.2)\n    while True: pass", "took more than 60 s of CPU time"),
+            ("os._exit(3)", "ended (exit status 3)"),
+        ],
+        2,
+    ),
 )
 def test_a_scene_that_ends_each_process_is_one_clear_line(how, said, monkeypatch):
     started = []
@@ -191,11 +195,22 @@ def images(scene: Scene, hits: tuple[str, ...]) -> tuple[list[np.ndarray], int]:
         return [first, *drawn], len(lives)
 
 
-def test_a_process_that_ends_by_chance_changes_nothing(scene):
+@pytest.mark.parametrize(
+    ("hits", "expected"),
+    others_slow(
+        [
+            (("open", "draw", "again"), 5),
+            (("prepare", "sights"), 3),
+            (("open", "prepare", "draw", "sights", "again"), 7),
+        ],
+        3,
+    ),
+)
+def test_a_process_that_ends_by_chance_changes_nothing(scene, hits, expected):
     """What it was asked is asked of a new one; images are those of an undisturbed process, and none is missing."""
     calm, one_process = images(scene, ())
-    disturbed, processes = images(scene, ("open", "prepare", "draw", "sights", "again"))
-    assert (one_process, processes) == (1, 7)
+    disturbed, processes = images(scene, hits)
+    assert (one_process, processes) == (1, expected)
     assert len(calm) == len(disturbed) == 25
     for one, other in zip(calm, disturbed, strict=True):
         np.testing.assert_array_equal(one, other)

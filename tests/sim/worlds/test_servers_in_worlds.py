@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -121,7 +122,8 @@ def test_libero_opens_the_gripper_when_starvla_says_so(fake_command, tmp_path, g
     with opened(said) as server:
         policy = f"starvla://127.0.0.1:{server.port}?preset=starvla"
         plan = make_world_plan(policy, suite="libero_object", tasks=["0"], trials=1, command=fake_command)
-        evaluate(plan, tmp_path / "run", workers=1, envs=1)
+        protocol = replace(plan.world.protocol, steps={"libero_object": 40})
+        evaluate(replace(plan, world=replace(plan.world, protocol=protocol)), tmp_path / "run", workers=1, envs=1)
     assert plan.action_space == "ee_delta"
     assert {float(action[-1]) for action in given} == {closes}
     assert {float(action[0]) for action in given} == {float(np.float32(-0.3))}

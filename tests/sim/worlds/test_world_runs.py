@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 from tests.sim.worlds.clients import CLIENTS, differences
 
 from betterbench.episodes import Observer
@@ -134,7 +135,7 @@ FAULTS += [
 ]
 
 
-@pytest.mark.parametrize("faults", [FAULTS[0::3], FAULTS[1::3], FAULTS[2::3]])
+@pytest.mark.parametrize("faults", others_slow([FAULTS[0::3], FAULTS[1::3], FAULTS[2::3]], 3))
 def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(
     many_trials, tmp_path, monkeypatch, many_undisturbed, faults
 ):
@@ -184,7 +185,7 @@ STARTS = [
 ]
 
 
-@pytest.mark.parametrize("faults", [STARTS[0::3], STARTS[1::3], STARTS[2::3]])
+@pytest.mark.parametrize("faults", others_slow([STARTS[0::3], STARTS[1::3], STARTS[2::3]], 3))
 def test_a_start_that_cannot_be_read_costs_one_trial(many_trials, tmp_path, monkeypatch, many_undisturbed, faults):
     monkeypatch.setenv("FAKE_START", "1")
     at = at_odd_seeds(faults, tmp_path, monkeypatch)
