@@ -78,7 +78,7 @@ def made(kept_views_of_module, tmp_path_factory):
     words = ["--license", "cc0", "--encoder", "none", "--catalogue", str(catalogue)]
     assert main(["assets", "index", str(folder / "meshes"), *words]) == 0
     server = ThreadingHTTPServer(("127.0.0.1", 0), _Yes)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
     yield SimpleNamespace(
         folder=folder,
         run=run,
