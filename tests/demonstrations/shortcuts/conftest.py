@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 import pytest
 
 from betterbench.demonstrations.shortcuts import examine
 
 
-@pytest.fixture
-def only_findings(monkeypatch) -> None:
-    """Leaves the smallest detectable rules out of an audit: up to half of its time.
+@contextlib.contextmanager
+def findings_alone() -> Iterator[None]:
+    """Leaves the smallest detectable rules out of audits: up to half of their time.
 
     They have a random generator of their own, so no finding depends on them. ``test_smallest.py`` tests them.
     """
-    monkeypatch.setattr(examine, "_smallest_of", lambda _group, _counts: ())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(examine, "_smallest_of", lambda _group, _counts: ())
+        yield
+
+
+@pytest.fixture
+def only_findings() -> Iterator[None]:
+    """Does so for one test."""
+    with findings_alone():
+        yield
