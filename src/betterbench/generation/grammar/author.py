@@ -102,13 +102,20 @@ def _drawn(
     turns = rng.permutation(len(themes)).tolist()
     keys: set[GoalKey] = set()
     uses: Counter[object] = Counter()
+    known: dict[int, tuple[tuple[object, int], ...]] = {}  # by identity: most choices are compared many times
+
+    def repetition(choice: Choice) -> int:
+        if id(choice) not in known:
+            known[id(choice)] = tuple(_traits(choice))
+        return sum(uses.get(trait, 0) * weight for trait, weight in known[id(choice)])
+
     while turns:
         for turn in list(turns):
             fresh = list(itertools.islice((c for c in left[turn] if goal_key(c) not in keys), _COMPARED))
             if not fresh:
                 turns.remove(turn)
                 continue
-            choice = min(fresh, key=lambda c: sum(uses[trait] * weight for trait, weight in _traits(c)))
+            choice = min(fresh, key=repetition)
             left[turn].remove(choice)
             keys.add(goal_key(choice))
             uses.update(trait for trait, _ in _traits(choice))
