@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
+import pytest
+
 from betterbench.sim.scenes.limited import LimitedView
 
 
@@ -15,6 +20,10 @@ class KeptView(LimitedView):
         self._idle = False
         yield from super().sights(qpos, jitter=jitter)
         self._idle = True
+
+    def forget_scene(self) -> None:
+        """Opens the next scene anew, even if it has the name of the last one, because tests change files."""
+        self._opened = None
 
     def close(self) -> None:
         self.is_free = True
@@ -32,6 +41,7 @@ class KeptViews:
         for view in self._made:
             if view.is_free and not view.is_closed:
                 view.set_look(quality=quality, size=size)
+                view.forget_scene()
                 break
         else:
             view = KeptView(quality=quality, size=size)
@@ -42,3 +52,17 @@ class KeptViews:
     def end(self) -> None:
         for view in self._made:
             LimitedView.close(view)
+
+
+@contextlib.contextmanager
+def used_by_commands(kept: KeptViews) -> Iterator[None]:
+    """Lets the commands that draw stored scenes use the processes again."""
+    from betterbench.demonstrations.export import pictures
+    from betterbench.evaluation.figures import films, views
+    from betterbench.sim.modalities import run, viewing
+    from betterbench.sim.scenes import limited
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (films, views, viewing, run, pictures, limited):
+            patch.setattr(module, "LimitedView", kept)
+        yield

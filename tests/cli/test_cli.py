@@ -414,6 +414,7 @@ def test_replay_checks_bit_for_bit(capsys, small_run):
 
 
 @pytest.mark.render
+@pytest.mark.usefixtures("kept_views")
 def test_a_record_becomes_a_video(capsys, brief_run, tmp_path):
     record = brief_run / "records" / "morning_coffee" / "L1" / "0.parquet"
     out = tmp_path / "l1.mp4"
@@ -423,6 +424,7 @@ def test_a_record_becomes_a_video(capsys, brief_run, tmp_path):
 
 
 @pytest.mark.render
+@pytest.mark.usefixtures("kept_views")
 def test_a_trial_is_filmed_beside_its_twin(capsys, brief_run, tmp_path):
     """The command of the report: both start images with their paths first, then as many frames as the longer trial."""
     import av

@@ -224,6 +224,7 @@ def test_events_on_a_full_disk_are_one_line_and_no_hang(run, tmp_path, capsys, m
     assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
 
 
+@pytest.mark.usefixtures("kept_views")
 def test_a_file_of_rerun_is_never_cut_short(run, tmp_path, capsys, monkeypatch):
     """Rerun's own writer noticed a full disk in its log alone, and half a file was said to be written."""
     pytest.importorskip("rerun")

@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from tests.evaluation.conftest import in_few_steps
 from websockets.exceptions import ConnectionClosedError
 
 from betterbench.cli.main import main
@@ -17,6 +18,7 @@ from betterbench.evaluation.running.summary import policy_service
 from betterbench.policies.clients.connection import ConnectionLimits, PolicyConnection
 from betterbench.policies.serving.server import PolicyServer
 from betterbench.records import JournalEntry, RunFolder, read_outcome, read_record
+from betterbench.tasks.trial import Trial
 
 
 def progress(done: int, planned: int, elapsed_s: float, *, started_with: int = 0) -> Progress:
@@ -101,6 +103,15 @@ class FailsOnce:
         pass
 
 
+@pytest.fixture(scope="module")
+def short_trials():
+    """Ends trials after 24 steps, because only the answers of the policy matter here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trial, "resolve", in_few_steps(24))
+        yield
+
+
+@pytest.mark.usefixtures("short_trials")
 def test_retries_of_a_run_are_shown(tmp_path, capsys):
     """A run against a local server that loses one request."""
     FailsOnce.failed = False
@@ -113,7 +124,7 @@ def test_retries_of_a_run_are_shown(tmp_path, capsys):
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(short_trials, tmp_path_factory):
     folder = tmp_path_factory.mktemp("tally")
     (folder / "plugin.py").write_text(
         "import numpy as np\n"

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
+from betterbench.generation.building import job as building_job
+from betterbench.generation.growth import job as growth_job
 from betterbench.sim.assets.catalogue.indexing import index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.sim.assets.catalogue.sources import open_source
@@ -18,3 +22,25 @@ def catalogue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Catalogue]:
     index_sources(folder, [open_source("procedural", SourceOptions())], on_progress=lambda *_: None)
     with Catalogue(folder) as opened:
         yield opened
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("library")
+    building_job.index_library(folder)
+    return folder / building_job.CATALOGUE
+
+
+@pytest.fixture
+def indexed_once(library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets builds begin with a copy of the library's catalogue, which is the same in every new folder."""
+    real = building_job.index_library
+
+    def index(out: Path) -> None:
+        if (out / building_job.CATALOGUE).exists():
+            real(out)
+        else:
+            shutil.copytree(library, out / building_job.CATALOGUE)
+
+    for module in (building_job, growth_job):
+        monkeypatch.setattr(module, "index_library", index)

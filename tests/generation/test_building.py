@@ -30,6 +30,8 @@ from betterbench.tasks import SUITE_VERSION, Condition, Task, TrialId, get_task,
 from betterbench.tasks.demonstrated import Demonstrated, read_demonstrations
 from betterbench.tasks.user_files import COMPANION_SUFFIX
 
+pytestmark = pytest.mark.usefixtures("indexed_once")
+
 Fails = Callable[[Task, str], bool]
 
 

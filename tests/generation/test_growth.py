@@ -32,6 +32,8 @@ from betterbench.tasks import Axis, get_task, read_suite_folder, suite_tasks, ta
 from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import ScriptedChat
 
+pytestmark = pytest.mark.usefixtures("indexed_once")
+
 AXES = {
     "loose_packing": "LRROOTT",
     "patterned_arrangement": "LLRRO",

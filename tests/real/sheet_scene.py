@@ -1,5 +1,6 @@
 """Renderings of the twin's arm and table with the printed sheet on it, seen by a front camera at a known pose."""
 
+import functools
 import math
 import re
 import xml.etree.ElementTree as ET
@@ -15,7 +16,7 @@ from betterbench.sim.robots.so101 import SO101, build_so101
 from betterbench.sim.robots.spec import CameraMount
 from betterbench.sim.scenes.rendering import Renderer
 from betterbench.sim.scenes.rooms import ROOMS, with_cloth
-from betterbench.sim.scenes.stage import QUALITIES, stage_spec
+from betterbench.sim.scenes.stage import QUALITIES, add_mounted_camera, stage_spec
 
 SVG = "{http://www.w3.org/2000/svg}"
 PX_PER_MM = 4.0
@@ -45,11 +46,14 @@ def picture_of(page, *, px_per_mm=PX_PER_MM):
     return np.asarray(image)
 
 
+@functools.cache
 def sheet_picture():
-    """Return a picture of the whole sheet without its margin."""
+    """Return a picture of the whole sheet without its margin. Tests that change it copy it."""
     (page,) = sheet_pages("whole")
     left, top, width, height = (round(v * PX_PER_MM) for v in page.clip)
-    return picture_of(page)[top : top + height, left : left + width]
+    picture = picture_of(page)[top : top + height, left : left + width]
+    picture.setflags(write=False)
+    return picture
 
 
 def rendered(mount, *, picture=None, scale=1.0, folded=False, size=SIZE):
@@ -57,9 +61,39 @@ def rendered(mount, *, picture=None, scale=1.0, folded=False, size=SIZE):
 
     ``scale`` is that of the printed sheet about the origin, and ``picture`` another one than the sheet.
     """
-    spec = stage_spec(QUALITIES["standard"], room=with_cloth(ROOMS[0], "blue"), front=mount)
+    if picture is None and (scale, folded, size) == (1.0, False, SIZE):
+        return image_from(mount, *scene_of_sheet())
+    model, data, renderer = scene_with(sheet_picture() if picture is None else picture, scale, folded, size)
+    try:
+        return image_from(mount, model, data, renderer)
+    finally:
+        renderer.close()
+
+
+def image_from(mount, model, data, renderer):
+    """Move the front camera of a scene, and return its image."""
+    alone = mujoco.MjSpec()
+    add_mounted_camera(alone.worldbody, "front", mount)
+    alone = alone.compile()
+    seen = mujoco.MjData(alone)
+    mujoco.mj_forward(alone, seen)
+    camera = data.camera("front")  # a forward pass does not compute the pose of a camera in the world again
+    camera.xpos, camera.xmat = seen.cam_xpos[0], seen.cam_xmat[0]
+    model.camera("front").fovy = alone.cam_fovy[0]
+    return renderer.render(data, "front").rgb.copy()
+
+
+@functools.cache
+def scene_of_sheet():
+    """Return the model, data and renderer of the scene with the sheet, which is uploaded once for many cameras."""
+    return scene_with(sheet_picture(), 1.0, False, SIZE)
+
+
+def scene_with(picture, scale, folded, size):
+    """Return the model, data and renderer of a scene with a picture on the table."""
+    spec = stage_spec(QUALITIES["standard"], room=with_cloth(ROOMS[0], "blue"))
     spec.worldbody.add_frame().attach_body(build_so101().body("base"), "robot/", "")
-    pixels = np.repeat(np.ascontiguousarray(sheet_picture() if picture is None else picture)[..., None], 3, axis=2)
+    pixels = np.repeat(np.ascontiguousarray(picture)[..., None], 3, axis=2)
     texture = spec.add_texture(
         name="sheet", type=mujoco.mjtTexture.mjTEXTURE_2D, width=pixels.shape[1], height=pixels.shape[0], nchannel=3
     )
@@ -90,11 +124,7 @@ def rendered(mount, *, picture=None, scale=1.0, folded=False, size=SIZE):
     for name, angle in zip(SO101.arm_joints, posture, strict=True):
         data.joint(f"robot/{name}").qpos[0] = angle
     mujoco.mj_forward(model, data)
-    renderer = Renderer(model, width=size[0], height=size[1], quality=QUALITIES["standard"])
-    try:
-        return renderer.render(data, "front").rgb.copy()
-    finally:
-        renderer.close()
+    return model, data, Renderer(model, width=size[0], height=size[1], quality=QUALITIES["standard"])
 
 
 def mount_at(move_cm=(0.0, 0.0, 0.0), *, tilt=0.0, pan=0.0, roll=0.0, fovy_deg=52.0):

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import shutil
 import urllib.parse
 
 import pytest
@@ -15,11 +16,18 @@ from betterbench.real.plan import RealPolicy, make_plan, write_plan
 from betterbench.real.record import RealJournal, enter, read_run
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A protocol whose operator has entered an outcome for every trial. Tests change copies of it."""
+    made = tmp_path_factory.mktemp("finished")
+    protocol(made, conditions=("train1", "O1", "O2", "T1", "T5"))
+    judge(made, "olga", lambda _: "done", role="operator")
+    return made
+
+
 @pytest.fixture
-def folder(tmp_path):
-    protocol(tmp_path, conditions=("train1", "O1", "O2", "T1", "T5"))
-    judge(tmp_path, "olga", lambda _: "done", role="operator")
-    return tmp_path
+def folder(finished, tmp_path):
+    return shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
 
 
 def votes(folder, person="ada"):

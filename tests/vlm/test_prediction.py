@@ -40,11 +40,16 @@ def test_policies_without_differences_and_a_single_policy():
         predictions_of([point("a", 0.5, 0.1)])
 
 
+@pytest.fixture(scope="module")
+def acted(tmp_path_factory):
+    """Runs of two policies; not within a test, whose empty cache folder lacks the prepared meshes of the robot."""
+    folder, wanted = tmp_path_factory.mktemp("acted"), {"morning_coffee": ("L3", None)}
+    return [small_run(policy, folder / policy.replace(":", "-"), wanted) for policy in ("zoo:color", "expert")]
+
+
 @pytest.mark.physics
 @pytest.mark.render
-def test_compare_pairs_static_and_acted_runs_by_name_or_order(tmp_path, capsys):
-    wanted = {"morning_coffee": ("L3", None)}
-    acted = [small_run(policy, tmp_path / policy.replace(":", "-"), wanted) for policy in ("zoo:color", "expert")]
+def test_compare_pairs_static_and_acted_runs_by_name_or_order(acted, tmp_path, capsys):
     asked = make_set(
         acted[1], tmp_path / "set", OPTIONS, open_photos=lambda: ViewRenderer(acted[1], size=SIZE, quality="fast")
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import json
 
@@ -20,6 +21,17 @@ from betterbench.vlm.probe import TARGETS, Target, finding_of, probe_model, requ
 NOISE = 0.03
 
 
+@functools.cache
+def shape_in(picture):
+    """Return the size of a picture, and the edges of the colored shape (left, top, right, bottom) as fractions."""
+    with Image.open(io.BytesIO(picture)) as image:
+        pixels = np.asarray(image.convert("RGB"), int)
+    rows, columns = np.nonzero(np.ptp(pixels, axis=2) > 60)
+    height, width = pixels.shape[:2]
+    edges = [columns.min() / width, rows.min() / height, columns.max() / width, rows.max() / height]
+    return (width, height), np.array(edges)
+
+
 class Pointer:
     """A model that finds the colored shape in the picture and writes its place in a convention.
 
@@ -33,12 +45,8 @@ class Pointer:
 
     def answer(self, prompt, pictures):
         self.asked += 1
-        with Image.open(io.BytesIO(pictures[0])) as image:
-            pixels = np.asarray(image.convert("RGB"), int)
-        rows, columns = np.nonzero(np.ptp(pixels, axis=2) > 60)
-        height, width = pixels.shape[:2]
-        edges = np.array([columns.min() / width, rows.min() / height, columns.max() / width, rows.max() / height])
-        edges += self.rng.normal(0, self.noise, 4)
+        (width, height), place = shape_in(pictures[0])
+        edges = place + self.rng.normal(0, self.noise, 4)
         middle = (edges[:2] + edges[2:]) / 2
         return self.write(edges if "bounding box" in prompt else middle, width, height)
 
@@ -94,12 +102,18 @@ MODELS = {
 }  # fmt: skip
 
 
+@functools.cache
+def asked_for(target, eyes):
+    """Return the prompt and the pictures about a target, which are the same for every model."""
+    request = request_for(target, eyes=eyes)
+    return request.prompt, request.pictures()
+
+
 def probed(model, targets=TARGETS, *, eyes=Eyes.NATIVE):
     """The finding about a model, without a file of answers."""
     texts = []
     for target in targets:
-        request = request_for(target, eyes=eyes)
-        texts.append(model.answer(request.prompt, request.pictures()))
+        texts.append(model.answer(*asked_for(target, eyes)))
     return finding_of(model.name, texts, targets, eyes=eyes)
 
 

@@ -73,6 +73,8 @@ EXACT_RANKS_UP_TO = 8
 """Maximum number of cases for which all orders are enumerated."""
 _DRAWN_ORDERS = 99_999
 _RESAMPLES = 10_000
+_MOST_COMPARED = 1 << 20
+"""Maximum number of pairs of values compared at once, for bounded memory."""
 _SLACK = 1e-9
 
 
@@ -150,11 +152,11 @@ def _spearman(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> float |
 
 
 def _centered_ranks(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the ranks minus their mean; equal values share their mean rank."""
-    below = (values[None, :] < values[:, None]).sum(axis=1)
-    equal = (values[None, :] == values[:, None]).sum(axis=1)
-    ranks: npt.NDArray[np.float64] = below + 0.5 * (equal - 1)
-    return ranks - 0.5 * (len(values) - 1)
+    """Return the ranks along the last axis minus their mean; equal values share their mean rank."""
+    below = (values[..., None, :] < values[..., :, None]).sum(axis=-1)
+    equal = (values[..., None, :] == values[..., :, None]).sum(axis=-1)
+    ranks: npt.NDArray[np.float64] = below + 0.5 * (equal - 1) - 0.5 * (values.shape[-1] - 1)
+    return ranks
 
 
 def _order_p(
@@ -181,8 +183,14 @@ def _resampled(
     x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], generator: np.random.Generator, confidence: float
 ) -> tuple[float, float]:
     """Return the percentile bootstrap interval, without resamples in which a quantity is constant."""
-    drawn = (generator.integers(0, len(x), size=len(x)) for _ in range(_RESAMPLES))
-    found = [told for rows in drawn if (told := _spearman(x[rows], y[rows])) is not None]
+    drawn = generator.integers(0, len(x), size=(_RESAMPLES, len(x)))
+    found: list[float] = []
+    for rows in np.array_split(drawn, math.ceil(_RESAMPLES * len(x) ** 2 / _MOST_COMPARED)):
+        # Ranks are multiples of 0.5, so sums are exact in any order and equal those of :func:`_spearman`.
+        a, b = _centered_ranks(x[rows]), _centered_ranks(y[rows])
+        size = np.sqrt((a * a).sum(axis=-1) * (b * b).sum(axis=-1))
+        vary = size > 0.0
+        found += np.clip((a * b).sum(axis=-1)[vary] / size[vary], -1.0, 1.0).tolist()
     tail = (1.0 - confidence) / 2.0
     low, high = np.quantile(found, (tail, 1.0 - tail)) if found else (-1.0, 1.0)
     return float(low), float(high)

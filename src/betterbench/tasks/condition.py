@@ -106,6 +106,9 @@ class Condition:
         Raises:
             UnknownNameError: If the condition has no such object.
         """
+        for found in self.objects:  # this is called often, and the kind is only for the message
+            if found.name == name:
+                return found
         return find_named(f"object of {self.id}", name, self.objects)
 
     def occupant(self, slot: str) -> str | None:

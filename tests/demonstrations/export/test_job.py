@@ -44,11 +44,19 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-@pytest.fixture
-def whole(demonstrations, tmp_path):
-    """An export that nothing disturbed."""
-    export_dataset(plan_of(demonstrations.run, tmp_path / "whole"))
-    return content(tmp_path / "whole")
+@pytest.fixture(scope="module")
+def whole_folder(demonstrations, tmp_path_factory):
+    """An export that nothing disturbed. Tests change copies of it."""
+    out = tmp_path_factory.mktemp("undisturbed") / "whole"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(job, "Pictures", PaintedPictures)
+        export_dataset(plan_of(demonstrations.run, out))
+    return out
+
+
+@pytest.fixture(scope="module")
+def whole(whole_folder):
+    return content(whole_folder)
 
 
 def test_bytes_do_not_depend_on_workers_or_interruptions(demonstrations, whole, tmp_path, monkeypatch):
@@ -115,8 +123,8 @@ def test_what_a_part_says_about_itself_is_under_its_seal(demonstrations, whole, 
     assert content(tmp_path / "set") == whole
 
 
-def test_the_same_command_again_does_nothing_and_another_one_is_refused(demonstrations, whole, tmp_path):
-    out = tmp_path / "whole"
+def test_the_same_command_again_does_nothing_and_another_one_is_refused(demonstrations, whole_folder, tmp_path):
+    out = Path(shutil.copytree(whole_folder, tmp_path / "whole"))
     assert export_dataset(plan_of(demonstrations.run, out)).made == 0
     with pytest.raises(RunConflictError, match="another data set"):
         export_dataset(plan_of(demonstrations.run, out, layout=layout_of("vla_eval")))
@@ -301,8 +309,9 @@ def test_the_ids_of_twins_are_exported_and_the_audit_reads_what_is(demonstration
         read_pairs(run)
 
 
-def test_a_data_set_that_lost_a_file_is_not_called_finished(demonstrations, whole, tmp_path):
+def test_a_data_set_that_lost_a_file_is_not_called_finished(demonstrations, whole_folder, tmp_path):
     name = "meta/stats.json"
+    shutil.copytree(whole_folder, tmp_path / "whole")
     (tmp_path / "whole" / name).unlink()
     with pytest.raises(RunConflictError, match=rf"{name}: is missing"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "whole"))

@@ -83,6 +83,7 @@ def test_the_balanced_recipe_has_no_shortcut(balanced):
     assert {g.group for g in balanced.groups} == set(TASKS)
 
 
+@pytest.mark.usefixtures("only_findings")
 def test_nor_has_it_one_in_a_larger_set():
     """As large as the command of the documentation makes it: a rule of few conditions shows only there."""
     found = audit_dataset("balanced", facts_of("balanced", demos=120))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import sys
 from collections import Counter
@@ -35,6 +36,7 @@ PLACE_QUESTIONS = ("word_place", "thing_place", "words_first_place")
 """Questions of the audit about words or objects and the place where something is taken."""
 
 
+@functools.cache
 def audit_of(regime, task, demos=120):
     conditions = conditions_of(get_task(task), regime)
     each = max(1, demos // len(conditions))

@@ -18,8 +18,8 @@ pytestmark = [pytest.mark.physics]
 
 @pytest.fixture(scope="module")
 def collected(tmp_path_factory):
-    """Five demonstrations of each training condition: enough for an audit."""
-    return collect(["morning_coffee"], tmp_path_factory.mktemp("collected") / "run", demos=4)
+    """Two demonstrations of each training condition: just enough for an audit."""
+    return collect(["morning_coffee"], tmp_path_factory.mktemp("collected") / "run", demos=2)
 
 
 def exported(run, out, name, form, most=None):

@@ -39,12 +39,14 @@ def shortcuts(form):
     ]
 
 
+@pytest.mark.usefixtures("only_findings")
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_planted_shortcuts_are_found_and_no_others(tmp_path, capsys, name):
     """Each layout with one kind of rule, which differs between layouts and days."""
     find_planted(tmp_path, capsys, name, part_of_today(PLANTED, 3, day=TODAY + [*LAYOUTS].index(name)))
 
 
+@pytest.mark.usefixtures("only_findings")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_planted_shortcuts_of_all_kinds_are_found_in_every_layout(tmp_path, capsys, name):
@@ -109,6 +111,7 @@ def test_the_place_of_an_arm_is_that_of_its_own_gripper(tmp_path_factory, name):
         assert "waist_" not in place.source.replace("left_waist ", "").replace("right_waist ", "")
 
 
+@pytest.mark.usefixtures("only_findings")
 def test_the_arm_that_acts_first_is_asked_about(tmp_path):
     path = make(tmp_path / "set", "two arms, interleaved", "clean", count=80)
     file = path / "data" / "chunk-000" / "file-000.parquet"

@@ -36,12 +36,14 @@ SEVERAL_WORDS = each(
 )
 
 
+@pytest.mark.usefixtures("only_findings")
 @SEVERAL_WORDS
 def test_rules_of_several_words_are_found_in_strangers_sets(tmp_path_factory, planted, count, noise):
     """Where chance decides a share of the episodes, half of these still go by the rule; another seed each day."""
     find_rules(tmp_path_factory, planted, count, noise, part_of_today(SEEDS, 3))
 
 
+@pytest.mark.usefixtures("only_findings")
 @pytest.mark.slow
 @SEVERAL_WORDS
 def test_rules_of_several_words_are_found_with_every_seed(tmp_path_factory, planted, count, noise):
@@ -57,6 +59,7 @@ def find_rules(tmp_path_factory, planted, count, noise, seeds):
         assert not {name for name in asked if not name.startswith(("words_first_place", "words_order"))}, (seed, asked)
 
 
+@pytest.mark.usefixtures("only_findings")
 def test_clean_sets_are_clean(tmp_path):
     """At a level of 5 % over all questions one of 20 sets is expected to have a finding."""
     accused = [
@@ -84,6 +87,7 @@ def sayings(draw, count, said=("red", "blue"), where=("new", "old")):
         yield number, int(draw.integers(2)), int(draw.integers(2)), said, where
 
 
+@pytest.mark.usefixtures("only_findings")
 @pytest.mark.parametrize(("rule", "count"), [("xor", 60), ("and", 60), ("xor", 120), ("and", 120)])
 def test_rules_of_two_words_are_found_in_our_own_sets(rule, count):
     for seed in range(5):
@@ -107,6 +111,7 @@ def orders(draw, count, rule):
         yield placed(text, slots[0], number, steps=steps)
 
 
+@pytest.mark.usefixtures("only_findings")
 def test_orders_that_two_words_decide_are_found_in_our_own_sets_and_clean_ones_are_clean():
     for seed in range(3):
         draw = np.random.default_rng(seed)
@@ -123,6 +128,7 @@ def chance(a, b, draw):
     return int(draw.integers(2))
 
 
+@pytest.mark.usefixtures("only_findings")
 def test_an_order_that_the_instruction_names_is_what_it_means():
     draw, facts = np.random.default_rng(0), []
     for number in range(80):
@@ -149,6 +155,7 @@ def test_a_word_for_a_place_means_the_place_and_its_rule_is_no_shortcut(words):
     assert "words for places mean places" in "\n".join(audit_lines(audit_dataset("set", facts)))
 
 
+@pytest.mark.usefixtures("only_findings")
 def test_a_color_that_decides_only_together_with_a_word_for_a_place_is_a_shortcut():
     for rule, (seed, count) in itertools.product(("xor", "and"), ((0, 60), (1, 90), (2, 120))):
         draw, facts = np.random.default_rng(seed), []
@@ -163,6 +170,7 @@ def test_a_color_that_decides_only_together_with_a_word_for_a_place_is_a_shortcu
         assert {f.question for f in group.shortcuts} & {"words_first_place_together", "words_first_place_whole"}, rule
 
 
+@pytest.mark.usefixtures("only_findings")
 def test_an_instruction_that_fixes_the_layout_of_a_task_is_a_shortcut_that_variations_break():
     """Each instruction of the balanced conditions in one layout alone; other orders have the same words."""
     kept = {}

@@ -38,12 +38,12 @@ SAMPLE = {
             t.training[i % len(t.training)].name,
             *(of[i % len(of)].name for of in ([v for v in t.variations if v.axis is axis] for axis in Axis) if of),
         ],
-        2,
+        3,
         day=TODAY + i,
     )
 }
-"""Half of the following, the other half tomorrow: one training condition and one variation of each axis of every task,
-another number in each task."""
+"""A third of the following, another third each day: one training condition and one variation of each axis of every
+task, another number in each task."""
 QUICKLY = [pytest.param(t, n, id=f"{t}/{n}", marks=() if (t, n) in SAMPLE else pytest.mark.slow) for t, n in CONDITIONS]
 """All conditions, of which the default tests take the sample."""
 SETTLING_M = 0.002

@@ -73,16 +73,15 @@ def test_a_policy_knows_its_fault_and_it_costs_the_goal(scene, policy, task_id, 
 
 
 @pytest.mark.parametrize("policy", ["zoo:lexical", "zoo:clumsy", "zoo:slow", "zoo:crash"])
-def test_a_rule_that_does_not_apply_leaves_the_expert(scene, policy):
+def test_a_rule_that_does_not_apply_leaves_the_expert(scene, episode, policy):
     record, ground_truth = run(scene, f"{policy}?strength=0", "morning_coffee", "L3")
     assert record.outcome.success
     assert ground_truth == {"truth": "", "fault": "", "mishap": ""}
-    expert, _ = run(scene, "expert", "morning_coffee", "L3")
-    assert np.array_equal(record.qpos, expert.qpos)
+    assert np.array_equal(record.qpos, episode("expert", "morning_coffee", "L3").qpos)
 
 
-def test_action_noise_shakes_and_does_not_fail(scene):
-    calm, _ = run(scene, "expert", "morning_coffee", "train1")
+def test_action_noise_shakes_and_does_not_fail(scene, episode):
+    calm = episode("expert", "morning_coffee", "train1")
     shaky, _ = run(scene, "expert?action_noise=0.002", "morning_coffee", "train1")
     assert shaky.outcome.success
     n = min(len(calm.action), len(shaky.action), 30)
@@ -152,15 +151,14 @@ def test_an_open_loop_probe_plays_a_demonstration_and_sees_nothing(scene):
     assert not np.array_equal(elsewhere.action[1:60], expert.action[1:60])
 
 
-def test_a_rule_that_decides_like_the_expert_drives_the_same_episode_to_the_same_bits(scene):
+def test_a_rule_that_decides_like_the_expert_drives_the_same_episode_to_the_same_bits(scene, episode):
     witness, said = run(scene, "expert:witness", "fast_food", "R1")
     same = set(said["same"].split())
     assert "zoo:lexical" in same
     assert "zoo:inertia" not in same
     assert "zoo:clumsy" not in same
     lexical, _ = run(scene, "zoo:lexical", "fast_food", "R1")
-    expert, _ = run(scene, "expert", "fast_food", "R1")
-    for other in (lexical, expert):
+    for other in (lexical, episode("expert", "fast_food", "R1")):
         assert np.array_equal(witness.qpos, other.qpos)
         assert np.array_equal(witness.action[1:], other.action[1:])
 

@@ -28,12 +28,16 @@ def look_alikes_in(
     candidates = _graspable(catalogue, {spec.category for spec in present})
     called = {word for spec in present for word in names_of(spec.kind, rows.get(spec.name))}
     kinds = {" ".join(word for word in spec.kind.split() if word not in COLORS) or spec.kind for spec in present}
+    others = [
+        entries
+        for entries in candidates.values()
+        if called.isdisjoint(names_of(noun_of(entries[0]), entries[0]))
+        and not any(answers_to(kind, entries[0]) for kind in kinds)
+    ]
     for item in (spec for spec in present if spec.role == "item"):
         ranked = sorted(
             (-likeness, entry.id, entry)
-            for entries in candidates.values()
-            if called.isdisjoint(names_of(noun_of(entries[0]), entries[0]))
-            and not any(answers_to(kind, entries[0]) for kind in kinds)
+            for entries in others
             for likeness, entry in [_most_alike(item, entries)]
             if likeness > 0.0
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 from betterbench.errors import InvalidInputError
@@ -58,13 +59,18 @@ def _nouns(chosen: Sequence[Choice]) -> list[str]:
 def answers_to(noun: str, entry: CatalogueEntry) -> bool:
     """Return whether a noun can refer to an asset."""
     names = [set(terms(entry.name)), *(set(terms(tag)) for tag in entry.tags if tag not in COLORS)]
-    concepts = understood(noun).concepts
-    said = [[phrase for phrase, _ in concept.alternatives] for concept in concepts]
+    return all(any(phrase <= name for phrase in phrases for name in names) for phrases in _phrases_of(noun))
+
+
+@functools.lru_cache(1024)
+def _phrases_of(noun: str) -> tuple[tuple[frozenset[str], ...], ...]:
+    """Return the alternative phrases of each concept of a noun; a noun is compared with every asset of a catalogue."""
+    said = [[phrase for phrase, _ in concept.alternatives] for concept in understood(noun).concepts]
     if not said:  # the search ignores "can" as a verb
         said = [[tuple(terms(noun))]]
     elif len(said) == 1:  # and omits it in "trash can"
         said[0][0] = tuple(terms(noun))
-    return all(any(set(phrase) <= name for phrase in phrases for name in names) for phrases in said)
+    return tuple(tuple(map(frozenset, phrases)) for phrases in said)
 
 
 def _noun(choice: Choice) -> str:

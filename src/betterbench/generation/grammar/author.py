@@ -98,17 +98,24 @@ def _drawn(
     themes: Sequence[Theme], wanted: Sequence[Wanted], rng: np.random.Generator
 ) -> Iterator[tuple[Theme, Choice]]:
     """Yield different choices, one theme after the other, until no choice is left."""
-    left = [_shuffled([c for c in theme.choices() if not wanted or _has(c, wanted)], rng) for theme in themes]
+    left = [_shuffled(list(_choices_with(theme, wanted)), rng) for theme in themes]
     turns = rng.permutation(len(themes)).tolist()
     keys: set[GoalKey] = set()
     uses: Counter[object] = Counter()
+    known: dict[int, tuple[tuple[object, int], ...]] = {}  # by identity: most choices are compared many times
+
+    def repetition(choice: Choice) -> int:
+        if id(choice) not in known:
+            known[id(choice)] = tuple(_traits(choice))
+        return sum(uses.get(trait, 0) * weight for trait, weight in known[id(choice)])
+
     while turns:
         for turn in list(turns):
             fresh = list(itertools.islice((c for c in left[turn] if goal_key(c) not in keys), _COMPARED))
             if not fresh:
                 turns.remove(turn)
                 continue
-            choice = min(fresh, key=lambda c: sum(uses[trait] * weight for trait, weight in _traits(c)))
+            choice = min(fresh, key=repetition)
             left[turn].remove(choice)
             keys.add(goal_key(choice))
             uses.update(trait for trait, _ in _traits(choice))
@@ -127,14 +134,24 @@ def _shuffled(items: list[Choice], rng: np.random.Generator) -> list[Choice]:
     return [items[i] for i in rng.permutation(len(items))]
 
 
-def _has(choice: Choice, wanted: Iterable[Wanted]) -> bool:
-    """Return whether a choice contains a different object for each wanted object."""
-    free = {group: list(kinds) for group, kinds in choice.items()}
+def _choices_with(theme: Theme, wanted: Iterable[Wanted]) -> Iterator[Choice]:
+    """Yield the choices that contain a different object for each wanted object."""
+    of_group: dict[str, list[Wanted]] = {}
     for want in sorted(wanted, key=lambda w: len(w.kinds)):
-        found = next((kind for kind in free.get(want.group_id, []) if kind in want.kinds), None)
+        of_group.setdefault(want.group_id, []).append(want)
+    if not of_group.keys() <= theme.groups.keys():
+        return iter(())
+    return theme.choices(lambda group, kinds: _has(kinds, of_group.get(group, ())))
+
+
+def _has(kinds: tuple[Kind, ...], wanted: Iterable[Wanted]) -> bool:
+    """Return whether the kinds of a group contain a different object for each wanted object of the group."""
+    free = list(kinds)
+    for want in wanted:
+        found = next((kind for kind in free if kind in want.kinds), None)
         if found is None:
             return False
-        free[want.group_id].remove(found)
+        free.remove(found)
     return True
 
 
@@ -145,7 +162,7 @@ def _themes_with(grammar: Grammar, wanted: Sequence[Wanted]) -> tuple[Theme, ...
     fitting = tuple(
         theme
         for theme in grammar.themes
-        if all(_may_have(theme, want) for want in wanted) and any(_has(choice, wanted) for choice in theme.choices())
+        if all(_may_have(theme, want) for want in wanted) and any(True for _ in _choices_with(theme, wanted))
     )
     return fitting or (_theme_for(grammar, wanted),)
 

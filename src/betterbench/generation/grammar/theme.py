@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from betterbench.sim.assets import colors
@@ -65,9 +65,13 @@ class Group:
     colors_differ: bool = False
     follows: str = ""
 
+    def color_after(self, before: Choice) -> str:
+        """Return the color that the objects must share, or an empty text."""
+        return before[self.follows][0][1] if self.follows else ""
+
     def choices(self, before: Choice) -> Iterator[tuple[Kind, ...]]:
         """Yield all choices, given those of the previous groups."""
-        color = before[self.follows][0][1] if self.follows else ""
+        color = self.color_after(before)
         for parts in itertools.product(*(pool.choices() for pool in self.pools)):
             kinds = tuple(itertools.chain.from_iterable(parts))
             if color and any(own != color for _, own in kinds):
@@ -92,14 +96,21 @@ class Theme:
     instructions: tuple[str, ...]
     groups: Mapping[str, Group]
 
-    def choices(self) -> Iterator[Choice]:
-        """Yield all choices of objects."""
+    def choices(self, fits: Callable[[str, tuple[Kind, ...]], bool] = lambda _group, _kinds: True) -> Iterator[Choice]:
+        """Yield all choices of objects that fit in each group."""
+        known: dict[tuple[str, str], list[tuple[Kind, ...]]] = {}  # the choices of a group depend on a color alone
+
+        def of_group(name: str, before: Choice) -> list[tuple[Kind, ...]]:
+            key = name, self.groups[name].color_after(before)
+            if key not in known:
+                known[key] = [kinds for kinds in self.groups[name].choices(before) if fits(name, kinds)]
+            return known[key]
 
         def extended(before: Choice, rest: list[str]) -> Iterator[Choice]:
             if not rest:
                 yield before
                 return
-            for kinds in self.groups[rest[0]].choices(before):
+            for kinds in of_group(rest[0], before):
                 yield from extended({**before, rest[0]: kinds}, rest[1:])
 
         yield from extended({}, list(self.groups))

@@ -18,6 +18,9 @@ from betterbench.tasks import (
 from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.relations import relation, released
 
+_TRAINED: dict[int, tuple[Task, TrainingDistribution]] = {}
+"""Training distribution of each task by identity, with the task itself, so that no other task gets its identity."""
+
 
 @dataclass(frozen=True, slots=True)
 class Occasion:
@@ -39,7 +42,10 @@ class Occasion:
     @property
     def trained(self) -> TrainingDistribution:
         """The regularities of the training distribution."""
-        return training_distribution_of(self.task)
+        known = _TRAINED.get(id(self.task))
+        if known is None:
+            known = _TRAINED[id(self.task)] = self.task, training_distribution_of(self.task)
+        return known[1]
 
     @property
     def goals(self) -> tuple[Subgoal, ...]:

@@ -130,9 +130,18 @@ def shown_in(habit: str) -> tuple[Shown, ...]:
     """
     known = find_named("habit", habit, (h for habits in FAMILY_PARTS.values() for h in habits))
     found: list[Shown] = []
-    for task in map(get_task, suite_tasks("better60")):
-        for name in condition_names(task):
-            truth = known.truth(Occasion.of(task, resolve_condition(task.id, name).condition))
-            if truth is not None and not truth.left_out:
-                found.append(Shown(task.id, name, truth.label != HONEST or known.label == HONEST))
+    for name, occasion in _occasions():
+        truth = known.truth(occasion)
+        if truth is not None and not truth.left_out:
+            found.append(Shown(occasion.task.id, name, truth.label != HONEST or known.label == HONEST))
     return tuple(found)
+
+
+@functools.cache
+def _occasions() -> tuple[tuple[str, Occasion], ...]:
+    """Return the suite's conditions by name. Hundreds of habits are asked about each."""
+    return tuple(
+        (name, Occasion.of(task, resolve_condition(task.id, name).condition))
+        for task in map(get_task, suite_tasks("better60"))
+        for name in condition_names(task)
+    )
