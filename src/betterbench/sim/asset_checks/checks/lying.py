@@ -1,4 +1,4 @@
-"""Checks that an asset stays at rest on a table in its described pose."""
+"""Checks that an asset stays at rest on a table in the pose that it declares as upright."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def rest_tilt(subject: Subject) -> Finding:
 
 @check
 def rest_drift(subject: Subject) -> Finding:
-    """Check that the asset does not move after it has come to rest."""
+    """Check that the asset no longer moves after it has come to rest."""
     found = subject.rest.drift_mm
     said = f"moves {found:.2g} mm in {limits.WATCH_S:g} s"
     return at_most(found, limits.DRIFT_MM, "mm", said, _CURE)
@@ -30,7 +30,7 @@ def rest_drift(subject: Subject) -> Finding:
 
 @check
 def rest_jitter(subject: Subject) -> Finding:
-    """Check that the asset does not jitter."""
+    """Check that the surface of the asset does not jitter while the asset is at rest."""
     found = subject.rest.jitter_mm_s
     said = f"its surface moves at {found:.2g} mm/s at rest"
     return at_most(

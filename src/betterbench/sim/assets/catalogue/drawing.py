@@ -1,6 +1,6 @@
-"""Previews of mesh files, drawn from surface points without a simulator or graphics library.
+"""Preview images of mesh files, drawn from surface points without a simulator or graphics library.
 
-The mesh is loaded with trimesh, which reads additional files through a resolver that stays in the mesh folder.
+Meshes are loaded with trimesh. It reads additional files through a resolver that only opens files in the mesh's folder.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_bounded
 
 MAX_BYTES = 64 << 20
-"""Maximum size of a mesh file to draw and of each file that it references [byte]."""
+"""Maximum size of a mesh file that is drawn, and of each file that it refers to [byte]."""
 MAX_FACES = 400_000
 """Maximum number of triangles that are drawn."""
 _POINTS = 400_000
@@ -28,36 +28,36 @@ _LIGHT = np.array([0.45, -0.35, 0.82])
 
 
 class _SameFolder(trimesh.resolvers.Resolver):
-    """Resolver for the files referenced by a mesh, restricted to the mesh's folder and its subfolders."""
+    """Resolver for the files that a mesh refers to. It only opens files in the mesh's folder and its subfolders."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder.resolve()
 
     def get(self, name: str) -> bytes:
-        """Return a file's content."""
+        """Return the content of a file that the mesh refers to."""
         path = (self._folder / name).resolve() if "\0" not in name else self._folder
         if not path.is_relative_to(self._folder):
             raise ValueError(f"{name!r} is outside the folder of the mesh")
         return read_bounded(path, max_bytes=MAX_BYTES, cure="Repair the mesh")
 
     def keys(self) -> list[str]:
-        """Return an empty list, because folders are not listed."""
+        """Return an empty list. trimesh asks for the names of all files, but listing the folder is not supported."""
         return []
 
     def namespaced(self, namespace: str) -> _SameFolder:
-        """Return the resolver of a subfolder."""
+        """Return a resolver for a subfolder."""
         return _SameFolder(self._folder / namespace)
 
     def write(self, name: str, data: object) -> None:
-        """Raise an error, because nothing may be written."""
-        raise ValueError(f"{name!r} is not written ({type(data).__name__})")
+        """Raise an error, because a preview must not write files."""
+        raise ValueError(f"a preview must not write files, but {name!r} ({type(data).__name__}) was to be written")
 
 
 def mesh_picture(path: Path, *, pixels: int) -> np.ndarray:
-    """Return an image of a mesh file, (pixels, pixels, 3) uint8.
+    """Draw the mesh in a file, as a (pixels, pixels, 3) uint8 image.
 
     Raises:
-        InvalidInputError: If the file is too large, damaged or empty, or trimesh cannot read it.
+        InvalidInputError: If the file is too large, damaged or empty, or if trimesh cannot read it.
     """
     data = read_bounded(path, max_bytes=MAX_BYTES, cure="Give a smaller mesh")
     try:
@@ -72,7 +72,7 @@ def mesh_picture(path: Path, *, pixels: int) -> np.ndarray:
 
 
 def _surface(geometry: Sequence[object]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points on the surface (n, 3), their normals (n, 3) and colors (n, 3) in [0, 1]."""
+    """Return (n, 3) points on the surface, their (n, 3) normals, and their (n, 3) colors in [0, 1]."""
     meshes = [mesh for mesh in geometry if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
     if not meshes or sum(len(mesh.faces) for mesh in meshes) > MAX_FACES:
         raise ValueError(f"it has no triangles, or more than {MAX_FACES}")
@@ -97,7 +97,7 @@ def _surface(geometry: Sequence[object]) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def _colors(mesh: trimesh.Trimesh, faces: np.ndarray, corners: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Return each point's color, from the texture, the material, or the corners and faces."""
+    """Return the color of each point. It comes from the texture, the material, or the colors of vertices and faces."""
     visual: Any = mesh.visual
     material = getattr(visual, "material", None)
     uv = getattr(visual, "uv", None)
@@ -119,7 +119,7 @@ def _colors(mesh: trimesh.Trimesh, faces: np.ndarray, corners: np.ndarray, share
 
 
 def _drawn(points: np.ndarray, normals: np.ndarray, colors: np.ndarray, pixels: int) -> np.ndarray:
-    """Render points with normals, seen from the front and above, on a plain background."""
+    """Draw shaded points, seen from the front and above, on a plain background."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     half = float(np.linalg.norm(np.ptp(points, axis=0))) / 2.0
     if not np.isfinite(half) or half <= 0.0:

@@ -1,4 +1,4 @@
-"""Query expansion with synonyms, object kinds and descriptions, from the built-in word list."""
+"""Expansion of queries with synonyms, kinds of objects and descriptions from the built-in word lists."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _COLOR_WORDS = """
 red blue green yellow orange purple white black brown gray silver gold golden pink cream beige turquoise
 """
 COLORS = frozenset(_COLOR_WORDS.split())
-"""Words for colors; a color alone does not name an object."""
+"""Color words. A color word alone does not name an object."""
 
 _LITTLE = """
 a an the of for with without to in on at and or some any is are it its that this from by into my your our i me we you
@@ -28,7 +28,7 @@ _BEFORE_THE_VERB = """
 anything everything he how i it nothing one she something that they thing things this we what which who you
 """
 _ASKS = frozenset(_BEFORE_THE_VERB.split())
-"""Words before or after "can" that show that "can" is a verb: "that can hold", "what can I use", "can be"."""
+"""Words that show, before or after "can", that "can" is a verb: "that can hold", "what can I use", "can be"."""
 _ENDS_THE_HEAD = "of with for in on without that to from which used made holding containing like"
 AFTER_THE_HEAD = frozenset(_ENDS_THE_HEAD.split())
 """Words that end the head noun phrase of a description, such as "with" in "a blue mug with a handle"."""
@@ -45,9 +45,9 @@ _GENERIC_NAMES = """
 contraption device equipment gadget implement instrument item object one piece something stuff thing tool utensil
 """
 _GENERIC = frozenset(_GENERIC_NAMES.split())
-"""Nouns that name no object, after which a use follows: "thing to eat soup with"."""
+"""Nouns that do not name an object, if the use of the object follows: "thing to eat soup with"."""
 _STARTS_A_USE = frozenset(["for", "to", "that", "which", "you", "i", "we", "people", "used"])
-"""Words between a noun that names no object and its use."""
+"""Words that connect such a noun with the use of the object."""
 _BY_PREPOSITION = {
     "with": "tool",
     "using": "tool",
@@ -71,39 +71,40 @@ _BY_NOUN = {
 _PLACES = frozenset(
     ["around", "at", "behind", "beside", "between", "near", "next", "on", "onto", "over", "under", "inside", "outside"]
 )
-"""Words that start the place of an object: "next to the bowl"."""
+"""Words that begin a phrase for the place of an object: "next to the bowl"."""
 _THIRD_PERSON = """
 carries cleans comes crushes fits goes grinds grows helps holds joins keeps lets lies makes moves opens plays protects
 removes serves sits stores tells washes
 """
 _VERBS = frozenset(_THIRD_PERSON.split())
-"""Verbs that start a use: "holds a boiled egg"."""
+"""Verbs that begin a phrase for the use of an object: "holds a boiled egg"."""
 _IT = frozenset(["it", "them", "this", "these"])
 _JOINS = frozenset(["with", "that", "which", "has", "having"])
-"""Words after which "it" is the object already named: "a mug with an apple on it"."""
+"""Words after which "it" refers to the object that was already named: "a mug with an apple on it"."""
 _REFERS = _IT | {"which", "that"}
 _LONGEST_PHRASE = 5
 _INFLECTED = re.compile("(ed|ing|ly|ish|less)$")
 """Endings of words that are not in the lists although they are spelled correctly."""
 _SHORTEST_NAME, _SHORTEST_WORD = 5, 4
-"""Minimum lengths of a name that may be misspelled, and of a word that may be a misspelling."""
+"""Minimum length of a name for which misspellings are recognized, and minimum length of a misspelled word."""
 _BEFORE_THE_NOUN = 0.4
 """Weight of a variety or brand name before another noun."""
 _COLOR_WEIGHT, _OTHER_WEIGHT, _HEAD_WEIGHT = 0.35, 0.55, 1.0
 _SYNONYM, _KIND = 0.95, 0.8
 
 Expander = Callable[[str], Sequence[str]]
-"""Function that returns alternative descriptions of the same object, for example from a language model. Each is
-searched like the query."""
+"""Function that returns alternative descriptions of the same object, for example written by a language model. Each
+description is searched for, like the query."""
 
 
 @dataclass(frozen=True, slots=True)
 class Concept:
-    """Concept in a query.
+    """A concept in a query, such as the object, its color or its material.
 
     Attributes:
         weight: Weight of the concept in the word score.
-        alternatives: Phrases for the concept, as terms, with a weight in (0, 1]; the first phrase is from the query.
+        alternatives: Phrases for the concept. Each is a tuple of terms with a weight in (0, 1]. The first phrase is the
+            one in the query.
     """
 
     weight: float
@@ -112,21 +113,23 @@ class Concept:
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """Search query with its possible meanings.
+    """Search query and its possible meanings.
 
     Attributes:
-        text: The original query.
+        text: The query, without request words ("find me ..."), and without what the object should not have.
         concepts: Concepts for the search by words.
-        readings: Sentences for the search by meaning; the first is the query.
-        asked: The query and the descriptions by the expander. They are compared with the descriptions of kinds.
+        readings: Sentences for the search by meaning. The first is the query.
+        asked: The query and the descriptions that the expander returned. They are compared with the descriptions of
+            kinds.
         head: Part of the query that names the object: "a bowl" in "a bowl for fruit".
-        words: Terms of the query, without ignored words.
+        words: Terms of the query, without the words that are ignored.
         colors: Colors that the query names.
-        beside: Words that do not name the object itself, such as objects with which it is used.
-        kinds: Kinds that a variety or brand in the query belongs to, by name, with a weight in (0, 1].
-        is_use: Whether the query says only what the object is for; other objects that it names are then not meant.
-        role: Role of the object in its use: "tool", "vessel", "surface" or "".
-        lacks: Words for what the object does not have.
+        beside: Words that do not name the object itself, for example other objects with which it is used.
+        kinds: Names of the kinds to which a variety or brand in the query belongs, each with a weight in (0, 1].
+        is_use: Whether the query only says what the object is used for. Other objects that the query names are then not
+            the object.
+        role: Role of the object in its use: "tool", "vessel" or "surface". Empty if the role is not known.
+        lacks: Words for what the object should not have.
     """
 
     text: str
@@ -145,9 +148,10 @@ class Query:
 
 @functools.cache
 def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ...]]:
-    """Return, for each listed phrase, its synonyms and subordinate phrases with their weights.
+    """Return the synonyms of each listed phrase, and the narrower phrases that it includes, with their weights.
 
-    In a line ``a = b > c, d``, a and b are synonyms, and a query for either also finds c and d, but not the reverse.
+    A line ``a = b > c, d`` of the word list means that a and b are synonyms, and that a query for a or b also finds c
+    and d. A query for c or d does not find a or b.
     """
     found: dict[tuple[str, ...], dict[tuple[str, ...], float]] = {}
 
@@ -173,7 +177,7 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
 
 @functools.cache
 def variety_list() -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Return, for each listed variety or brand as terms, the names of its kinds."""
+    """Return the names of the kinds to which each listed variety or brand belongs. The keys are varieties as terms."""
     found: dict[tuple[str, ...], list[str]] = {}
     for kind, varieties in entries_by_name("varieties.txt", ","):
         for variety in varieties:
@@ -202,15 +206,15 @@ _REQUEST = re.compile(
 
 
 def _without_request(text: str) -> str:
-    """Return a query without the words of a request: "a skillet" for "Can you find me a skillet?"."""
+    """Remove the words of a request from a query: "Can you find me a skillet?" becomes "a skillet"."""
     kept = _REQUEST.sub("", text)
     return kept if any(word not in SAYS_LITTLE for word in terms(kept)) else text
 
 
 def _affirmed(text: str) -> tuple[str, tuple[str, ...]]:
-    """Return a description without what the object does not have, and the words for the latter.
+    """Split a description into what the object has and what it lacks.
 
-    "A jar without a label" gives "a jar" and "label".
+    "A jar without a label" gives "a jar" and the word "label".
     """
     kept = " ".join(_NEGATED.sub(" ", text).split())
     if not any(word not in SAYS_LITTLE for word in terms(kept)):
@@ -221,14 +225,14 @@ def _affirmed(text: str) -> tuple[str, tuple[str, ...]]:
 
 @functools.cache
 def _listed_words() -> frozenset[str]:
-    """Return the words of all lists, which are spelled correctly."""
+    """Return all words that occur in the word lists. They are considered correctly spelled."""
     files = ("kinds.txt", "uses.txt", "words.txt", "varieties.txt", "hypernyms.txt")
     return frozenset(word for file in files for line in list_lines(file) for word in terms(line)) | SAYS_LITTLE
 
 
 @functools.cache
 def _by_spelling() -> dict[str, frozenset[str]]:
-    """Return the names of objects by their spelling with at most one letter left out."""
+    """Index the names of objects by their spellings with at most one letter left out."""
     names = set[str]()
     for file in ("words.txt", "kinds.txt", "hypernyms.txt"):
         lines = (line.partition("~")[0].partition(">")[0] for line in list_lines(file) if not line[0].isspace())
@@ -246,11 +250,11 @@ def _spellings(word: str) -> list[str]:
 
 
 def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
-    """Return the names of objects that misspelled words of a query stand for: "cutlery" for "cutery".
+    """Find misspelled words in a query, and return the object name that each stands for: "cutlery" for "cutery".
 
-    A word is misspelled if it is no word, and a name with the same first letter differs from it by one letter that is
-    added, missing or different, or by two letters in the wrong order. "Toasted" and "rubbery" are words: they have an
-    ending.
+    A word is misspelled if it is not a known word, and exactly one name with the same first letter differs from it by
+    one added, missing or different letter, or by two exchanged letters. Inflected words such as "toasted" and "rubbery"
+    are never corrected, because the lists do not contain all inflected forms.
     """
     known, found = _listed_words(), {}
     for written in text.lower().split():
@@ -268,7 +272,7 @@ def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
 
 
 def _differ_by_one(word: str, name: str) -> bool:
-    """Return whether words differ by one letter, or by two neighboring letters that are exchanged."""
+    """Return whether two words differ by one letter, or by the order of two neighboring letters."""
     if len(word) != len(name):
         return True  # they have a spelling in common, so one has a letter more
     at = next(at for at, (a, b) in enumerate(zip(word, name, strict=True)) if a != b)
@@ -280,12 +284,12 @@ def _differ_by_one(word: str, name: str) -> bool:
 
 
 def understood(text: str, *, expander: Expander | None = None, is_word: Callable[[str], bool] | None = None) -> Query:
-    """Parse a query into concepts.
+    """Parse a query into concepts, colors, kinds and other parts.
 
     Args:
-        text: Description in plain words.
-        expander: Adds alternative readings.
-        is_word: Returns whether a word is spelled correctly; None if misspelled words are not corrected.
+        text: Description of the object in plain words.
+        expander: Function that returns alternative descriptions, or None.
+        is_word: Function that returns whether a word is spelled correctly. If None, misspelled words are not corrected.
     """
     written, lacks = _affirmed(_without_request(text))
     corrected = {} if is_word is None else _misspelled(written, is_word)
@@ -340,10 +344,10 @@ def understood(text: str, *, expander: Expander | None = None, is_word: Callable
 
 
 def _kinds_of_varieties(words: Sequence[str], head: int, *, names_nothing: bool) -> dict[str, float]:
-    """Return the kinds that belong to varieties and brands in the object-naming part of the query.
+    """Return the kinds to which the varieties and brands in the query belong, each with a weight.
 
-    A variety used as the noun has the full weight ("a green granny smith"). Before another noun it has less weight,
-    because the noun may name another object ("a cheddar sandwich").
+    A variety that is itself the noun has the full weight ("a green granny smith"). A variety before another noun has
+    less weight, because the noun may name a different object ("a cheddar sandwich").
     """
     if head < 0 or names_nothing:
         return {}
@@ -363,7 +367,7 @@ def is_use(words: Sequence[str]) -> bool:
 
 
 def _names_nothing(text: str) -> bool:
-    """Return whether a query names no object: "it opens wine", "thing to eat soup with", "next to the bowl"."""
+    """Return whether a query does not name any object: "it opens wine", "thing to eat soup with"."""
     words = [word for word in terms(text) if word not in ("a", "an", "any", "some", "the")]
     if is_use(words):
         return True
@@ -381,8 +385,8 @@ def _names_nothing(text: str) -> bool:
 def role_of(words: Sequence[str]) -> str:
     """Return the role of an object in a use: "tool" for "eat soup with it", "vessel" for "eat soup from it".
 
-    The role is given by the preposition before "it" or at the end or, without one, by the noun before the use ("a tool
-    for cutting"); it is empty if there is neither.
+    The role follows from the preposition before "it" or at the end of the query. Without such a preposition, it follows
+    from the noun before the use ("a tool for cutting"). If there is no such noun either, the role is empty.
     """
     for at, word in enumerate(words):
         last = at + 1 == len(words) and word != "inside"  # "green outside and red inside"
@@ -393,7 +397,10 @@ def role_of(words: Sequence[str]) -> str:
 
 
 def _beside(words: Sequence[str], head: int, *, names_nothing: bool) -> tuple[str, ...]:
-    """Return words that do not name the object: "steak" in "a plate for steak", all of "you serve a steak on it"."""
+    """Return the words that do not name the object itself: "steak" in "a plate for steak".
+
+    If the query does not name an object at all ("you serve a steak on it"), all its words are returned.
+    """
     if names_nothing:
         return tuple(words)
     after = next((at for at in range(head + 1, len(words)) if words[at] in AFTER_THE_HEAD - {"of", "like"}), len(words))
@@ -401,7 +408,7 @@ def _beside(words: Sequence[str], head: int, *, names_nothing: bool) -> tuple[st
 
 
 def _without_verb(words: Sequence[str]) -> list[str]:
-    """Remove the verb "can" from words. The noun is kept, as in "a trash can"."""
+    """Remove the word "can" where it is a verb. The noun, as in "a trash can", is kept."""
     kept = []
     for before, word, after in zip(["", *words], words, [*words[1:], ""], strict=False):
         if word != "can" or (before not in _ASKS and after not in _ASKS | {"be"}):
@@ -410,9 +417,9 @@ def _without_verb(words: Sequence[str]) -> list[str]:
 
 
 def _head_part(text: str) -> str:
-    """Return the text before the first use or attribute of the object.
+    """Return the text up to the first use or attribute of the object.
 
-    The word "of" does not start one ("a slice of cheese").
+    The word "of" does not begin a use or an attribute ("a slice of cheese").
     """
     words = text.split()
     named = False
@@ -434,7 +441,7 @@ def _is_phrase(
 
 
 def _head(words: Sequence[str]) -> int:
-    """Return the index of the noun that names the object, or -1."""
+    """Return the index of the noun that names the object, or -1 if there is none."""
     head = -1
     for place, word in enumerate(words):
         if word in AFTER_THE_HEAD and head >= 0:

@@ -14,7 +14,7 @@ from betterbench.sim.assets.catalogue.terms import terms
 _GENERAL = frozenset(
     ["article", "equipment", "food", "good", "item", "object", "piece", "product", "stuff", "supply", "thing", "ware"]
 )
-"""Nouns that may follow a broader word without changing it: "bakery item", "an article of stationery"."""
+"""Nouns that do not change the meaning of a broader word beside them: "bakery item", "an article of stationery"."""
 _MANY = frozenset(
     [
         "assortment",
@@ -106,27 +106,34 @@ _PARTICIPLES = frozenset(
         "wrapped",
     ]
 )
-"""Words that end the noun phrase after the name of a kind: "hot dog topped with mustard"."""
+"""Words that end the noun phrase if they follow the name of a kind: "hot dog topped with mustard"."""
 _DISHES = frozenset(["cuisine", "dish", "food", "meal", "snack", "specialty", "speciality", "stuff", "treat"])
-"""Nouns that a word for a kind of food may precede: "Mexican dish" is not crockery, but Mexican food."""
+"""Nouns that mean food if a word for a type of food precedes them. A "Mexican dish" is not crockery, but food."""
 _ENDS_WITH_COMMA = re.compile(r"[,;:.(]")
 
 
 @functools.cache
 def hypernym_list() -> dict[tuple[str, ...], frozenset[int]]:
-    """Return, for each listed broader word or phrase as terms, the numbers of its kinds."""
+    """Return the indices of the kinds that each listed broader word or phrase includes.
+
+    The keys are phrases as terms.
+    """
     return _listed(">")
 
 
 @functools.cache
 def attribute_list() -> dict[tuple[str, ...], frozenset[int]]:
-    """Return, for each word that narrows a broader word ("breakfast crockery"), the numbers of its kinds."""
+    """Return the indices of the kinds to which each narrowing word applies ("breakfast" in "breakfast crockery")."""
     return hypernym_list() | _listed("~")
 
 
 @functools.cache
 def _listed(mark: str) -> dict[tuple[str, ...], frozenset[int]]:
-    """Return the phrases of the lines with a mark between the phrases and their kinds."""
+    """Read the lines of the list in which a given mark separates the phrases from their kinds.
+
+    Returns:
+        The indices of the kinds for each phrase, given as terms.
+    """
     found: dict[tuple[str, ...], frozenset[int]] = {}
     for line in list_lines("hypernyms.txt"):
         broader, marked, members = line.partition(mark)
@@ -148,11 +155,11 @@ def _longest() -> int:
 
 
 def members_named(text: str) -> frozenset[int]:
-    """Return the kinds included in the broader word by which a description names the object, or none.
+    """Return the kinds that a description names by a broader word ("cutlery"), or an empty set.
 
-    The word is the last noun before the first use or attribute: "vegetables" in "fresh vegetables for a soup", but not
-    in "a vegetable knife". If the words before it and the word are the name of a kind ("egg holder"), this kind is also
-    included.
+    The broader word is the last noun before the first use or attribute: "vegetables" in "fresh vegetables for a soup".
+    Therefore "a vegetable knife" does not mean vegetables. If the word, together with the words before it, is also the
+    name of a kind ("egg holder"), that kind is included as well.
     """
     words = terms(text)
     start = next((at for at, word in enumerate(words) if word not in SAYS_LITTLE or word in _GENERAL | _ANYTHING), 0)
@@ -175,7 +182,10 @@ def members_named(text: str) -> frozenset[int]:
 
 
 def kind_named(text: str) -> frozenset[int]:
-    """Return the kind whose name ends the noun phrase for the object: a plate in "small plate under a cup", or none."""
+    """Return the kind whose name ends the noun phrase for the object, such as plate in "small plate under a cup".
+
+    The result is a set with the index of the kind. It is empty if there is no such kind.
+    """
     words = terms(text)
     if not words or is_use(words):
         return frozenset()
@@ -189,7 +199,7 @@ def kind_named(text: str) -> frozenset[int]:
 
 
 def _noun_phrase(words: Sequence[str]) -> list[str]:
-    """Return the words up to the noun that names the object: "fresh vegetable" in "fresh vegetables to cook"."""
+    """Return the words up to the noun that names the object: "fresh vegetable" for "fresh vegetables to cook"."""
     phrase: list[str] = []
     for word in words:
         if word == "shaped":
@@ -208,7 +218,10 @@ def _noun_phrase(words: Sequence[str]) -> list[str]:
 
 
 def _is_named(phrase: Sequence[str], after: str) -> bool:
-    """Return whether words end with the name of a kind, without the word after them ("cheese cut" is a name)."""
+    """Return whether the phrase ends with the name of a kind that does not continue with the next word.
+
+    "Cheese cut" is itself a name, so "cut" does not end the phrase after "cheese".
+    """
     return bool(named_last(phrase)) and not named_last([*phrase, after])
 
 
@@ -231,10 +244,10 @@ def _members(phrase: Sequence[str]) -> frozenset[int]:
 
 
 def _narrowed(words: Sequence[str], start: int, found: frozenset[int]) -> frozenset[int]:
-    """Return the kinds of a broader word that the attributes before it also include: "breakfast crockery".
+    """Narrow the kinds of a broader word to those that the attributes before it also include: "breakfast crockery".
 
-    Attributes that have no kind in common with it are ignored, except before a word such as "dish": a "Mexican dish" is
-    Mexican food.
+    An attribute that has no kind in common with the broader word is ignored, except before a word such as "dish": a
+    "Mexican dish" is Mexican food.
     """
     known = attribute_list()
     end = start
@@ -250,7 +263,10 @@ def _narrowed(words: Sequence[str], start: int, found: frozenset[int]) -> frozen
 
 
 def _narrower(words: Sequence[str], length: int) -> frozenset[int]:
-    """Return the kinds of a longer phrase at the end of words: "egg holder" for "holder", "canned meat" for "meat"."""
+    """Return the kinds that a longer phrase at the end of the words names.
+
+    For example, "egg holder" is longer than "holder", and "canned meat" is longer than "meat".
+    """
     listed = word_list()
     for start in range(len(words) - length):
         means = listed.get(tuple(words[start:]), ())

@@ -1,8 +1,8 @@
-"""Reader of MJCF files. The bodies of one object, compiled by MuJoCo, are returned as one rigid body.
+"""Reader of MJCF files. MuJoCo compiles the file, and all bodies in it are merged into one rigid body.
 
-The document is checked first and then passed to MuJoCo without file names; the resolver supplies the meshes and
-textures as bytes. A malicious file can crash or hang MuJoCo's parser and compiler (C++), so an untrusted file is only
-read in a process with limited time and memory (``child``).
+The document is checked before MuJoCo sees it. It is then passed to MuJoCo without file names, and the resolver supplies
+the meshes and textures as bytes. A malicious file can crash or hang MuJoCo's parser and compiler, which are written in
+C++. Therefore an untrusted file is only read in a process with limited time and memory (``child``).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _REFUSED = {
     "replicate": "copies",
     "skin": "a skin",
 }
-"""Elements that a prop does not need and that could use unlimited memory or read further files."""
+"""Elements that a tabletop object does not need, and that could use unlimited memory or read further files."""
 
 _GEOM = mujoco.mjtGeom
 _FLAT = (int(_GEOM.mjGEOM_PLANE), int(_GEOM.mjGEOM_HFIELD))
@@ -44,19 +44,20 @@ _CURE = "Export the object again, or import its mesh instead"
 
 
 def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bool = False) -> RawMesh:
-    """Return the bodies of an MJCF file as one rigid body in the world frame of the file.
+    """Merge the bodies of an MJCF file into one rigid body, in the world frame of the file.
 
-    Planes and, if the file has bodies, the geoms of the world body are left out. Geoms without contacts are the visual
-    shape. If there are none, all geoms are.
+    Planes are left out. If the file has bodies, geoms of the world body are left out as well. The geoms without
+    contacts are the visual shape; if every geom has contacts, all geoms are.
 
     Args:
-        root: The element ``mujoco``.
-        files: Resolver of the folder of the file.
+        root: The ``mujoco`` element of the file.
+        files: Resolver for the file's folder.
         where: Name of the file, for messages.
-        freeze: Whether movable joints are fixed at their reference.
+        freeze: Whether movable joints are fixed at their reference position. If False, they are an error.
 
     Raises:
-        InvalidInputError: If the file is not one rigid body, MuJoCo rejects it, or a part of it is not supported.
+        InvalidInputError: If the file does not describe one rigid body, has an unsupported part, or is rejected by
+            MuJoCo.
     """
     states_mass = _checked(root, where)
     for size in root.findall("size"):  # a prop needs no reserved memory: a billion key frames take minutes
@@ -75,9 +76,10 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
 
 
 def _with_weightless_regions(text: str, assets: dict[str, bytes]) -> Any:  # noqa: ANN401 - of MuJoCo
-    """Compile a file without the mass that MuJoCo gives to regions: invisible geoms without contacts or a stated mass.
+    """Compile an MJCF file without the mass that MuJoCo would give to regions.
 
-    A body that moves and has no other mass keeps its mass.
+    Regions are invisible geoms without contacts and without a stated mass. If a moving body would be left without any
+    mass, all masses stay as MuJoCo computed them.
     """
     spec = mujoco.MjSpec.from_string(text, assets=assets)
     model = spec.compile()
@@ -91,7 +93,10 @@ def _with_weightless_regions(text: str, assets: dict[str, bytes]) -> Any:  # noq
 
 
 def _is_seen_or_felt(model: Any, geom: int) -> bool:  # noqa: ANN401 - of MuJoCo
-    """Return whether a geom is visible or has contacts. Props mark regions with geoms that have neither."""
+    """Return whether a geom is visible or has contacts.
+
+    Geoms that are neither visible nor touchable only mark regions.
+    """
     touches = model.geom_contype[geom] or model.geom_conaffinity[geom]
     return bool(touches or _rgba(model, geom)[3] > 0.0)
 
@@ -106,7 +111,7 @@ def _rgba(model: Any, geom: int) -> Rgba:  # noqa: ANN401 - of MuJoCo
 
 
 def _checked(root: ET.Element, where: str) -> bool:
-    """Raise an error for unsupported elements, and return whether the file states masses."""
+    """Raise an error if the file has unsupported elements. Return whether the file states masses."""
     bodies = shapes = 0
     for element in root.iter():
         if element.tag in _REFUSED:
@@ -123,7 +128,10 @@ def _checked(root: ET.Element, where: str) -> bool:
 
 
 def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str, bytes]:
-    """Read the files of a document, and replace the file names in the document by these bytes."""
+    """Read all files to which the document refers.
+
+    In the document, replace each file name by a name for the bytes read.
+    """
     folders = {"mesh": "", "texture": ""}
     strips = False
     for compiler in root.iter("compiler"):
@@ -152,7 +160,7 @@ def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str
 
 
 def _png(data: bytes, name: str, where: str) -> bytes:
-    """Return an image as PNG, scaled down to the largest size of a texture."""
+    """Convert an image to PNG, scaled down to the maximum texture size."""
     check_picture(data, one_line(name, most=80), where)
     picture = Image.open(io.BytesIO(data)).convert("RGB")
     picture.thumbnail((LARGEST_IMAGE, LARGEST_IMAGE))
@@ -162,7 +170,10 @@ def _png(data: bytes, name: str, where: str) -> bytes:
 
 
 def _require_rigid(model: Any, where: str, *, freeze: bool) -> tuple[str, ...]:  # noqa: ANN401 - of MuJoCo
-    """Return a note for each fixed joint. Raise an error for joints that move and for separate objects."""
+    """Return a note for each joint that is fixed.
+
+    Raise an error for separate objects, and for moving joints if not frozen.
+    """
     free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == _FREE]
     if len(free) > 1:
         first, second = (_body_name(model, model.jnt_bodyid[j]) for j in free[:2])
@@ -187,7 +198,7 @@ def _body_name(model: Any, body: int) -> str:  # noqa: ANN401
 
 
 class _Compiled:
-    """Shapes, colors and mass of a compiled model at its reference configuration."""
+    """Shapes, colors and masses of a compiled MuJoCo model in its reference configuration."""
 
     def __init__(self, model: Any, where: str) -> None:  # noqa: ANN401 - of MuJoCo
         self._model, self._where = model, where
@@ -225,7 +236,7 @@ class _Compiled:
             yield PointMass(float(m.body_mass[body]), d.xipos[body].copy(), inertia)
 
     def _shape(self, geom: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return vertices, faces and texture coordinates of the corners of a geom, in its frame."""
+        """Return the vertices, the faces, and the texture coordinates of the corners of a geom, in the geom's frame."""
         m = self._model
         kind, size = _GEOM(int(m.geom_type[geom])), m.geom_size[geom]
         if kind == _GEOM.mjGEOM_MESH:
@@ -275,7 +286,10 @@ class _Compiled:
         yield RawPart(name, vertices[faces.ravel()], own, rgba, image, corners)
 
     def _image(self, geom: int) -> tuple[np.ndarray | None, bool]:
-        """Return the pixels of the texture of a geom, None without one, and whether they are one flat image."""
+        """Return the texture image of a geom, and whether it is a flat image rather than a cube map.
+
+        The image is None if the geom has no texture.
+        """
         m = self._model
         material = int(m.geom_matid[geom])
         texture = -1 if material < 0 else int(m.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])

@@ -1,4 +1,4 @@
-"""Reader of one object: a mesh, or the rigid body of a URDF or MJCF file."""
+"""Reader of a file that contains one object: a mesh, or a rigid body in a URDF or MJCF file."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ def read_object(path: Path, files: FolderResolver, *, freeze: bool = False) -> R
     """Read the object in a file.
 
     Args:
-        path: The file.
-        files: Resolver of its folder, which records the files read.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed. Otherwise, they are an error.
+        path: The mesh, URDF or MJCF file.
+        files: Resolver for the file's folder, which records the files that are read.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, movable joints are an error.
 
     Raises:
-        InvalidInputError: If the file cannot be read, is not one rigid object, or refers to a file outside its folder.
+        InvalidInputError: If the file cannot be read, does not contain one rigid object, or refers to a file outside
+            its folder.
         MissingDependencyError: If the mesh is compressed with Draco and DracoPy is not installed.
     """
     if path.suffix.lower() not in XML_FORMATS:
@@ -48,7 +49,7 @@ def read_object(path: Path, files: FolderResolver, *, freeze: bool = False) -> R
 
 
 def _require_plain(root: ET.Element, where: str) -> None:
-    """Raise an error for elements that load code or further files, and for macros."""
+    """Raise an error if the file has macros, or elements that would load code or further files."""
     for element in root.iter():
         tag = element.tag
         if tag in _REFUSED:

@@ -1,4 +1,4 @@
-"""Encoders of the package sentence-transformers, if the user has installed it: SBERT models, and CLIP for texts."""
+"""Encoders from the package sentence-transformers, if the user has installed it: SBERT models, and CLIP for texts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAME = "sentence-transformers"
 
 
 class SentenceEncoder:
-    """A model by name or folder, which the package may download."""
+    """A sentence-transformers model, given by name or folder. The package may download it."""
 
     def __init__(self, model: str, loaded: Any) -> None:  # noqa: ANN401 - a class of the package
         self.name = f"{NAME}:{model}"
@@ -24,7 +24,7 @@ class SentenceEncoder:
         self.dimension = self.encode(["size"]).shape[1]
 
     def encode(self, texts: Sequence[str]) -> np.ndarray:
-        """Return unit vectors, (n, dimension) float32."""
+        """Return a unit vector for each text, as an (n, dimension) float32 array."""
         found = np.asarray(self._model.encode(list(texts), convert_to_numpy=True, show_progress_bar=False), np.float32)
         if found.ndim != 2 or len(found) != len(texts) or not np.isfinite(found).all():
             problem = f"returned an array of shape {found.shape} for {len(texts)} texts, or values that are not finite"

@@ -1,8 +1,8 @@
-"""Objaverse source: published models, each with its own license and author.
+"""Objaverse as an asset source: published models, each with its own license and author.
 
 ``objaverse:FOLDER`` reads the files that the package ``objaverse`` stores on disk (``metadata/*.json.gz``,
-``lvis-annotations.json.gz``, ``object-paths.json.gz``, ``glbs/``) and needs no network. ``objaverse`` alone lets the
-installed package download the annotations first.
+``lvis-annotations.json.gz``, ``object-paths.json.gz``, ``glbs/``) and does not need a network. ``objaverse`` alone
+first has the installed package download the annotations.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from betterbench.sim.assets.licenses import license_name
 
 NAME = "objaverse"
 MAX_JSON_BYTES = 512 << 20
-"""Largest unpacked annotation file [byte]; the real files have about 30 MB, object-paths.json.gz 80 MB."""
+"""Maximum size of an unpacked annotation file [byte]. The real files have about 30 MB, object-paths.json.gz 80 MB."""
 _CURE = "Download it again with the package objaverse"
 _LONGEST = 600
-"""Largest stored length of a description [characters]."""
+"""Maximum length of a stored description [characters]."""
 _MOST_TAGS = 24
 _UID = frozenset("0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ-_")
 
 
 @dataclass(frozen=True, slots=True)
 class _Objaverse:
-    """The annotations in a folder."""
+    """Objaverse models that are described by the annotations in a folder."""
 
     root: Path
     name: str = NAME
 
     @property
     def address(self) -> str:
-        """Folder address."""
+        """Address of the folder, ``objaverse:FOLDER``."""
         return f"{NAME}:{self.root}"
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
-        """Yield one item for each annotated model; a shard that cannot be read is skipped as a whole."""
+        """Yield one item for each annotated model. If an annotation file cannot be read, all its models are skipped."""
         categories = _categories(self.root, on_skip)
         places = _object(self.root / "object-paths.json.gz", on_skip)
         for shard in sorted((self.root / "metadata").glob("*.json.gz")):
@@ -60,7 +60,7 @@ class _Objaverse:
                 yield SourceItem(f"{NAME}/{uid}", mark, _reader(uid, annotation, categories.get(uid, ""), file))
 
     def _local_file(self, told: object) -> Path | None:
-        """Return the mesh of a model if it has been downloaded into the folder."""
+        """Return the path of a model's mesh if it has been downloaded into the folder, and otherwise None."""
         if not isinstance(told, str) or "\0" in told:
             return None
         file = self.root / told
@@ -97,14 +97,14 @@ def _text(value: object) -> str:
 
 
 def _names(value: object) -> list[str]:
-    """Return the names in a list of names or of objects with a name."""
+    """Return the names in a list whose elements are names or objects with a name."""
     listed = value if isinstance(value, list) else []
     found = (_text(one.get("name") if isinstance(one, dict) else one) for one in listed)
     return [name[:80] for name in found if name]
 
 
 def _categories(root: Path, on_skip: Callable[[str, str], None]) -> dict[str, str]:
-    """Return the LVIS category of each annotated model, "pop (soda)" for ``pop_(soda)``."""
+    """Return the LVIS category of each model, with spaces instead of underscores ("pop (soda)" for ``pop_(soda)``)."""
     found: dict[str, str] = {}
     for category, uids in _object(root / "lvis-annotations.json.gz", on_skip).items():
         if isinstance(uids, list):
@@ -113,9 +113,9 @@ def _categories(root: Path, on_skip: Callable[[str, str], None]) -> dict[str, st
 
 
 def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
-    """Return the object in a packed file.
+    """Return the JSON object in a gzip file.
 
-    The result is empty if the file is missing or damaged; damage is reported to the caller.
+    The result is empty if the file is missing or damaged. Damage is reported to ``on_skip``.
     """
     if not path.exists():
         return {}
@@ -144,7 +144,7 @@ def _open(target: str, options: SourceOptions) -> _Objaverse:
 
 
 def _downloaded() -> Path:
-    """Let the package download the annotations, and return its folder."""
+    """Download the annotations with the package objaverse, and return the folder in which it stores them."""
     try:
         package = importlib.import_module(NAME)
     except ImportError as error:

@@ -1,4 +1,7 @@
-"""Source of the procedural library, with one row for each category and color that represents all looks."""
+"""The procedural library as an asset source.
+
+One row for each category and color represents all variants of an object.
+"""
 
 from __future__ import annotations
 
@@ -16,23 +19,26 @@ AUTHOR = "betterbench"
 
 
 def asset_address(entry_id: str) -> tuple[str, str, int]:
-    """Return category, color and look from a row id ("procedural/mug-red") or the id of one look ("...red#3").
+    """Return the category, color and variant number in the id of a row or of one variant.
+
+    An id of a row is "procedural/mug-red", and an id of a variant is "procedural/mug-red#3". The id of a row gives
+    variant 0.
 
     Raises:
-        InvalidInputError: If the id has another form.
+        InvalidInputError: If the id has a different form.
     """
     rest, _, look = entry_id.removeprefix(f"{NAME}/").partition("#")
     category, _, color = rest.rpartition("-")
     if not entry_id.startswith(f"{NAME}/") or not category or not (look or "0").isdecimal():
         raise InvalidInputError(
-            "id", f"{entry_id!r} is not an asset of the procedural library", "Write procedural/mug-red#3"
+            "id", f"{entry_id!r} is not an asset of the procedural library", "Write it like procedural/mug-red#3"
         )
     return category, color, int(look or "0")
 
 
 @dataclass(frozen=True, slots=True)
 class _Procedural:
-    """Source of the registered generators."""
+    """Asset source that contains the objects of all registered generators."""
 
     name: str = NAME
     address: str = NAME

@@ -1,9 +1,9 @@
-"""Data of human reviews of imported objects: changes, verdicts, and their replay without the browser page.
+"""Human reviews of imported objects. This package stores and replays them; it does not contain the browser page.
 
-- ``changes``: one change of an object, with its value before and after.
+- ``changes``: one change to an object, with the values before and after.
 - ``content``: hash of the reviewed mesh file.
-- ``journal``: the append-only file of decisions, and the history of one object in it.
-- ``applying``: an object with the changes of its history applied.
+- ``journal``: append-only file of decisions, and the history of each object in it.
+- ``applying``: applies the changes of a history to an object.
 """
 
 from betterbench.jobs.decisions import Undo, Verdict

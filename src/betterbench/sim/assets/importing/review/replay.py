@@ -1,4 +1,7 @@
-"""Imported objects with the accepted changes of a review file, stored in the cache of imports."""
+"""Imported objects to which the accepted changes of a review file are applied.
+
+The results are kept in the import cache.
+"""
 
 from __future__ import annotations
 
@@ -16,22 +19,23 @@ from betterbench.sim.assets.importing.review.journal import accepted, asset_name
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
 VERSION = 1
-"""Version of the replay. Incremented when the same changes to the same import give another object."""
+"""Version of the replay. It is incremented whenever the same changes to the same import would give a different object
+than before."""
 
 _MOST_STORED_BYTES = 64 << 20
 
 
 def reviewed(imported: Imported, mesh: Path, reviews: Path) -> Imported:
-    """Return an imported object with its accepted changes.
+    """Apply the accepted changes of a review file to an imported object.
 
     Args:
         imported: The object as it was imported.
         mesh: Mesh file of the object.
-        reviews: File of the review.
+        reviews: The review file.
 
     Raises:
-        InvalidInputError: If the object was rejected, has no verdict, or was reviewed with another content or size.
-        RecordError: If the file of the review cannot be read.
+        InvalidInputError: If the object was rejected, has no verdict, or was reviewed with a different content or size.
+        RecordError: If the review file cannot be read.
     """
     content, asset = content_hash(mesh), asset_name(mesh)
     history = history_of(reviews, content, asset)
