@@ -1,4 +1,4 @@
-"""Inter-reviewer agreement on the objects or scenes that both reviewers judged."""
+"""Agreement between two reviewers on the objects or scenes that both have judged."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ class ReviewAgreement:
     """Agreement between two reviews.
 
     Attributes:
-        all: Agreement table with the verdicts accept, fix and reject.
-        usable: Agreement table with two verdicts: use (accept or fix) and reject.
-        only_first: Number of objects or scenes that only the first reviewer judged, which are not in the tables.
-        only_second: Number of objects or scenes that only the second reviewer judged.
-        apart: Names and verdicts of the items on which the reviewers disagree, in the order of the first review.
+        all: Agreement table for the verdicts accept, fix and reject.
+        usable: Agreement table for two verdicts: use (accept or fix) and reject.
+        only_first: Number of objects or scenes that only the first reviewer judged. They are not in the tables.
+        only_second: Number of objects or scenes that only the second reviewer judged. They are not in the tables.
+        apart: Objects or scenes on which the reviewers disagree, each with its name and the two verdicts, in the order
+            of the first review.
         what: "objects" or "scenes".
     """
 
@@ -50,11 +51,11 @@ class ReviewAgreement:
 
 
 def agreement(first: Path, second: Path) -> ReviewAgreement:
-    """Return the agreement between two files written by ``better review``, both of objects or both of scenes.
+    """Compute the agreement between two files written by ``better review``. Both must review objects, or both scenes.
 
     Raises:
         RecordError: If a file is missing or was changed by hand.
-        InvalidInputError: If the files have no judged object or scene in common, or only one file reviews scenes.
+        InvalidInputError: If no object or scene has a verdict in both files, or only one of the files reviews scenes.
     """
     kinds = [is_scene_review(path) for path in (first, second)]
     what = "scenes" if kinds[0] else "objects"
@@ -65,7 +66,7 @@ def agreement(first: Path, second: Path) -> ReviewAgreement:
     both = [content for content in a if content in b]
     if not both:
         problem = f"{len(a)} and {len(b)} {what} have a verdict, but the files have none in common"
-        raise InvalidInputError(f"{first}, {second}", problem, "Let both reviewers judge the same items")
+        raise InvalidInputError(f"{first}, {second}", problem, "Have both reviewers judge the same items")
     pairs = [(a[content][1], b[content][1]) for content in both]
     used = [tuple("reject" if v == "reject" else "use" for v in pair) for pair in pairs]
     return ReviewAgreement(
@@ -79,7 +80,7 @@ def agreement(first: Path, second: Path) -> ReviewAgreement:
 
 
 def is_scene_review(path: Path) -> bool:
-    """Return whether a file is a review of scenes, from its first line.
+    """Return whether a file is a review of scenes rather than objects. The first line of the file shows this.
 
     Raises:
         RecordError: If the file is missing.
@@ -94,7 +95,7 @@ def is_scene_review(path: Path) -> bool:
 
 
 def _verdicts(path: Path, *, of_scenes: bool) -> dict[tuple[str, str], tuple[str, str]]:
-    """Return the name and verdict of each judged object or scene, by content hash and condition."""
+    """Return the name and the verdict of each object or scene that was judged, keyed by content hash and condition."""
     if of_scenes:
         return last_verdicts(read_scene_reviews(path), str(path))
     reviews = read_reviews(path)

@@ -1,4 +1,4 @@
-"""Output of reviewed tasks as new files, with changed slots and without rejected variations."""
+"""Writing of reviewed tasks to new files, with moved slots and without rejected variations."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from betterbench.tasks.authoring.task_form import task_forms
 from betterbench.tasks.interventions.resolve import condition_names
 
 SHOWN = 16
-"""Number of digits of a content hash shown in messages."""
+"""Number of digits of a content hash that messages show."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReviewedForm:
-    """JSON form of a reviewed task.
+    """JSON form of a task after its review.
 
     Attributes:
-        form: JSON form with the changes, without rejected variations.
-        rejected: Reason by name of each rejected variation.
-        moved: Whether a slot has moved, which requires measuring demonstrations again.
-        changes: All active changes.
+        form: JSON form with all changes applied, and without rejected variations.
+        rejected: Reason for each rejected variation, keyed by its name.
+        moved: Whether a slot was moved. Demonstrations must then be measured again.
+        changes: All changes that were not undone.
     """
 
     form: dict[str, Any]
@@ -43,7 +43,7 @@ class ReviewedForm:
 
 
 def reviewed_form(form: Mapping[str, Any], history: SceneHistory) -> ReviewedForm:
-    """Return a task form with the decisions from a review applied.
+    """Apply the decisions of a review to the JSON form of a task.
 
     Raises:
         InvalidInputError: If a condition has no valid verdict, or a training condition was rejected.
@@ -77,11 +77,12 @@ def reviewed_form(form: Mapping[str, Any], history: SceneHistory) -> ReviewedFor
 
 
 def reviewed_forms(path: Path) -> dict[str, ReviewedForm]:
-    """Return the reviewed tasks in a journal by name; the tasks must be loaded.
+    """Return the reviewed tasks in a review file, keyed by name. The tasks themselves must be loaded.
 
     Raises:
-        RecordError: If the journal cannot be read.
-        InvalidInputError: As for :func:`reviewed_form`, or if a task differs from the reviewed one.
+        RecordError: If the review file cannot be read.
+        InvalidInputError: If a condition has no valid verdict, a training condition was rejected, or a task has changed
+            since its review.
         UnknownNameError: If a task is not loaded.
     """
     reviews = read_scene_reviews(path)
@@ -99,12 +100,12 @@ def reviewed_forms(path: Path) -> dict[str, ReviewedForm]:
             raise InvalidInputError(name, problem, "Restore the reviewed task file, or review the present one")
         found[name] = reviewed_form(form, history)
     if not found:
-        raise InvalidInputError(str(path), "it has no active decision", "Review scenes first")
+        raise InvalidInputError(str(path), "it contains no decision that was not undone", "Review scenes first")
     return found
 
 
 def write_reviewed_tasks(found: Mapping[str, ReviewedForm], out: Path) -> list[Path]:
-    """Write each task to ``NAME.json`` in a folder, and return the paths."""
+    """Write each task to a file ``NAME.json`` in a folder, and return the paths of the files."""
     paths = []
     for name, reviewed in found.items():
         paths.append(out / f"{name}.json")
@@ -113,10 +114,14 @@ def write_reviewed_tasks(found: Mapping[str, ReviewedForm], out: Path) -> list[P
 
 
 def write_moved_frames(found: Mapping[str, ReviewedForm], folders: Sequence[Path], out: Path) -> list[Path]:
-    """Write each asset folder with moved placement frames as a new folder of the same name, and return the paths.
+    """Write each asset folder in which placement frames were moved to a new folder of the same name.
+
+    Returns:
+        The paths of the new folders.
 
     Raises:
-        InvalidInputError: If an asset is in none of the folders, or two folders have the same name.
+        InvalidInputError: If none of the folders contains an asset whose frames were moved, or two folders have the
+            same name.
     """
     moves: dict[str, dict[tuple[str, str], RegionChange]] = {}
     for reviewed in found.values():

@@ -131,7 +131,7 @@ RING = FIXED.format("j", "fixed", "0 0 0") + FIXED.format("k", "fixed", "0 0 0")
         ("", "has no link"),
         ('<link name="a"/>', "none of its links has a shape"),
         ("<link><visual/></link>", "a link has no name"),
-        (LINK.format("a", "", "<blob/>"), "geometry 'blob' is not known"),
+        (LINK.format("a", "", "<blob/>"), "geometry type 'blob' is not supported"),
         (LINK.format("a", "", '<box size="0.1 0.1"/>'), "box size is '0.1 0.1', expected 3 finite numbers"),
         (LINK.format("a", "", '<box size="0.1 nan 0.1"/>'), "expected 3 finite numbers"),
         (LINK.format("a", "", '<sphere radius="-1"/>'), "radius is -1"),
@@ -145,7 +145,7 @@ RING = FIXED.format("j", "fixed", "0 0 0") + FIXED.format("k", "fixed", "0 0 0")
         (ONE + FIXED.format("j", "fixed", "0 0 0"), "the child of its joint 'j' is 'b', which is not a link"),
         (ONE + LINK.format("b", "", BOX) + FIXED.format("j", "screw", "0 0 0"), "has the type 'screw'"),
         ('<xacro:macro name="m"/>' + ONE, "not XML|macro"),
-        (LINK.format("a", "", BOX * 3), "has no geometry"),
+        (LINK.format("a", "", BOX * 3), "does not have exactly one geometry"),
         ("".join(f'<link name="l{k}"/>' for k in range(300)), "300 links"),
     ],
 )

@@ -120,7 +120,7 @@ class Store:
 
     def _damaged(self, error: sqlite3.Error) -> RecordError:
         return RecordError(
-            f"{self.path}: is damaged or is not a catalogue of assets ({error}). Remove the folder and "
+            f"{self.path}: is damaged or is not an asset catalogue ({error}). Remove the folder and "
             "index the sources again."
         )
 

@@ -20,7 +20,7 @@ from betterbench.sim.assets.importing.cavity import Cavity, columns_box
 from betterbench.sim.assets.importing.solid import Solid, spread_points
 
 SECTORS = 12
-"""Number of sectors of a wall. The flat outside of a sector is at most 1.4 mm inside a circle with a radius of 40 mm."""
+"""Number of sectors of a wall. The flat outside of a sector is at most 1.4 mm inside a circle of radius 4 cm."""
 MOST_HULLS = 48
 _CORNERS = 40
 """Maximum number of vertices of a hull. Each vertex costs time in MuJoCo's narrow phase."""
