@@ -1,4 +1,4 @@
-"""Crumpled paper napkins."""
+"""Generator of crumpled paper napkins."""
 
 import itertools
 import math
@@ -15,11 +15,11 @@ _INKS: tuple[Rgb, ...] = ((0.16, 0.34, 0.72), (0.76, 0.16, 0.16), (0.16, 0.52, 0
 
 @generator("crumpled_napkin", colors=("white", "cream"))
 def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
-    """Make a paper napkin crumpled to a loose ball, with protruding paper corners.
+    """Make a paper napkin that is crumpled into a loose ball, from which paper corners stick out.
 
-    A dinner napkin of 0.40 x 0.40 m with two to three plies of 18 to 35 g/m^2 weighs 12 to 18 g. The mass of a crumpled
-    napkin is 77 kg/m^3 times its bounding box volume. It does not roll, because its collision shape has corners above
-    and below.
+    A dinner napkin of 0.40 x 0.40 m with two to three plies of 18 to 35 g/m^2 weighs 12 to 18 g. The mass here is 77
+    kg/m^3 times the volume of the bounding box. The napkin does not roll, because its collision shape has corners at
+    the bottom and at the top.
     """
     wide, deep, high = uniforms(rng, (0.067, 0.071), (0.064, 0.068), (0.046, 0.057))
     ink, printed = _INKS[int(rng.integers(len(_INKS)))], rng.random() < 0.6
@@ -61,7 +61,7 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _sphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors (n, 3) and faces (20 * parts**2, 3) of an icosahedron with divided edges."""
+    """Return the unit vectors (n, 3) and the faces (20 * parts**2, 3) of an icosahedron whose edges are divided."""
     golden = 0.5 * (1.0 + math.sqrt(5.0))
     points = []
     for a in (-1.0, 1.0):
@@ -91,7 +91,7 @@ def _sphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: int, count: int) -> Mesh:
-    """Return a bent, pointed corner of the paper that sticks out of a ball with these half extents [m]."""
+    """Return a bent, pointed paper corner that sticks out of a ball with the given half extents [m]."""
     angle = 2.0 * math.pi * (number + rng.uniform(-0.3, 0.3)) / count
     rise, size, curl = rng.uniform(0.50, 1.15), rng.uniform(0.017, 0.024), rng.uniform(-0.5, 0.5)
     out = np.array([math.cos(angle) * math.cos(rise), math.sin(angle) * math.cos(rise), math.sin(rise)])
@@ -113,7 +113,7 @@ def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: 
 
 
 def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, roughness: float) -> Mesh:
-    """Return the ball, with flat areas between sharp folds, creases that cut in, and protruding paper tips."""
+    """Return the ball, which has flat areas between sharp folds, creases that cut in, and tips that stick out."""
     directions, faces = _sphere(5)
     n = len(directions)
     # Flats: the ball is inside randomly placed planes.
@@ -144,7 +144,10 @@ def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, rou
 
 
 def _paper(rng: np.random.Generator, paper: Rgb, *, ink: Rgb | None) -> Canvas:
-    """Draw paper whose row is the depth of the fold, gray at the bottom of a crease and bright on a ridge."""
+    """Draw the paper.
+
+    The row of the texture is the depth in the fold: gray at the bottom of a crease, bright on a ridge.
+    """
     canvas = Canvas(1.0, 1.0, (64, 64), paper)
     canvas.grain(rng, cells=(20, 20), amount=0.015)
     if ink is not None:

@@ -1,4 +1,4 @@
-"""Mugs with a handle that a parallel jaw can pinch from above."""
+"""Generator of mugs with a handle that a gripper can pinch from above."""
 
 import numpy as np
 
@@ -15,8 +15,9 @@ _WALL, _FLOOR, _TOP = 0.0035, 0.006, 0.0745  # thickness of wall and floor, heig
 def mug(rng: np.random.Generator, color: str) -> Draft:
     """Make a ceramic mug with a filled collision shape. Its handle points along +x.
 
-    A 0.3 l stoneware mug is 70 to 75 mm wide, 80 to 90 mm high and weighs 0.25 to 0.35 kg. A light mug tilts less when
-    held by its handle. The flat handle has room for a finger of 20 mm, and a hand 45 mm above it clears the rim.
+    A stoneware mug of 0.3 l is 70 to 75 mm wide and 80 to 90 mm high, and weighs 0.25 to 0.35 kg. These mugs are light,
+    because a light mug tilts less when it is held by its handle. The flat handle leaves room for a finger of 20 mm. A
+    gripper whose hand is 45 mm above its pads clears the rim.
     """
     radius, height, bar = uniforms(rng, (0.0338, 0.0372), (0.080, 0.090), (0.0540, 0.0575))  # bar: its x from the axis
     thick, depth, low = uniforms(rng, (0.0105, 0.0130), (0.0080, 0.0095), (0.010, 0.022))

@@ -1,4 +1,4 @@
-"""Open waste bins for a desk."""
+"""Generator of open waste bins for a desk."""
 
 import math
 from collections.abc import Sequence
@@ -19,11 +19,12 @@ _FINISHES = ("mesh", "plain", "slots", "ribs", "plain")
 
 @generator("waste_bin", colors=("black", "gray", "blue"))
 def waste_bin(rng: np.random.Generator, color: str) -> Draft:
-    """Make an open waste bin that widens toward its rim, round or square, of wire mesh or of plastic.
+    """Make an open waste bin that widens toward its rim. It is round or square, and of wire mesh or plastic.
 
-    Most have a bag folded over the rim. Plastic bins have the three recycling arrows on their front. Table and desk
-    bins of 3 to 5 l are 18 to 22 cm wide and 12 to 25 cm high and weigh 0.3 to 0.7 kg. This one is low, so that an
-    object released above its rim falls 10 cm. Most of the 0.55 to 0.65 kg is in the floor, as in stable bins.
+    Most bins have a bag that is folded over the rim. Plastic bins have the three recycling arrows on their front. Bins
+    of 3 to 5 l for tables and desks are 18 to 22 cm wide and 12 to 25 cm high, and weigh 0.3 to 0.7 kg. This bin is
+    low, so that an object that is released above its rim falls 10 cm. It weighs 0.55 to 0.65 kg, most of it in the
+    floor, as stable bins do.
     """
     rim, foot, height = uniforms(rng, (0.0990, 0.1050), (0.0890, 0.0940), (0.118, 0.134))
     square, finish = rng.random() < 0.4, str(rng.choice(_FINISHES))
@@ -73,20 +74,20 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _corners() -> np.ndarray:
-    """Return the factor by which each side of a round body moves outward to make it a square with round corners."""
+    """Return the factor by which each side of a round body must move outward to make it a square with round corners."""
     angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
     share: np.ndarray = (np.abs(np.cos(angle)) ** 6 + np.abs(np.sin(angle)) ** 6) ** (-1.0 / 6.0)
     return share
 
 
 def _squared(mesh: Mesh, corner: np.ndarray) -> Mesh:
-    """Return a turned mesh with each of its sides moved outward by a factor."""
+    """Return a turned mesh with each of its sides moved outward by the given factor."""
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
     return mesh.scaled_across(corner[np.round(angle * _SIDES / (2.0 * math.pi)).astype(int) % _SIDES])
 
 
 def _square_walls(foot: float, top: float, height: float) -> Sequence[CollisionPart]:
-    """Return a floor and four leaning boards."""
+    """Return the collision shape of a square bin: a floor and four leaning boards."""
     flare, half_z = math.atan2(top - foot, height), 0.5 * (height - 0.001)
     away, board = 0.5 * (foot + top) - 0.5 * _WALL, (0.5 * _WALL, top - 0.004, half_z / math.cos(flare) - 0.0005)
     low, walls = foot - 0.002, []
@@ -106,7 +107,7 @@ def _bag(
     hem: float,
     folds: np.ndarray,
 ) -> VisualPart:
-    """Return a bag that lines a bin and is folded outward over its rim down to a ragged hem."""
+    """Return a bag that lines the bin and is folded outward over its rim. It ends in a ragged hem."""
     foot, rim, height = size
 
     def wall(z: float) -> float:
@@ -136,7 +137,7 @@ def _bag(
 def _pattern(
     rng: np.random.Generator, shell: Turned, shade: Rgb, *, finish: str, metal_rim: bool, symbol: float
 ) -> Canvas:
-    """Draw the bin from below over the wall and the rim to the floor inside."""
+    """Draw the bin from its bottom over the wall and the rim to the floor inside."""
     foot, top, lip, floor = (shell.rows[k] for k in (2, 3, 6, 7))
     half = math.pi * 0.5 * (shell.radii[2] + shell.radii[3])
     canvas = shell.canvas(shade, (256, 256), width=half)
@@ -173,9 +174,9 @@ def _pattern(
 
 
 def _symbol_height(finish: str, *, bag: bool) -> float:
-    """Return the height of the recycling sign relative to the wall's height, below the hem of a bag.
+    """Return the height of the recycling sign, relative to that of the wall. The sign is below the hem of a bag.
 
-    Returns 0 for no sign.
+    Returns 0 if there is no sign.
     """
     if finish == "mesh" or (bag and finish == "slots"):
         return 0.0
@@ -183,7 +184,7 @@ def _symbol_height(finish: str, *, bag: bool) -> float:
 
 
 def _arrows(canvas: Canvas, center: tuple[float, float], radius: float, ink: Rgb, where: np.ndarray) -> None:
-    """Draw the three arrows that follow each other around a triangle, the sign of recycling."""
+    """Draw the sign for recycling: three arrows that follow each other around a triangle."""
     dx, dy = canvas.x - center[0], canvas.y - center[1]
     for k in range(3):
         turn = 2.0 * math.pi * k / 3.0
