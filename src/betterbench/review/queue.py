@@ -129,7 +129,9 @@ def folder_queue(folders: Sequence[Path]) -> list[QueuedObject]:
         for asset in manifest_of(folder).assets.values():
             queue.setdefault(asset.sha256, QueuedObject(folder / asset.file, asset.sha256, [], stored=True))
     if not queue:
-        raise InvalidInputError("review assets", "the folders contain no assets", "Import some: better assets import")
+        raise InvalidInputError(
+            "review assets", "the folders contain no assets", "Import assets with: better assets import"
+        )
     return list(queue.values())
 
 

@@ -67,7 +67,7 @@ def _fetched(benchmark: Benchmark, file: DataFile, folder: Path, on_progress: On
     digest = file_digest(path)
     if file.sha256 is not None and digest != file.sha256:
         problem = f"has the SHA-256 {digest}, expected {file.sha256}"
-        raise InvalidInputError(str(path), problem, "Delete it and fetch it again")
+        raise InvalidInputError(str(path), problem, "Delete the file and download it again")
     return FetchedFile(file.path, path.stat().st_size, digest)
 
 

@@ -86,7 +86,9 @@ def sendable(data: bytes, where: str) -> bytes:
         with Image.open(io.BytesIO(data)) as image:
             frames = getattr(image, "n_frames", 1)
             if frames != 1:
-                raise InvalidInputError(where, f"has {frames} frames, expected one image", "Give single images")
+                raise InvalidInputError(
+                    where, f"has {frames} frames, expected one image", "Use files with a single image"
+                )
             plain = image if image.mode in _OF_PNG else image.convert("RGB")
             file = io.BytesIO()
             plain.save(file, "PNG")

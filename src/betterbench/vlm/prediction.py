@@ -161,7 +161,9 @@ def prediction_table(
     points = [_point(name or diagnosis.policy, run, diagnosis, column) for name, run, diagnosis in policies]
     double = next((p.name for i, p in enumerate(points) if p.name in {q.name for q in points[:i]}), None)
     if double is not None:
-        raise RunConflictError(f"Two policies have the name {double!r}. Give the two runs of each a name with --name.")
+        raise RunConflictError(
+            f"Two policies have the name {double!r}. Use --name to give each policy a different name."
+        )
     warnings = []
     if len({run.head["data"] for _, run, _ in policies}) > 1:
         warnings.append("The models answered different questions, so their scores also differ in difficulty.")

@@ -281,7 +281,7 @@ def _cell_reader(file: Path, number: int, span: Span) -> Callable[[str], Any]:
         except (OSError, ValueError, KeyError, TypeError) as error:
             problem = f"cannot be read again ({one_line(error)})"
             raise InvalidInputError(
-                f"{file}, row {number}, column {column}", problem, "Leave the file as it is"
+                f"{file}, row {number}, column {column}", problem, "Do not change the file while it is being read"
             ) from error
 
     return cell

@@ -322,7 +322,7 @@ def _require_accepted(found: Answers, file: Path) -> None:
     (reason, _), *_ = refused.most_common(1)
     raise ModelError(
         f"The server rejected all {refused.total():,} requests, so there is no score: {reason}. Correct the model, the "
-        f"server or the options, and run the command again; it sends the requests again."
+        f"server or the options, and run the command again to repeat the requests."
     )
 
 

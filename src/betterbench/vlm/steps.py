@@ -209,7 +209,7 @@ def step_table(
         known = row.setdefault(run.benchmark.name, run)
         if known is not run:
             problem = f"{known.path} and {path} are both {name!r} on {run.benchmark.name}"
-            raise RunConflictError(f"{problem}. Give each run a name with --name.")
+            raise RunConflictError(f"{problem}. Use --name to give each run a different name.")
     benchmarks = tuple(dict.fromkeys(b for row in rows.values() for b in row))
     for benchmark in benchmarks:
         _require_same_data([row[benchmark] for row in rows.values() if benchmark in row])
@@ -255,7 +255,7 @@ def _require_same_data(runs: Sequence[StoredRun]) -> None:
     for other in others:
         if other.head["data"] != first.head["data"]:
             problem = f"{first.path} and {other.path} use different data of {first.benchmark.name}"
-            raise RunConflictError(f"{problem}. Run one of them again with the other's --data.")
+            raise RunConflictError(f"{problem}. Run one of the models again with the data of the other run (--data).")
 
 
 def _steps(

@@ -96,7 +96,7 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
             found.append(_registered(text, wishes, color))
     if len(found) > 1 and (wishes.name or wishes.size_m or wishes.mass_kg):
         problem = f"{len(found)} assets are given with one name, size or mass"
-        raise InvalidInputError("assets check", problem, "Check them one by one")
+        raise InvalidInputError("assets check", problem, "Check the assets one by one")
     return found
 
 

@@ -112,7 +112,7 @@ def test_mass_of_several_links_is_that_of_the_whole(folder):
 def test_a_joint_that_moves_is_named_unless_it_is_frozen(folder):
     text = urdf(LINK.format("a", "", BOX) + LINK.format("b", "", BOX) + FIXED.format("lid hinge", "revolute", "0 0 0"))
     path = write(folder / "toy.urdf", text)
-    with pytest.raises(InvalidInputError, match=r"joint 'lid hinge' \(revolute\) moves.*--freeze"):
+    with pytest.raises(InvalidInputError, match=r"joint 'lid hinge' \(revolute\) is movable.*--freeze"):
         read(path)
     mesh = read(path, freeze=True)
     assert mesh.stated.notes == ("joint 'lid hinge' is fixed at 0",)
@@ -224,7 +224,7 @@ def test_a_texture_is_the_right_way_up(folder):
 def test_a_joint_that_moves_is_named_in_mjcf_too(folder):
     text = mjcf(BODY.format('<joint name="drawer" type="slide" range="0 1"/>'), MESH.format("box.obj"))
     path = write(folder / "toy.xml", text)
-    with pytest.raises(InvalidInputError, match=r"joint 'drawer' moves.*--freeze"):
+    with pytest.raises(InvalidInputError, match=r"joint 'drawer' is movable.*--freeze"):
         read(path)
     assert read(path, freeze=True).stated.notes == ("joint 'drawer' is fixed at its reference",)
 

@@ -87,7 +87,9 @@ def generator(
     """
     if not category or not colors or looks < 1 or unseen_looks < 1:
         problem = "a category needs a name, and at least one color, one look and one unseen look"
-        raise InvalidInputError(f"asset category {category!r}", problem, 'Write @generator("kite", ...)')
+        raise InvalidInputError(
+            f"asset category {category!r}", problem, 'Write it like @generator("kite", colors=("red",))'
+        )
 
     def register(make: Generator) -> Generator:
         named = registered("asset", category, make, _REGISTER)

@@ -160,7 +160,9 @@ class FolderResolver(trimesh.resolvers.Resolver):
 
     def write(self, name: str, data: bytes) -> None:  # noqa: ARG002 - of the base class
         """Raise an error. trimesh only writes through a resolver when it exports, which never happens here."""
-        raise InvalidInputError(self._where, f"{one_line(name, most=120)} would be written", _CURE)
+        raise InvalidInputError(
+            self._where, f"the import must not write files, but {one_line(name, most=120)} was to be written", _CURE
+        )
 
     def namespaced(self, namespace: str) -> FolderResolver:  # noqa: ARG002 - of the base class
         """Return this resolver, because file names already include their subfolder."""
@@ -186,10 +188,10 @@ def check_picture(data: bytes, name: str, where: str) -> None:
         unknown = isinstance(error, UnidentifiedImageError)  # whose text is an address in memory
         why = "its image format is not known" if unknown else one_line(error, most=120)
         problem = f"its texture {name} cannot be read ({why})"
-        raise InvalidInputError(where, problem, "Save it as a PNG file again") from error
+        raise InvalidInputError(where, problem, "Save the texture as a PNG file again") from error
     if large:
         problem = f"its texture {name} has more than {MAX_IMAGE_PIXELS:,} pixels"
-        raise InvalidInputError(where, problem, f"Reduce it to {LARGEST_IMAGE} pixels a side")
+        raise InvalidInputError(where, problem, f"Reduce the texture to {LARGEST_IMAGE} pixels per side")
 
 
 def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
@@ -216,7 +218,9 @@ def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawM
     """
     kind = FORMATS.get(PurePosixPath(name).suffix.lower())
     if kind is None:
-        raise InvalidInputError(where, "its format is not known", f"Give one of {', '.join(FORMATS)}")
+        raise InvalidInputError(
+            where, "its format is not supported", f"Use a file in one of the formats {', '.join(FORMATS)}"
+        )
     if kind in ("glb", "gltf"):
         data, kind = _readable(data, kind, files, where)
     if kind == "obj":
@@ -336,7 +340,9 @@ def checked(mesh: RawMesh, where: str) -> RawMesh:
         extent = np.ptp(mesh.bounds(), axis=0)
     # Outside this range, products of lengths lose precision.
     if not 1e-9 < float(extent.max()) < 1e9:
-        raise InvalidInputError(where, f"its longest side is {float(extent.max()):.3g} units", _CURE)
+        raise InvalidInputError(
+            where, f"its longest side is {float(extent.max()):.3g} units, expected between 1e-9 and 1e9", _CURE
+        )
     return mesh
 
 

@@ -115,7 +115,7 @@ def _checked(root: ET.Element, where: str) -> bool:
     bodies = shapes = 0
     for element in root.iter():
         if element.tag in _REFUSED:
-            raise InvalidInputError(where, f"it has {_REFUSED[element.tag]} (element {element.tag})", _CURE)
+            raise InvalidInputError(where, f"it contains {_REFUSED[element.tag]} (element {element.tag})", _CURE)
         bodies += element.tag == "body"
         shapes += element.tag == "geom"
     if bodies > rigid.MOST_BODIES or shapes > rigid.MOST_SHAPES:
@@ -144,7 +144,7 @@ def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str
         for attribute in [name for name in element.attrib if name.startswith("file")]:
             if element.tag not in folders:
                 problem = f"its element {one_line(element.tag, most=40)} refers to a file"
-                raise InvalidInputError(where, problem, "Only meshes and textures are read")
+                raise InvalidInputError(where, problem, "Remove this element, since only meshes and textures are read")
             given = element.attrib.pop(attribute)
             name = PurePosixPath(given).name if strips else given
             if not element.get("name"):
@@ -184,7 +184,7 @@ def _require_rigid(model: Any, where: str, *, freeze: bool) -> tuple[str, ...]: 
     said = [_joint_name(model, j) for j in moving]
     if moving and not freeze:
         cure = "Fix all joints at their reference with --freeze, or import one body"
-        raise InvalidInputError(where, f"its joint {said[0]} moves", cure)
+        raise InvalidInputError(where, f"its joint {said[0]} is movable", cure)
     return tuple(f"joint {name} is fixed at its reference" for name in said)
 
 

@@ -179,11 +179,11 @@ def _check_texture(texture: Texture, part: VisualPart) -> None:
         raise ValueError("texture coordinates have an unexpected array shape or type")
     if texture.corners is None:
         if len(uv) != len(part.vertices):
-            raise ValueError("an unexpected number of texture coordinates")
+            raise ValueError("a part has an unexpected number of texture coordinates")
     else:
         _check_rows(texture.corners, len(uv))
         if len(texture.corners) != len(part.faces):
-            raise ValueError("an unexpected number of texture coordinates")
+            raise ValueError("a part has an unexpected number of texture coordinates")
 
 
 def _check_body(draft: Draft) -> None:

@@ -248,7 +248,7 @@ def _scale(mesh: RawMesh, kind: Kind | None, where: str, size_m: float | None) -
             unit = UNITS_M[fits[0]]
             return unit, f"longest side {100 * longest * unit:.3g} cm, read as {fits[0]}"
         problem = f"its longest side is {longest:.3g} units, and neither its name nor its format determines its size"
-        raise InvalidInputError(where, problem, "Give --size-m, or --kind with a known kind")
+        raise InvalidInputError(where, problem, "Specify the size with --size-m, or a known kind with --kind")
     if by_rule is None:
         for name, unit in UNITS_M.items():
             if low <= longest * unit <= high:

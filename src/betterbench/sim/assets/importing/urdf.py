@@ -77,7 +77,7 @@ class _Reader:
         joints = [self._joint(joint, links) for joint in self._root.findall("joint")]
         moving = [joint for joint in joints if joint.kind in _MOVABLE]
         if moving and not freeze:
-            problem = f"its joint {moving[0].name!r} ({moving[0].kind}) moves"
+            problem = f"its joint {moving[0].name!r} ({moving[0].kind}) is movable"
             raise InvalidInputError(self._where, problem, "Fix all joints at 0 with --freeze, or import one link")
         poses = self._poses(links, joints)
         visual = [part for name, link in links.items() for part in self._parts(link, "visual", poses[name])]
