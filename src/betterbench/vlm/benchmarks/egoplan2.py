@@ -57,7 +57,9 @@ def _item(row: Row, identifier: str, count: int) -> Item:
         question=_QUESTION.format(goal=goal),
         gold=Gold(row.letter(4, "golden_choice_idx", "ground_truth")),
         pictures=tuple(f"{identifier}/{i}" for i in range(count)),
-        cluster=identifier.split("_", maxsplit=1)[0],  # the video, derived from the identifier as upstream
+        cluster=identifier.split("_", maxsplit=1)[
+            0
+        ],  # the name of the video, taken from the identifier as in the upstream program
         options=options,
         groups={"domain": row.text("domain"), "scenario": row.text_or("unknown", "scenario")},
         words={"goal": goal},

@@ -90,10 +90,10 @@ def _scaled(value: float, side: int) -> int:
 
 def _rectangle(numbers: Sequence[int | float]) -> list[Shape]:
     if any(isinstance(v, float) for v in numbers):
-        raise DroppedError  # as in the program: the size of an array must be an integer
+        raise DroppedError  # the upstream program raises an error, since the size of an array must be an integer
     box = Rectangle(*map(int, numbers))
     if box.right < box.left or box.bottom < box.top:
-        raise DroppedError  # a negative size
+        raise DroppedError  # the upstream program raises an error for a negative size
     return [box] if box.area else []
 
 

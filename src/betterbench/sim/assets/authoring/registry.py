@@ -231,7 +231,7 @@ _moved_regions: dict[str, Mapping[str, Region]] = {}
 
 @contextmanager
 def moved_regions(moved: Mapping[str, Mapping[str, Region]]) -> Iterator[None]:
-    """Context manager in which the assets that are built have some regions moved, given by category and name."""
+    """Context manager in which every asset that is built has the given regions, keyed by category and region name."""
     before = dict(_moved_regions)
     _moved_regions.update(moved)
     try:

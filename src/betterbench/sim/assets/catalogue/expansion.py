@@ -274,10 +274,10 @@ def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
 def _differ_by_one(word: str, name: str) -> bool:
     """Return whether two words differ by one letter, or by the order of two neighboring letters."""
     if len(word) != len(name):
-        return True  # they have a spelling in common, so one has a letter more
+        return True  # the words share a spelling with one letter left out, so one of them has an additional letter
     at = next(at for at, (a, b) in enumerate(zip(word, name, strict=True)) if a != b)
     swapped = word[at + 1 : at + 2] + word[at]
-    # short words have many neighbors
+    # a replaced letter only counts in longer words, because short words are similar to many others
     return (word[at + 1 :] == name[at + 1 :] and len(word) > _SHORTEST_NAME) or (
         name[at : at + 2] == swapped and word[at + 2 :] == name[at + 2 :]
     )

@@ -203,7 +203,7 @@ def _noun_phrase(words: Sequence[str]) -> list[str]:
     phrase: list[str] = []
     for word in words:
         if word == "shaped":
-            phrase = phrase[:-1]  # "bowl-shaped vessel" is no bowl
+            phrase = phrase[:-1]  # a "bowl-shaped vessel" is not a bowl
         elif word in ("and", "or") and phrase and (phrase[-1] in COLORS or (phrase[-1],) in _listed("~")):
             continue  # "a glass or plastic vessel"
         elif word == "of":

@@ -145,7 +145,7 @@ class KindIndex:
         return found
 
     def members(self, query: Query) -> list[int]:
-        """Return the kinds that the query includes by a broader word for the object ("cutlery").
+        """Return the kinds that a query means by a broader word for the object, such as forks and knives for "cutlery".
 
         Kinds without rows in the catalogue are left out.
         """

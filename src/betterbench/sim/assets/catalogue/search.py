@@ -345,7 +345,7 @@ class Catalogue:
 
 def _some(places: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
     """Return the indices of at most ``_PER_MEMBER`` rows that pass the filters, evenly spaced."""
-    # a part of many rows is enough to find some that pass
+    # if there are many rows, testing some of them is enough to find rows that pass
     places = places[:: max(1, len(places) // (16 * _PER_MEMBER))]
     passing = places if mask is None else places[mask[places]]
     return passing[:: max(1, -(-len(passing) // _PER_MEMBER))]

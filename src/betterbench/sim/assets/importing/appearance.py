@@ -154,7 +154,7 @@ def _is_lost(before: np.ndarray, after: cKDTree, size: float) -> bool:
     """Return whether some point of the original surface is far from every point of the reduced surface."""
     # the search ends at the bound; larger distances are infinite
     bound = np.nextafter(LOST_SHARE * size, np.inf)
-    return any(  # a few points first: they suffice for most lost parts
+    return any(  # test a few points first, which suffice to find most lost parts
         np.isinf(after.query(some, distance_upper_bound=bound)[0]).any() for some in (before[::16], before)
     )
 

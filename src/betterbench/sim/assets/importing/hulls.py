@@ -141,7 +141,9 @@ def hull_corners(points: np.ndarray) -> np.ndarray | None:
         return None
     points = with_thickness(points)
     try:
-        if len(points) > _MANY:  # only extreme points are farthest in any direction; Qhull finds them sooner
+        if (
+            len(points) > _MANY
+        ):  # only corners of the hull can be farthest in a direction, and Qhull finds the corners quickly
             points = points[ConvexHull(points).vertices]
         chosen = points[np.unique(np.argmax(points @ _directions().T, axis=0))]
         corners = chosen[ConvexHull(chosen).vertices]

@@ -188,8 +188,8 @@ def largest_gap(vertices: np.ndarray, faces: np.ndarray, *, spacing: float) -> f
     if parts == 1:
         return 0.0
     of_point = of_vertex[corners[:, 0]][owners]
-    # Points in one cell of this size are within the spacing, so their parts have no gap. To join such parts first keeps
-    # the number of pairs small: a wire basket of 1,200 triangles has hundreds of parts.
+    # Points in the same cell of this size are closer than the spacing, so there is no gap between their parts. Joining
+    # such parts first keeps the number of pairs small: a wire basket of 1,200 triangles has hundreds of parts.
     cells = np.floor((points - points.min(axis=0)) / (spacing / np.sqrt(3.0))).astype(np.int64)
     _, of_cell = np.unique(cells @ np.array([1, 1 << 20, 1 << 40]), return_inverse=True)
     size = parts + int(of_cell.max()) + 1
@@ -236,7 +236,7 @@ def share_from_behind(vertices: np.ndarray, faces: np.ndarray) -> float:
         usable = np.flatnonzero(np.abs(facing) > 0.1)  # a surface seen edge-on covers no pixel
         front = facing[usable] > 0.0
         offset = offsets[usable]
-        # The two sides of a sheet have the same depth: the front is used.
+        # The two sides of a sheet have the same depth. In this case, the front side counts as the nearer one.
         near = offset @ toward + np.where(front, 0.01 * size, 0.0)
         column, row = (((offset @ axis) / size + 0.5) * _RAYS for axis in (right, upward))
         pixel = column.astype(int) * (_RAYS + 1) + row.astype(int)

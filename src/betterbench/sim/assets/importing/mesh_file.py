@@ -227,7 +227,7 @@ def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawM
         data = _plain_obj(data, where)
         files = files.using(_used_materials(data))
     if kind == "stl" and _stated_triangles(data) > MAX_FACES:
-        raise _too_many(where)  # before a surface of gigabytes is made of them
+        raise _too_many(where)  # raised early, because building the surface would take gigabytes
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=files, process=False)
         parts = tuple(_parts(scene, where))
@@ -358,7 +358,7 @@ def _readable(data: bytes, kind: str, files: FolderResolver, where: str) -> tupl
         rewritten = plain(data, form, files.get, where)
     except BetterError:
         raise
-    except Exception as error:  # a description that is not that of a glTF file
+    except Exception as error:  # the description does not have the form of glTF
         raise _unreadable(error, where) from error
     return (data, kind) if rewritten is None else (rewritten, "glb")
 
@@ -392,7 +392,7 @@ def _has_sparse_surface(form: dict[str, Any]) -> bool:
         )
         return any(sparse & {surface.get("indices"), *surface.get("attributes", {}).values()} for surface in surfaces)
     except (TypeError, AttributeError):
-        return False  # not the form of glTF: the reader says so
+        return False  # the description does not have the form of glTF, which the reader will report
 
 
 def _check_embedded_pictures(data: bytes, form: dict[str, Any], where: str) -> None:

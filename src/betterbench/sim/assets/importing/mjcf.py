@@ -60,7 +60,9 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
             MuJoCo.
     """
     states_mass = _checked(root, where)
-    for size in root.findall("size"):  # a prop needs no reserved memory: a billion key frames take minutes
+    for size in root.findall(
+        "size"
+    ):  # reserved memory is not needed, and reserving it for a billion key frames takes minutes
         root.remove(size)
     assets = _with_bytes(root, files, where)
     text = ET.tostring(root, encoding="unicode")
@@ -262,7 +264,7 @@ class _Compiled:
             return vertices, faces, None
         uv = m.mesh_texcoord[m.mesh_texcoordadr[mesh] :].astype(np.float64)
         corners = uv[m.mesh_facetexcoord[rows].ravel()]
-        # MuJoCo's texture rows start at the top, betterbench's at the bottom.
+        # The rows of a texture start at the top in MuJoCo, but at the bottom in betterbench.
         return vertices, faces, np.column_stack([corners[:, 0], 1.0 - corners[:, 1]])
 
     def _placed(self, geom: int, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -275,7 +277,7 @@ class _Compiled:
         vertices, faces = self._placed(geom, vertices, faces)
         rgba, (image, is_flat) = _rgba(self._model, geom), self._image(geom)
         name = one_line(self._model.geom(geom).name or f"geom {geom}", most=60)
-        # MuJoCo's own mapping of a texture, also onto a cube: the mean color is close enough.
+        # MuJoCo would map such a texture itself, for example onto a cube. The mean color is close enough to that.
         if image is not None and (corners is None or not is_flat):
             r, g, b = (float(v) / 255.0 for v in image.reshape(-1, 3).mean(axis=0))
             rgba, image = (rgba[0] * r, rgba[1] * g, rgba[2] * b, rgba[3]), None

@@ -94,7 +94,7 @@ def imported(
         imported = import_safely(file, wishes)
         return (imported if reviews is None else reviewed(imported, file, reviews)).draft
 
-    # This distinguishes two files under one name.
+    # This distinguishes two files that are registered under the same name.
     make.__qualname__ = f"the import of {file}"
     generator(category, colors=(color,), looks=1, unseen_looks=1, keeps_upright=keeps_upright)(make)
     _IMPORTS[category] = MeshImport(category, file, wishes)

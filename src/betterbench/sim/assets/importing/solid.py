@@ -106,7 +106,7 @@ def _columns(corners: np.ndarray, spacing: float, *, most: int | None = None) ->
     count = sum(len(which) * len(w) for which, w in patterns)
     step = 1 if most is None else 1 + count // most
     found: list[list[np.ndarray]] = [[], [], []]
-    first = 0  # of the points of a pattern that are kept
+    first = 0  # index of the first point of a pattern that is kept
     for which, w in patterns:
         kept = np.arange(first, len(which) * len(w), step)
         first = (first - len(which) * len(w)) % step
@@ -157,7 +157,7 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> So
     np.maximum.at(highest.ravel(), upright, columns[2])
     # A few points per cell are enough for hulls and distances.
     first = _first_of_each((fine[0] * 2 * shape[1] + fine[1]) * 2 * shape[2] + fine[2], 8 * int(shape.prod()))
-    # Points inside (the layers of a burger, the end of a handle in its wall) are neither visible nor in contact.
+    # Drop points inside the object, such as between the layers of a burger. They are neither visible nor touchable.
     outside = ndimage.binary_dilation(~cells, ndimage.generate_binary_structure(3, 3))
     first = first[outside.ravel()[at[first]]]
     points = np.stack([column[first] for column in columns], axis=1)
@@ -170,7 +170,9 @@ def _first_of_each(keys: np.ndarray, count: int) -> np.ndarray:
     All keys are below ``count``.
     """
     first = np.full(count, len(keys), dtype=np.int32)
-    first[keys[::-1]] = np.arange(len(keys) - 1, -1, -1, dtype=np.int32)  # of equal keys, the last one written stays
+    first[keys[::-1]] = np.arange(
+        len(keys) - 1, -1, -1, dtype=np.int32
+    )  # if keys are equal, the value that is written last stays
     return np.sort(first[first < len(keys)])
 
 

@@ -236,7 +236,7 @@ class _Reader:
         if material is None:
             return None
         own = self._color(material)
-        self._colors |= own  # a material defined once is valid in the whole file
+        self._colors |= own  # a material that is defined once can be used in the whole file
         return next(iter(own.values()), self._colors.get(material.get("name", "")))
 
 

@@ -105,7 +105,7 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
     canvas = Canvas(1.0, 1.0, (256, 128), shade)
     x, y = canvas.x, canvas.y
     wave = count * y + 0.5 * np.sin(5.0 * x) + 0.3 * np.sin(11.0 * x + 1.0)
-    # Dark year rings that are visible from afar, under paint or, on stained wood, with pale wood between them.
+    # Dark annual rings can be seen from afar through the paint. On stained wood, the wood between them is pale.
     ring = np.clip(1.8 * np.sin(2.0 * math.pi * wave) - 0.6, 0.0, 1.0)
     canvas.shade(1.0 - 0.45 * ring)
     if stained:

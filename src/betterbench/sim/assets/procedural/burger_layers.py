@@ -77,7 +77,7 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
     z = (0.0, 0.0, 0.20 * height, belly * height, 0.84 * height, height - 0.0012, height, height)
     bun = Turned(radii, z, 26, crease_degrees=55.0, wrap=False)
     mesh = bun.mesh().seen_from_above(radius)
-    # The side shows the rim of the texture; the upper edge of the side is nearest to the cut face in the middle.
+    # The side shows the outer ring of the texture. Its upper edge shows the part of the ring next to the cut face.
     level = mesh.vertices[:, 2:] / height
     turned = mesh.uv - 0.5
     outward = turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-9)
@@ -92,7 +92,7 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
         canvas.paint(np.clip((0.80 - r) / 0.12, 0.0, 1.0), brown, strength=0.15)
     elif toast == "rim":
         canvas.paint(np.clip((r - 0.50) / 0.34, 0.0, 1.0) * (r < 0.84), shaded(brown, 0.9), strength=0.60)
-    # Fluffy crumb has soft clouds and no sharp holes, which would look like a biscuit.
+    # Fluffy crumb looks softly clouded. Sharp holes would make it look like a biscuit.
     canvas.grain(rng, cells=(7, 7), amount=0.045)
     canvas.grain(rng, cells=(20, 20), amount=0.025)
     canvas.paint((r > 0.80) & (r < 0.86), mixed(crust, brown, 0.5))
@@ -211,7 +211,7 @@ def sponge(rng: np.random.Generator, _color: str) -> Draft:
     outline = _outline(0.5 * length, 0.5 * width, 36, roundness=roundness)
     outline[:, 1] *= 1.0 - waist * np.clip(1.0 - (outline[:, 0] / (0.36 * length)) ** 2, 0.0, 1.0)
     upper = _slab(outline, scour, height, bevel=0.0015).seen_from_above(0.70 * length)
-    # Texture coordinates of the sides: the strip of the texture just outside the top face.
+    # The sides show the strip of the texture that is just outside the top face.
     down = np.clip((height - 0.0016 - upper.vertices[:, 2]) / 0.70 / length, 0.0, 1.0)[:, None]
     away = upper.uv - 0.5
     stretch = 1.0 + down / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)

@@ -67,7 +67,7 @@ def _outline(half_x: float, half_y: float, power: float, waist: float) -> np.nda
     c, s = np.cos(angle), np.sin(angle)
     x = half_x * np.sign(c) * np.abs(c) ** (2.0 / power)
     y = half_y * np.sign(s) * np.abs(s) ** (2.0 / power)
-    # Widest behind the center, where the palm rests.
+    # The mouse is widest behind its center, where the palm rests.
     y = y * (1.0 - waist * np.clip(0.25 - x / half_x, 0.0, 1.0))
     return np.stack([x, y * half_y / float(np.abs(y).max())], axis=1)
 
@@ -98,7 +98,7 @@ def _shell(
     """Draw a mouse from above, with the seams of the buttons, the slot of the wheel, trim and a small logo."""
     canvas = Canvas(width, length, (144, 256), shade)
     x, y = canvas.x - 0.5 * width, canvas.y - 0.5 * length  # x to the right, y away from the user
-    # Seams are wide, and light on dark, so that the two buttons are seen from across a table.
+    # Seams are wide, and light on a dark mouse, so that the two buttons can be seen from the other side of a table.
     seam = mixed(shade, (1.0, 1.0, 1.0), 0.55) if sum(shade) < 1.2 else shaded(shade, 0.25)
     bow = -0.09 * length - 3.0 * x * x / width
     if trim == "buttons":
@@ -138,7 +138,7 @@ def soap_bar(rng: np.random.Generator, color: str) -> Draft:
     shade = jittered({"gray": (0.60, 0.61, 0.64), "white": PALETTE["white"], "green": (0.42, 0.66, 0.44)}[color], rng)
     outline, half = _outline(0.5 * length, 0.5 * width, power, 0.0), 0.5 * width - 0.0006
     if waist:
-        # Drawn in at the middle, as bars for the hand are.
+        # The bar is narrower in the middle, like bars that fit the hand.
         drawn = 1.0 - 0.16 * np.exp(-((outline[:, 0] / (0.22 * length)) ** 2))
         outline = outline * np.column_stack(
             [np.ones(_SIDES), drawn / float((drawn * np.abs(outline[:, 1])).max()) * half]
@@ -187,8 +187,8 @@ def _lather(rng: np.random.Generator, length: float, width: float, height: float
     return merge(lumps)
 
 
-# Strokes of the letters stamped into the soap, the x coordinates of their points and then the y coordinates, in a cell
-# 1 by 1.6.
+# Strokes of the letters that are stamped into the soap. A stroke is given by the x coordinates of its points and then
+# the y coordinates, in a cell of 1 by 1.6.
 _Stroke = tuple[tuple[float, ...], tuple[float, ...]]
 _BOWL: _Stroke = ((0.05, 0.05, 0.7, 1.0, 0.7, 0.05), (0.0, 1.6, 1.6, 1.25, 0.8, 0.8))
 _SNAKE = (0.95, 0.7, 0.25, 0.0, 0.2, 0.8, 1.0, 0.75, 0.25, 0.02)
@@ -223,7 +223,7 @@ def _stamped(rng: np.random.Generator, shade: Rgb, *, stamp: str, length: float,
                 canvas.line([(middle[0] - spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0030, ink)
                 canvas.line([(middle[0] + spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0030, ink)
             continue
-        # The word reads from -y: along the bar from the near to the far end.
+        # The word can be read from -y. It runs along the bar from the near to the far end.
         cell, left = 0.0125, middle[0] + shift
         for k, letter in enumerate(stamp):
             low = middle[1] + 0.0165 * (k - 1.5) + shift

@@ -68,7 +68,9 @@ def _sphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
         for b in (-golden, golden):
             points += [(0.0, a, b), (a, b, 0.0), (b, 0.0, a)]
     corners = np.array(points)
-    near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.0 + 1e-6  # its edge length
+    near = (
+        np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.0 + 1e-6
+    )  # 2 is the edge length of this icosahedron
     soup = []
     for i, j, k in itertools.combinations(range(12), 3):
         if not (near[i, j] and near[j, k] and near[i, k]):
@@ -106,7 +108,7 @@ def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: 
         # A sheet of 0.8 mm, folded along its middle line.
         outline = [middle - reach, middle - fold, middle + reach, middle - fold + 0.0008 * lift]
         rings.append(np.array(outline))
-    # A corner reaches 2.5 mm beyond the box of the ball at most.
+    # A corner reaches at most 2.5 mm beyond the box of the ball.
     limit = np.array([half[0] + 0.0025, half[1] + 0.0025, half[2] + 0.001])
     points = [np.clip(ring, np.array([-limit[0], -limit[1], -half[2]]), limit) for ring in rings]
     return creased(loft(points, v=(0.0, 0.5, 1.0), caps=(False, True)), 30.0)
@@ -116,14 +118,14 @@ def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, rou
     """Return the ball, which has flat areas between sharp folds, creases that cut in, and tips that stick out."""
     directions, faces = _sphere(5)
     n = len(directions)
-    # Flats: the ball is inside randomly placed planes.
+    # Flat areas: the ball is cut off by randomly placed planes.
     planes = rng.standard_normal((16, 3))
     planes /= np.linalg.norm(planes, axis=1, keepdims=True)
     distance = rng.uniform(0.84, 1.0, 16)
     cosine = directions @ planes.T
     share = np.min(np.where(cosine > 0.3, distance / np.maximum(cosine, 0.3), 1.15), axis=1)
     share = np.minimum(share, 1.12)
-    # Creases: valleys along random small circles; tips: single points pulled out or pushed in.
+    # Creases are valleys along random small circles. Tips are single points that are pulled out or pushed in.
     for _ in range(9):
         axis = rng.standard_normal(3)
         axis /= np.linalg.norm(axis)

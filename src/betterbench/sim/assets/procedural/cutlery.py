@@ -143,7 +143,7 @@ def _piece(
         tags=(kind, "cutlery", "flatware", "tableware"),
         mass_kg=round({"plastic": 0.047, "wood": 0.043, "steel": 0.062}[material] * width / 0.0148, 4),
         material=material,
-        # Steel through the full length: the handle is mostly plastic around its tang.
+        # The head is steel. The handle is mostly plastic around a steel tang.
         densities=(1.0, 3.0, 2.5),
         parts=(
             *parts,

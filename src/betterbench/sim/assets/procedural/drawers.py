@@ -25,15 +25,16 @@ _OAK: Rgb = (0.72, 0.53, 0.33)
 _SLATE: Rgb = (0.25, 0.29, 0.34)
 
 _BOARD = 0.009  # top, bottom, shelf and back [m]
-_SIDE = 0.012  # thicker, because the sides support the slides [m]
+_SIDE = 0.012  # thickness of the sides, which support the slides [m]
 
-# The drawer [m]. It is lower than its opening by the play and some 16 mm of free height over its rim.
+# Sizes of the drawer [m]. The drawer is lower than its opening: by the play below it, and by some 16 mm above its rim.
 _PLAY = 0.0015
 _FRONT_GAP = 0.002  # between the closed front panel and the carcass
 _PANEL = 0.012
 _WALL, _REAR, _FLOOR, _RIM = 0.008, 0.006, 0.006, 0.054
 
-# From the panel: a gripper 65 mm thick, centered on the handle, clears the panel by 20 mm, the wrist above it by 8 mm.
+# Distance of the handle from the panel. A gripper that is 65 mm thick and centered on the handle clears the panel by
+# 20 mm, and the wrist above the gripper clears it by 8 mm.
 _HANDLE_AWAY = 0.053
 _HANDLE_SIDE, _HANDLE_HEIGHT = 0.066, 0.030
 _STEM = (0.010, 0.010)  # thickness along y and z
@@ -168,7 +169,7 @@ def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
     """
     s = _Style.draw(rng, color)
     inner, x, open_half = s.height - 2.0 * _BOARD, (-s.half_x, s.half_x), s.half_y - _SIDE
-    # The visual shape has a top and a bottom that extend beyond the sides by their bevel, and boards between them.
+    # In the visual shape, the bevels of top and bottom extend beyond the sides. All other boards are in between.
     top = span(x, s.half_y, (s.height - _BOARD, s.height), bevel=0.0016, corner=s.corner, steps=3)
     size, away = (2 * s.half_x - 0.002, _SIDE - 0.001, inner), s.half_y - 0.5 * _SIDE - 0.0005
     sides = merge([box(size, (-0.001, y * away, 0.5 * s.height)) for y in (-1, 1)])

@@ -77,7 +77,7 @@ def apple(rng: np.random.Generator, color: str) -> Draft:
         description=f"A {color} apple.",
         tags=("apple", "fruit", "food"),
         traits=("food",),
-        # 830 kg/m^3: apples float; the shape fills nine tenths of its ellipsoid.
+        # Apples float: they have 830 kg/m^3. The shape fills nine tenths of its ellipsoid.
         mass_kg=round(0.9 * 830.0 * 4.0 / 3.0 * math.pi * radius**2 * 0.5 * height, 4),
         material="fruit",
         parts=(*parts, *_round_collision(radius, height)),
@@ -96,7 +96,7 @@ def _apple_skin(rng: np.random.Generator, solid: Turned, skin: Rgb, *, color: st
     x, y, width, whole = canvas.x, canvas.y, canvas.width, canvas.height
     shoulder, cavity = solid.rows[8], solid.rows[9]
     if color == "red":
-        # Streaks from pole to pole where the paler ground shows through, more on the side away from the sun.
+        # Streaks from pole to pole, in which the paler color below shows through, mostly on the side away from the sun.
         shadow = np.clip(1.3 * np.abs(x[0] / width - 0.62) - 0.12, 0.0, 1.0) * blush
         weight = np.clip(0.15 + shadow, 0.0, 0.6)
         for _ in range(46):

@@ -85,7 +85,7 @@ def _weave(rng: np.random.Generator, shell: Turned, willow: Rgb, *, rows: int, s
     x, y = canvas.x, canvas.y
     dark, light = shaded(willow, 0.42), mixed(willow, (1.0, 0.95, 0.82), 0.35)
     outside, inside, rim = y < low_edge, canvas.between(high_edge, floor), canvas.between(low_edge, high_edge)
-    # Both sides of the wall at one height have the same row, so that the strands continue through it.
+    # At each height, both sides of the wall have the same row of strands, which thus seem to continue through it.
     share = np.where(inside, 1.0 - (y - high_edge) / (floor - high_edge), (y - foot) / (low_edge - foot))
     across = x / canvas.width * 0.5 * stakes
     row = np.floor(share * rows)
@@ -99,7 +99,7 @@ def _weave(rng: np.random.Generator, shell: Turned, willow: Rgb, *, rows: int, s
     if band:
         stripe = wall & (np.abs(row - rows // 2) < 1.0)
         canvas.paint(stripe, shaded(willow, 0.55), strength=0.6)
-    # The rim is twisted: slanted strands.
+    # Slanted strands make the rim look twisted.
     twist = np.sin(2.0 * math.pi * (across * 1.5 + 90.0 * (y - low_edge)))
     canvas.paint(rim * np.clip(twist, 0.0, 1.0), light, strength=0.5)
     canvas.paint(rim * np.clip(-twist, 0.0, 1.0), dark, strength=0.7)

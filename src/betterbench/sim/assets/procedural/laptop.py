@@ -31,7 +31,7 @@ def laptop(rng: np.random.Generator, color: str) -> Draft:
     dark_keys = bool(color == "black" or rng.random() < 0.6)
     metal = jittered(shaded(PALETTE[color], 1.10) if color == "black" else PALETTE[color], rng, amount=0.06)
 
-    # The hinge is the far upper edge of the base; the lid turns about it. First the base is centered at x = 0.
+    # The lid turns about the hinge, which is the far upper edge of the base. At first, the base is centered at x = 0.
     hinge_x, hinge_z = -0.5 * depth + 0.006, _BASE - 0.001
     reach = (height - hinge_z - 0.5 * _LID * math.sin(lean)) / math.cos(lean)  # length of the lid
     back = hinge_x - reach * math.sin(lean) - 0.5 * _LID * math.cos(lean)

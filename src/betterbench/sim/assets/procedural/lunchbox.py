@@ -78,7 +78,7 @@ def _tray(half_x: float, half_y: float, height: float, *, corner: float) -> Mesh
     lip = [(-_LIP, height - 0.009), (-_LIP, height - 0.001), (-_LIP + 0.001, height), (_WALL - 0.002, height)]
     inside = [(_WALL - 0.0015, _FLOOR + 0.006), (_WALL + 0.005, _FLOOR)]
     rings = _shell_of(half_x, half_y, corner, [*outside, *lip, *inside])
-    # Texture rows: outside below 0.45, lip to 0.55, inside above.
+    # In the texture, rows below 0.45 are the outside, rows up to 0.55 the lip, and all others the inside.
     return creased(loft(rings, v=(0.02, 0.06, 0.42, 0.46, 0.50, 0.54, 0.60, 0.90, 0.97)), 40.0)
 
 
@@ -97,7 +97,7 @@ def _lid(length: float, half_y: float, depth: float, *, corner: float) -> Mesh:
     """Return the closed lid, which extends from its hinge at the origin along +x. Its inner side has the texture."""
     steps = [(0.007, depth - 0.004), (0.006, 0.0), (0.0, 0.0), (0.0, depth - 0.004), (0.004, depth)]
     closed = prism(_shell_of(0.5 * length, half_y, corner, steps), crease_degrees=40.0).moved(x=0.5 * length)
-    # Seen from below (which is the front when it is open) with the hinge at the bottom.
+    # The texture is projected from below, with the hinge at the bottom. When the lid is open, this side is in front.
     return mapped(closed, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 
 

@@ -63,7 +63,7 @@ def _glaze(rng: np.random.Generator, glaze: Rgb, ink: Rgb, *, decoration: str, w
     canvas = Canvas(2.0, 2.0, (256, 256), glaze)
     r = canvas.radius
     middle = 0.5 * (well + 0.97)
-    # Nearer the ink at the edge, where the glaze runs thin.
+    # The edge has the color of the ink, because the glaze is thin there.
     canvas.paint(r > 0.965, ink, strength=0.9)
     if decoration == "bands":
         canvas.paint((r > middle - 0.055) & (r < middle + 0.055), ink)

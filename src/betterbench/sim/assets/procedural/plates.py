@@ -177,8 +177,8 @@ class _Glaze:
         self.color: Rgb = jittered(PALETTE[color], rng, amount=0.10)
         self.design = str(rng.choice(_DESIGNS))
         self._edge, self._rng = edge, rng
-        # On white tableware gray, sand or brown, which are not colors of plates in the suite; on the others a pale
-        # tint.
+        # The decoration of white tableware is gray, sand or brown, which are not colors of plates in the suite. That
+        # of other tableware is a pale tint.
         inks = ((0.42, 0.43, 0.45), (0.66, 0.55, 0.36), (0.40, 0.27, 0.17))
         chosen = inks[int(rng.integers(3))]
         self._ink = chosen if color == "white" else mixed(self.color, (0.97, 0.96, 0.93), 0.80)
@@ -206,7 +206,7 @@ class _Glaze:
             for u, v, size in self._rng.uniform(0.0, 1.0, (70, 3)).tolist():
                 dot = 0.012 + 0.022 * size
                 canvas.ellipse((2.0 * u, 2.0 * v), (dot, dot), ink)
-        # A shadow where the well begins and where the edge rises; the edge itself catches the light.
+        # A shadow marks where the well begins and where the edge rises. The edge itself is bright.
         canvas.shade(1.0 - 0.20 * np.exp(-(((r - inner) / 0.022) ** 2)))
         canvas.paint(np.clip(1.0 - r / inner, 0.0, 1.0) * (r < inner), shaded(self.color, 1.15), strength=0.5)
         canvas.shade(np.where(r > edge - 0.02, 0.88, 1.0))

@@ -118,7 +118,7 @@ def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
     ribbed = 0.84 + 0.16 * np.sign(np.sin(2.0 * math.pi * ribs * cap.x / cap.width))
     cap.shade(np.where(cap.between(low_row + 0.002, high_row - 0.001), ribbed, 1.0))
     cap.shade(np.where(cap.y < low_row + 0.002, 0.88, 1.0))
-    # The lid of a push-and-turn cap, set into its rim; marks on it would look like a shaker's holes.
+    # The lid of a push-and-turn cap is set into its rim. It has no marks, which would look like the holes of a shaker.
     cap.shade(np.where(cap.y > edge + 0.004, 0.93, 1.0))
     return _bottle(
         shape,
@@ -228,7 +228,7 @@ def _bottle(
     """
     r, height, touched = shape.radius, shape.height, shape.touched
     if material == "plastic":
-        touched = ((r, height),)  # a pill bottle is straight in every look
+        touched = ((r, height),)  # all variants of the pill bottle are straight
     mass = 0.12 * (r / JAR_RADIUS_M) ** 2 * height / JAR_HEIGHT_M
     return Draft(
         shape="cylinder",

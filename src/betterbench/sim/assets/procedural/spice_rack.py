@@ -95,7 +95,7 @@ def _corner(center: float, angle: float) -> CollisionPart:
 
     The hole is centered at y = ``center``, and the corner is in the direction ``angle`` [rad].
     """
-    depth = 0.0049  # half of it; reaches the square's corner, 0.41 apothems behind the side
+    depth = 0.0049  # half the depth; the box reaches the corner of the square, 0.41 apothems behind its side
     away, half = _APOTHEM + depth, (depth, _APOTHEM * math.tan(math.pi / 8.0), 0.5 * _DEPTH)
     middle = (away * math.cos(angle), center + away * math.sin(angle), _FLOOR + 0.5 * _DEPTH)
     return CollisionPart("box", half, middle, from_yaw(angle))
@@ -113,7 +113,7 @@ def _outside(plan: tuple[float, float, float]) -> Mesh:
 
 
 def _cell(index: int, plan: tuple[float, float, float]) -> Mesh:
-    """Return one third of the top face, with one hole."""
+    """Return one third of the rack's top face, with one of its holes."""
     center = (index - 1) * PITCH_M
     half_x, half_y = plan[0] - plan[2], plan[1] - plan[2]
     low = -0.5 * PITCH_M if index > 0 else -(half_y - PITCH_M)
@@ -158,7 +158,7 @@ def _digits(plate: Rgb, ink: Rgb) -> Canvas:
     """Draw the three digits side by side."""
     canvas = Canvas(3.0, 1.0, (192, 64), plate)
     for index in range(3):
-        # Equally wide on the plate in front, where the digit is as high as the plate, and on the flat plate.
+        # The digit is equally wide on the plate in front, where it is as high as the plate, and on the plate on top.
         write_word(canvas, str(index + 1), (index + 0.5, 0.5), height=0.74, ink=ink, weight=0.19)
     return canvas
 

@@ -59,7 +59,7 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
     n = len(outline)
     teeth = np.where(np.arange(n) % 2 == 0, 0.0, -tooth)
     on_short = np.abs(np.abs(outline[:, 1]) - half_y) < 1e-9
-    # The folded-in middle of the narrow sides: deepest at the rim, gone at the floor.
+    # The middle of the narrow sides is folded in, most at the rim and not at all at the floor.
     fold = np.where(on_short, np.clip(1.0 - np.abs(outline[:, 0]) / half_x, 0.0, 1.0), 0.0) * 0.0040
     # Long sides are slightly uneven, as in folded paper.
     on_long = np.abs(np.abs(outline[:, 0]) - half_x) < 1e-9
@@ -79,7 +79,8 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
     none, bent, paper = np.zeros(n), fold + wave, 0.0012
     outer = [ring(0.0, none, 0.0), ring(0.0, 0.5 * bent, 0.52 * height), ring(0.0, bent, height + teeth)]
     rings = [*outer, ring(paper, bent, height + teeth), ring(paper, none, _FLOOR)]
-    # Distance along the edge from the center of the front, so that only the two centers are seams.
+    # The texture coordinate is the distance along the edge from the center of the front. Therefore the only seams are
+    # at the centers of the front and the back.
     x, y = outline[:, 0], np.abs(outline[:, 1])
     back = np.where(np.abs(x + half_x) < 1e-9, 2 * half_y + 2 * half_x - y, half_y + half_x - x)
     along = np.where(np.abs(x - half_x) < 1e-9, y, back)

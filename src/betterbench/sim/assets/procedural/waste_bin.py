@@ -122,7 +122,7 @@ def _bag(
     side = np.round(angle * _SIDES / (2.0 * math.pi)).astype(int) % _SIDES
     ragged, level = np.abs(points[:, 2] - low) < 1e-6, np.abs(points[:, 2] - middle) < 1e-6
     reach = np.hypot(points[:, 0], points[:, 1])
-    # At most 2 mm outward, because visual parts have no contacts.
+    # The bag moves at most 2 mm outward, because it is only visual and has no contacts.
     shift = np.where(ragged, 0.003 * folds[1][side] + 0.002, 0.0) + np.where(level, 0.006 * folds[2][side], 0.0)
     points[:, :2] *= (1.0 + shift / np.maximum(reach, 1e-9))[:, None]
     points[:, 2] += np.where(ragged, 0.007 * folds[0][side], 0.0)
@@ -143,7 +143,7 @@ def _pattern(
     canvas = shell.canvas(shade, (256, 256), width=half)
     x, y = canvas.x, canvas.y
     inside = y > lip
-    # Both sides of the wall at one height have the same row, so that the pattern continues through it.
+    # At each height, both sides of the wall have the same row of the pattern, so that it seems to continue through it.
     share = np.where(inside, 1.0 - (y - lip) / (floor - lip), (y - foot) / (top - foot))
     up = share * (top - foot)
     wall, field = (share > 0.0) & (share < 1.0), (share > 0.08) & (share < 0.94)
@@ -189,7 +189,7 @@ def _arrows(canvas: Canvas, center: tuple[float, float], radius: float, ink: Rgb
     for k in range(3):
         turn = 2.0 * math.pi * k / 3.0
         u, v = math.cos(turn) * dx + math.sin(turn) * dy, -math.sin(turn) * dx + math.cos(turn) * dy
-        # One side of the triangle, level below the middle, its head to the right.
+        # This is one side of the triangle: a level arrow below the middle that points to the right.
         shaft = (np.abs(v + 0.55 * radius) < 0.17 * radius) & (u > -0.62 * radius) & (u < 0.22 * radius)
         head = (u > 0.20 * radius) & (np.abs(v + 0.55 * radius) < 0.40 * (0.86 * radius - u) / 0.66)
         canvas.paint((shaft | head) & where, ink)

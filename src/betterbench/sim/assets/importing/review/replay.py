@@ -48,7 +48,7 @@ def reviewed(imported: Imported, mesh: Path, reviews: Path) -> Imported:
         try:
             return from_bytes(read_bounded(file, max_bytes=_MOST_STORED_BYTES, cure="Delete it"), asset)
         except InvalidInputError:
-            pass  # a damaged file of the cache is created again
+            pass  # the cached file is damaged and will be written again
     made = to_bytes(accepted(imported, history, asset=asset, content=content))
     file.parent.mkdir(parents=True, exist_ok=True)
     write_durably(file, made)
