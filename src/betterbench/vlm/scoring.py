@@ -230,10 +230,8 @@ def _share_in_mask(items: ItemSet, item: Item, groups: list[list[Fraction]]) -> 
         return Fraction(0)
     mask = items.mask(item.gold.mask)
     rows, columns = mask.shape
-    scale = (
-        Fraction(columns, item.width),
-        Fraction(rows, item.height),
-    )  # 1 unless the mask has a different size than the image
+    # The scale is 1 unless the mask has a different size than the image.
+    scale = Fraction(columns, item.width), Fraction(rows, item.height)
     right, count = 0, 0
     for numbers in groups:
         group = [v * scale[i % 2] for i, v in enumerate(numbers)]

@@ -57,9 +57,8 @@ def _item(row: Row, identifier: str, count: int) -> Item:
         question=_QUESTION.format(goal=goal),
         gold=Gold(row.letter(4, "golden_choice_idx", "ground_truth")),
         pictures=tuple(f"{identifier}/{i}" for i in range(count)),
-        cluster=identifier.split("_", maxsplit=1)[
-            0
-        ],  # the name of the video, taken from the identifier as in the upstream program
+        # The identifier begins with the name of the video, as the upstream program assumes, too.
+        cluster=identifier.split("_", maxsplit=1)[0],
         options=options,
         groups={"domain": row.text("domain"), "scenario": row.text_or("unknown", "scenario")},
         words={"goal": goal},

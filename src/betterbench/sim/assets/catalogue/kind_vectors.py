@@ -114,7 +114,9 @@ class KindIndex:
     def likeness(
         self, asked: np.ndarray, head: np.ndarray, query: Query, members: Sequence[int] | None = None
     ) -> np.ndarray:
-        """Return the similarity of a query to each kind, (kinds,) float32. Kinds without rows in the catalogue get -1.
+        """Return the similarity of a query to each kind, as a (kinds,) float32 array.
+
+        Kinds without rows in the catalogue get -1.
 
         Args:
             asked: Unit vectors of the query and of further descriptions, (m, dimension). The nearest of them counts.
@@ -156,7 +158,7 @@ class KindIndex:
         return sorted(set(kinds) & set(self._kinds.tolist()))
 
     def _shared(self, words: Sequence[str]) -> np.ndarray:
-        """Return the fraction of the query's words that occur in the texts of each kind, (kinds,).
+        """Return the fraction of the query's words that occur in the texts of each kind, as a (kinds,) array.
 
         Rare words weigh more.
         """
@@ -165,7 +167,7 @@ class KindIndex:
         return np.array([sum(rarity[stem] for stem in rarity if stem in own) / total for own in self._words])
 
     def _used(self, role: str, words: Sequence[str]) -> np.ndarray:
-        """Return how well the uses of each kind match the words of the query, (kinds,).
+        """Return how well the uses of each kind match the words of the query, as a (kinds,) array.
 
         The value for a kind is the largest weighted fraction of the words that occur in one of its statements about the
         role.
@@ -182,7 +184,7 @@ class KindIndex:
         return found
 
     def _mentions(self, words: Sequence[str]) -> np.ndarray:
-        """Return whether the texts of each kind contain any of the given words, (kinds,)."""
+        """Return whether the texts of each kind contain any of the given words, as a (kinds,) array."""
         stems = frozenset(map(_stem, words))
         return np.array([bool(stems & own) for own in self._words])
 

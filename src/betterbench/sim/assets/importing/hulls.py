@@ -1,6 +1,6 @@
 """Collision shape of an object, made of convex hulls.
 
-It is a single hull, the walls of a hollow in sectors, or a V-HACD decomposition.
+It is a single hull, or one hull for each sector of the wall around a hollow, or a V-HACD decomposition.
 """
 
 from __future__ import annotations
@@ -141,9 +141,8 @@ def hull_corners(points: np.ndarray) -> np.ndarray | None:
         return None
     points = with_thickness(points)
     try:
-        if (
-            len(points) > _MANY
-        ):  # only corners of the hull can be farthest in a direction, and Qhull finds the corners quickly
+        # Only corners of the hull can be farthest in a direction, and Qhull finds the corners quickly.
+        if len(points) > _MANY:
             points = points[ConvexHull(points).vertices]
         chosen = points[np.unique(np.argmax(points @ _directions().T, axis=0))]
         corners = chosen[ConvexHull(chosen).vertices]

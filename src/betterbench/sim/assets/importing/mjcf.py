@@ -60,9 +60,8 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
             MuJoCo.
     """
     states_mass = _checked(root, where)
-    for size in root.findall(
-        "size"
-    ):  # reserved memory is not needed, and reserving it for a billion key frames takes minutes
+    # Reserved memory is not needed, and reserving it for a billion key frames takes minutes.
+    for size in root.findall("size"):
         root.remove(size)
     assets = _with_bytes(root, files, where)
     text = ET.tostring(root, encoding="unicode")

@@ -170,9 +170,8 @@ def _first_of_each(keys: np.ndarray, count: int) -> np.ndarray:
     All keys are below ``count``.
     """
     first = np.full(count, len(keys), dtype=np.int32)
-    first[keys[::-1]] = np.arange(
-        len(keys) - 1, -1, -1, dtype=np.int32
-    )  # if keys are equal, the value that is written last stays
+    # If keys are equal, the value that is written last stays.
+    first[keys[::-1]] = np.arange(len(keys) - 1, -1, -1, dtype=np.int32)
     return np.sort(first[first < len(keys)])
 
 

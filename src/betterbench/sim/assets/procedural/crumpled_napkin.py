@@ -68,9 +68,8 @@ def _sphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
         for b in (-golden, golden):
             points += [(0.0, a, b), (a, b, 0.0), (b, 0.0, a)]
     corners = np.array(points)
-    near = (
-        np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.0 + 1e-6
-    )  # 2 is the edge length of this icosahedron
+    # The edges of this icosahedron have the length 2.
+    near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.0 + 1e-6
     soup = []
     for i, j, k in itertools.combinations(range(12), 3):
         if not (near[i, j] and near[j, k] and near[i, k]):

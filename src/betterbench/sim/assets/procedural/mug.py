@@ -30,9 +30,8 @@ def mug(rng: np.random.Generator, color: str) -> Draft:
     shell = Turned(radii, (*rising, height - 0.0012, 0.3 * height, _FLOOR + 0.004, _FLOOR), sides, crease_degrees=30.0)
     lining = mixed(shade, PALETTE["cream"], 0.85) if rng.random() < 0.5 else None
     picture = glazed(rng, shell, shade, decoration, rows=(1, 2, 5, 7, 9), lining=lining)
-    arm = (
-        half - 0.0005
-    )  # narrower than the bar, so that a finger touches only the bar, which halves the number of contacts
+    # The arms are narrower than the bar. A finger then touches only the bar, which halves the number of contacts.
+    arm = half - 0.0005
     a, z, near, far = _TOP - depth / 2, low + depth / 2, axis + radius - 0.004, axis + bar - depth / 2
     handle_x = (radius - 0.003, bar - 0.011, bar - 0.0033, bar, bar, bar - 0.00385, bar - 0.0132, base - 0.003)
     handle_z = (a, a, a - 0.0033, a - 0.011, z + 0.0132, z + 0.0044, z, z)
