@@ -50,10 +50,10 @@ class Fit:
     """Distances between the collision shapes and the visible surface, as 95th percentiles over points [m].
 
     Attributes:
-        outside_m: Distance of points on the collision shapes from the visible surface. If it is large, objects collide
-            with visibly empty space.
-        inside_m: Distance of points on the visible surface from the collision shapes. If it is large, objects pass
-            through visible parts.
+        outside_m: Distance of points on the collision shapes from the visible surface. If it is large, other objects
+            collide with visibly empty space.
+        inside_m: Distance of points on the visible surface from the collision shapes. If it is large, other objects
+            pass through visible parts.
     """
 
     outside_m: float

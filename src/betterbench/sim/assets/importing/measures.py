@@ -35,9 +35,9 @@ class Distances:
     """Distances between the collision parts and the visible surface, as 95th percentiles over points [m].
 
     Attributes:
-        outside_m: Distance of points on the collision parts from the visible surface. If it is large, objects collide
-            with visibly empty space.
-        inside_m: Distance of points on the visible surface from the collision parts. If it is large, objects pass
+        outside_m: Distance of points on the collision parts from the visible surface. If it is large, other objects
+            collide with visibly empty space.
+        inside_m: Distance of points on the visible surface from the collision parts. If it is large, other objects pass
             through visible parts.
         bare_share: Size of the largest connected patch of visible points that are far from all collision parts: the
             volume of its convex hull, as a fraction of that of the whole object.
