@@ -1,4 +1,4 @@
-"""Agreement between two reviewers on the objects or scenes that both have judged."""
+"""Agreement between two reviewers, measured on the objects or scenes that both of them have judged."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ class ReviewAgreement:
     """Agreement between two reviews.
 
     Attributes:
-        all: Agreement table for the verdicts accept, fix and reject.
-        usable: Agreement table for two verdicts: use (accept or fix) and reject.
-        only_first: Number of objects or scenes that only the first reviewer judged. They are not in the tables.
-        only_second: Number of objects or scenes that only the second reviewer judged. They are not in the tables.
+        all: Agreement table over the three verdicts accept, fix and reject.
+        usable: Agreement table over two verdicts: usable (accept or fix) and reject.
+        only_first: Number of objects or scenes that only the first reviewer judged. They are not counted in the tables.
+        only_second: Number of objects or scenes that only the second reviewer judged. They are not counted in the
+            tables.
         apart: Objects or scenes on which the reviewers disagree, each with its name and the two verdicts, in the order
             of the first review.
-        what: "objects" or "scenes".
+        what: What was reviewed: "objects" or "scenes".
     """
 
     all: AgreementTable
@@ -51,11 +52,12 @@ class ReviewAgreement:
 
 
 def agreement(first: Path, second: Path) -> ReviewAgreement:
-    """Compute the agreement between two files written by ``better review``. Both must review objects, or both scenes.
+    """Compute the agreement between two files written by ``better review``. Both must be reviews of the same kind.
 
     Raises:
         RecordError: If a file is missing or was changed by hand.
-        InvalidInputError: If no object or scene has a verdict in both files, or only one of the files reviews scenes.
+        InvalidInputError: If no object or scene has a verdict in both files, or one file is a review of objects and the
+            other a review of scenes.
     """
     kinds = [is_scene_review(path) for path in (first, second)]
     what = "scenes" if kinds[0] else "objects"
@@ -80,7 +82,7 @@ def agreement(first: Path, second: Path) -> ReviewAgreement:
 
 
 def is_scene_review(path: Path) -> bool:
-    """Return whether a file is a review of scenes rather than objects. The first line of the file shows this.
+    """Return whether a file is a review of scenes rather than of objects, as stated in the first line of the file.
 
     Raises:
         RecordError: If the file is missing.
@@ -95,7 +97,10 @@ def is_scene_review(path: Path) -> bool:
 
 
 def _verdicts(path: Path, *, of_scenes: bool) -> dict[tuple[str, str], tuple[str, str]]:
-    """Return the name and the verdict of each object or scene that was judged, keyed by content hash and condition."""
+    """Return the name and the verdict of each judged object or scene, keyed by its content hash and its condition.
+
+    The condition (training or variation) is empty for objects.
+    """
     if of_scenes:
         return last_verdicts(read_scene_reviews(path), str(path))
     reviews = read_reviews(path)

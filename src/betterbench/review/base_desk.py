@@ -1,4 +1,4 @@
-"""Base class of reviews: a queue of items, the current item, the edit in progress, verdicts and undo."""
+"""Base class for the state of a review: a queue of items, the current item, the edit in progress, verdicts and undo."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.jobs.decisions import DecisionJournal, DecisionLine, History, U
 
 
 class Named(Protocol):
-    """An item in the queue, which has a name."""
+    """Item in the queue of a review. Every item has a name."""
 
     @property
     def name(self) -> str:
@@ -28,14 +28,14 @@ EditT = TypeVar("EditT")
 
 @dataclass(slots=True)
 class Desk(Generic[ItemT, LineT, EditT]):
-    """State of one review. Subclasses make the edits, write the decisions and open the items.
+    """State of one review. Subclasses implement how items are opened and edited, and how decisions are written.
 
     Attributes:
         queue: Items to review.
         journal: File to which the decisions are written.
         author: Name of the reviewer.
         index: Index of the current item in the queue.
-        mode: What the gizmo moves, such as the pose or a grasp.
+        mode: What the gizmo (the handle that the reviewer drags in the 3D view) moves, such as the object or a grasp.
         selected: Index of the selected part of the item, such as one of several grasps.
         edit: Change that has not been saved yet, or None.
         message: Result of the last command, in one sentence.
@@ -64,7 +64,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
 
     @property
     def history(self) -> History[LineT]:
-        """Decisions about the current item."""
+        """Decisions made so far about the current item."""
         raise NotImplementedError
 
     def verdicts(self) -> list[Verdict | None]:
@@ -76,7 +76,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         raise NotImplementedError
 
     def drag(self, pose: Pose) -> None:
-        """Move what the gizmo controls to the given pose."""
+        """Move the element that the gizmo controls, such as a grasp, to the given pose."""
         raise NotImplementedError
 
     def _open(self) -> None:
@@ -88,7 +88,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         raise NotImplementedError
 
     def _undone(self, review: LineT) -> None:
-        """Update the state after a decision about the current item was undone."""
+        """Update the state of the review after a decision about the current item was undone."""
         raise NotImplementedError
 
     # -------------------------------------------------------------------------------------------------------- moving
@@ -109,7 +109,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         self._open()
 
     def choose(self, mode: str) -> None:
-        """Choose what the gizmo moves. The edit in progress is saved first."""
+        """Choose which element the gizmo moves. The edit in progress is saved first."""
         if mode != self.mode and self.keep():
             self.mode, self.selected = mode, 0
 
@@ -171,7 +171,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         return True
 
     def complain(self, problem: str) -> None:
-        """Show a problem that the page has reported."""
+        """Show a problem that was reported by the browser page."""
         self._say(problem, problem=True)
 
     def _say(self, text: str, *, problem: bool = False) -> None:

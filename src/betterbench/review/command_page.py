@@ -63,7 +63,7 @@ class CommandPage(Generic[DeskT]):
         self.show()
 
     def show(self, *, is_dragging: bool = False) -> None:
-        """Update the page. While the user drags the gizmo, the pose of the gizmo is left to the browser."""
+        """Update the page. The gizmo is not moved while the user is dragging it."""
         raise NotImplementedError
 
     def obey(self, command: str, value: Any, stopped: threading.Event) -> None:  # noqa: ANN401 - of the page
@@ -117,7 +117,7 @@ class CommandPage(Generic[DeskT]):
         return command in ("drag", "complain")
 
     def _common_verbs(self, modes: Sequence[str]) -> dict[str, Callable[[Any], object]]:
-        """Return the commands that all reviews have in common, and a command for each mode that chooses this mode."""
+        """Return the commands that all reviews share. One of them for each mode switches the gizmo to the mode."""
         desk = self._desk
         do: dict[str, Callable[[Any], object]] = {
             "previous": lambda _: desk.step(-1),
@@ -145,7 +145,7 @@ class CommandPage(Generic[DeskT]):
         return scene
 
     def _begin_marks(self) -> None:
-        """Remove all marks from the view, and change the names of the nodes to come."""
+        """Remove all marks from the 3D view. Marks that are added later get new node names."""
         for node in self._marks:
             node.remove()
         self._marks = []
@@ -154,7 +154,7 @@ class CommandPage(Generic[DeskT]):
     # ---------------------------------------------------------------------------------------------------------- panel
 
     def _begin_verdicts(self, gui: Any) -> None:  # noqa: ANN401 - viser's
-        """Add the heading, the status, the verdict buttons and the field for the reason to the panel."""
+        """Add the heading, the status, the verdict buttons and the field for the reason of a verdict to the panel."""
         item, subject = self._desk.ITEM, self._desk.SUBJECT
         self._head = gui.add_html("")
         self._status = gui.add_html("")

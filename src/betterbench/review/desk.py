@@ -1,4 +1,4 @@
-"""State of one person's review of objects, without the browser page.
+"""State of one person's review of objects. The browser page is in a different module.
 
 It consists of the current object, the edit in progress, and the decisions. An edit is a change that has not been saved.
 It is saved as a line of the review file by :meth:`ReviewDesk.keep`, when the person begins a different kind of edit, or
@@ -55,9 +55,9 @@ FRAME_NAMES = ("opening", "inside", "floor", "top", "rim", "base", "slot")
 
 @dataclass(slots=True)
 class ReviewDesk(Desk[QueuedObject, Review, Change]):
-    """State of one review of objects.
+    """State of one review of objects, as shown on the review page.
 
-    The gizmo can move the pose of the object, its support plane, a grasp or a placement frame (``MODES``).
+    The gizmo on the page can rotate the object, or move its support plane, a grasp or a placement frame (``MODES``).
     """
 
     ITEM: ClassVar[str] = "object"
@@ -93,7 +93,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def solid(self) -> Solid | None:
-        """Cells that the current object occupies, or None if the object cannot be imported."""
+        """Grid cells that the current object occupies, or None if the object cannot be imported."""
         state = self.state
         if state is None:
             return None
@@ -125,7 +125,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def turn(self) -> Quaternion:
-        """Rotation (w, x, y, z) that the edit in progress adds to the saved state of the object."""
+        """Rotation (w, x, y, z) that the edit in progress adds to the last saved pose of the object."""
         if not isinstance(self.edit, PoseChange):
             return IDENTITY_QUATERNION
         w, x, y, z = self.edit.before
@@ -172,7 +172,10 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
             self.edit = NameChange(state.name, name.strip())
 
     def drag(self, pose: Pose) -> None:
-        """Move what the gizmo controls to a pose in the object's frame. The object itself is only rotated."""
+        """Move the element that the gizmo controls to a pose in the object's frame.
+
+        If the gizmo controls the object itself, the object is only rotated.
+        """
         if self.mode == "pose":
             self.turn_to(pose.quaternion)
         elif self.mode == "support" and self._begin(SupportChange) is not None:
@@ -296,7 +299,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
         """Begin an edit of the given kind. An edit in progress of another kind is saved first.
 
         Returns:
-            The state of the object to edit, or None if the object cannot be imported or the other edit could not be
+            The state of the object to edit. None if the object cannot be imported, or if the previous edit could not be
             saved.
         """
         if self.edit is not None and not isinstance(self.edit, kind) and not self.keep():
@@ -305,5 +308,5 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
 
 def _free(stem: str, taken: Sequence[str]) -> str:
-    """Return a name that is not taken yet: "grasp", or else "grasp2" and so on."""
+    """Return a grasp name that is not taken yet: "grasp" if it is free, and otherwise "grasp2", "grasp3" and so on."""
     return next(name for k in range(1, len(taken) + 2) if (name := stem if k == 1 else f"{stem}{k}") not in taken)

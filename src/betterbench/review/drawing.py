@@ -1,4 +1,4 @@
-"""Rulers around the object and texts for the panel, which the review page shows in addition to the meshes."""
+"""Rulers that the review page draws around the object, and HTML texts for its panel."""
 
 from __future__ import annotations
 
@@ -63,7 +63,10 @@ def ruler_labels(size: Vector) -> list[tuple[str, Vector]]:
 
 
 def turned_about_middle(asset: Asset, pose: Pose) -> Pose:
-    """Return the pose in which to show an asset that was rotated about the center of its box and then put down."""
+    """Return the pose of an asset after a rotation about the center of its bounding box.
+
+    The height is chosen so that the lowest visible point of the rotated asset is at z = 0.
+    """
     middle = (0.0, 0.0, 0.5 * asset.size_m[2])
     x, y, z = Pose((0.0, 0.0, 0.0), pose.quaternion).apply([-v for v in middle])
     placed = Pose((x, y, z + middle[2]), pose.quaternion)

@@ -171,7 +171,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
             self._gripper[name] = scene.add_glb(f"/seen/gripper_{name}", data, cast_shadow=False)
 
     def show(self, *, is_dragging: bool = False) -> None:
-        """Update the page. While the user drags the gizmo, the pose of the gizmo is left to the browser."""
+        """Update the page. The gizmo is not moved while the user is dragging it."""
         desk = self._desk
         key = (desk.index, len(desk.at_hand.states), desk.history.last)
         with self._viser.atomic():
@@ -230,7 +230,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
         self._name.value = "" if self._desk.state is None else self._desk.state.name
 
     def _show_edit(self, *, is_dragging: bool) -> None:
-        """Show the edit in progress, and the gizmo at what it controls."""
+        """Show the edit in progress, and place the gizmo at the element that it controls."""
         desk, asset = self._desk, self._asset
         self._begin_marks()
         if asset is None or self._visual is None:
@@ -369,7 +369,10 @@ class ReviewPage(CommandPage[ReviewDesk]):
 
 
 def _closer(pose: Pose, opened_m: float) -> Pose:
-    """Return the pose of a part of the gripper when the gripper opens less [m]. The fingers open along the y axis."""
+    """Return the pose of a gripper finger when the gripper is opened by ``opened_m`` [m].
+
+    The given pose is that of the fully open gripper. The fingers move along the y axis.
+    """
     x, y, z = pose.position
     return Pose((x, y * opened_m / OPEN_M, z), pose.quaternion)
 

@@ -30,7 +30,7 @@ def panel_head(
     Args:
         name: Name of the current object or scene.
         verdict: Verdict on the current object or scene, or None if it has none.
-        facts: Rows of the table, as names and values.
+        facts: Rows of the table, each as a name and a value.
         author: Name of the reviewer.
         index: Index of the current object or scene in the queue.
         judged: Number of objects or scenes that have a verdict.
@@ -98,7 +98,7 @@ def decision_sign(decision: object) -> str:
 
 
 def queue_list(names: Sequence[str], verdicts: Sequence[Verdict | None], index: int) -> str:
-    """Return a list of the items around the current object or scene in the queue, as HTML."""
+    """Return a section of the review queue around the current object or scene, as an HTML list."""
     first = max(0, min(index - QUEUE_ROWS // 2, len(names) - QUEUE_ROWS))
     rows = ""
     for k, (name, verdict) in enumerate(islice(zip(names, verdicts, strict=True), first, first + QUEUE_ROWS), first):

@@ -31,8 +31,8 @@ class QueuedObject:
         content: Hash of the mesh file and of all files that it refers to.
         states: The object as it was imported, followed by its state after each change. Empty before the import.
         problem: Why the object could not be imported. Empty if it could.
-        wishes: Import options.
-        stored: Whether the file is an asset in an asset folder, which is already imported.
+        wishes: Options with which the mesh file is imported.
+        stored: Whether the file is an already imported asset in an asset folder.
     """
 
     path: Path
@@ -105,7 +105,7 @@ def queue_of(given: Sequence[Path], registered: Sequence[MeshImport] = ()) -> li
 
     Args:
         given: Files and folders. If there are none, the registered files are reviewed.
-        registered: Mesh files that are imported by task files, with their import options.
+        registered: Mesh files that task files import, each with its import options.
 
     Raises:
         InvalidInputError: If a file is missing or not a mesh file (see :func:`mesh_files`).
@@ -136,10 +136,10 @@ def folder_queue(folders: Sequence[Path]) -> list[QueuedObject]:
 
 
 def apply_to_folder(reviews: Path, folder: Path, out: Path) -> tuple[list[str], dict[str, str]]:
-    """Write the accepted assets of a folder to a new folder, with the changes made in a review.
+    """Write the accepted assets of a folder to a new folder, and apply the changes made in a review to them.
 
     Returns:
-        The names of the written assets, and the reason for each rejected asset, keyed by the asset's name.
+        The names of the written assets, and the reasons for which assets were rejected, keyed by the asset's name.
 
     Raises:
         RecordError: If the review file cannot be read.

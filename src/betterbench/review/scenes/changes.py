@@ -98,11 +98,7 @@ class SceneReview:
         return f"{self.task}/{self.condition}"
 
     def misfit(self, changes: int) -> str:
-        """Check that a verdict matches the number of changes to the scene's task.
-
-        Returns:
-            The reason why the verdict does not match, or "" if it does.
-        """
+        """Check that a verdict matches the number of changes to the scene's task: "fix" requires at least one."""
         if isinstance(self.decision, Verdict) and self.decision.verdict == "fix" and not changes:
             return f"'fix' without a change of {self.subject}, expected 'accept'"
         return ""
@@ -114,13 +110,13 @@ SceneHistory = History[SceneReview]
 
 
 class SceneJournal(DecisionJournal[SceneReview]):
-    """Review file for scenes. One process opens it and appends decisions to it."""
+    """Review file for scenes. The process that opens the file appends its decisions to it."""
 
     adapter: ClassVar[TypeAdapter[Any]] = _LINE
 
 
 def read_scene_reviews(path: Path) -> tuple[SceneReview, ...]:
-    """Read all decisions in a review file. An unfinished last line is ignored.
+    """Read all decisions in a review file about scenes. An unfinished last line is ignored.
 
     Raises:
         RecordError: If the file is missing, was changed by hand, or is not a review of scenes.
@@ -154,7 +150,7 @@ def last_verdicts(reviews: Sequence[SceneReview], where: str) -> dict[tuple[str,
 
 
 def said(change: SceneChange) -> str:
-    """Describe a change by a short phrase."""
+    """Describe a change to a scene by a short phrase."""
     if isinstance(change, FrameChange):
         return f"frame {change.after.name} of {change.asset} moved"
     a, b = change.before, change.after

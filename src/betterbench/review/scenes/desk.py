@@ -1,4 +1,4 @@
-"""State of one person's review of scenes, without the browser page.
+"""State of one person's review of scenes. The browser page is in a different module.
 
 It consists of the current scene, the edit in progress, and the decisions.
 """
@@ -52,8 +52,8 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     The gizmo can move a slot (the start position of an object) or a placement frame (``MODES``).
 
     Attributes:
-        movable: Assets whose placement frames can be moved, because they are in a folder of imported assets.
-        seed: Seed with which the current scene is shown.
+        movable: Names of the assets in folders of imported assets. Only their placement frames can be moved.
+        seed: Seed of the trial that is shown for the current scene.
         certified: Result of certifying the current scene, or None if it was not certified yet.
     """
 
@@ -119,7 +119,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def frames(self) -> tuple[tuple[Placement, Region], ...]:
-        """Placement frames of all objects on or in which the task places something, including the edit in progress."""
+        """Placement frames of all objects on or in which the task places others, including the edit in progress."""
         if self.scene is None:
             return ()
         edit = self.edit
@@ -157,9 +157,9 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
         return {name: move @ poses[name] if name in self._carried(self.edit.slot) else poses[name] for name in poses}
 
     def _carried(self, slot: str) -> set[str]:
-        """Return the names of the objects that move with a slot.
+        """Return the names of the objects that move when a slot is moved.
 
-        These are the object in the slot, and all objects on or in it.
+        These are the object in the slot, and all objects that stand on or in that object.
         """
         condition = self.condition
         found = {name for name, place in condition.layout.items() if place == slot}
@@ -179,7 +179,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
             self._say(f"Seed {self.seed}.")
 
     def _open(self) -> None:
-        """Build the current scene. If this fails, put the reason into ``problem``."""
+        """Build the current scene. If this fails, store the reason in ``problem``."""
         self.scene, self.problem, self.certified = None, "", None
         try:
             with moved_regions(moved_frames(self.history.changes)):

@@ -49,10 +49,11 @@ def place_of(slot: Mapping[str, Any]) -> SlotPlace:
 def changed_form(form: Mapping[str, Any], change: SceneChange, *, where: str = "review") -> dict[str, Any]:
     """Apply one change to the JSON form of a task.
 
-    A moved placement frame leaves it unchanged, since the frame is in an asset.
+    If the change moved a placement frame, the JSON form stays the same, since the frame is stored in an asset.
 
     Raises:
-        InvalidInputError: If the task has no such slot, or the slot is not where the reviewer saw it.
+        InvalidInputError: If the task has no such slot, or the slot is not at the position from which the reviewer
+            moved it.
     """
     new: dict[str, Any] = copy.deepcopy(dict(form))
     if isinstance(change, FrameChange):
@@ -80,10 +81,10 @@ def _at(place: SlotPlace) -> str:
 def patched(form: Mapping[str, Any], changes: Sequence[SceneChange], *, where: str = "review") -> dict[str, Any]:
     """Apply changes to the JSON form of a task, in order. If a slot was moved, the version of the task is incremented.
 
-    The result is deterministic.
+    The same form and the same changes always give the same result.
 
-    Raises:
-        InvalidInputError: If the task has no such slot, or the slot is not where the reviewer saw it.
+        Raises: InvalidInputError: If the task has no such slot, or the slot is not at the position from which the
+        reviewer moved it.
     """
     new = dict(form)
     for change in changes:
@@ -103,6 +104,6 @@ def moved_frames(changes: Iterable[SceneChange]) -> dict[str, dict[str, Region]]
 
 
 def is_same_frame(a: Region, b: Region) -> bool:
-    """Return whether two placement frames are equal, apart from the rounding of numbers in files."""
+    """Return whether two placement frames are equal, up to rounding errors of numbers in files."""
     apart = max(distance(a.position, b.position), distance(a.half_size, b.half_size))
     return a.name == b.name and apart < 1e-5 and angle_between(a.quaternion, b.quaternion) < 1e-4

@@ -1,6 +1,6 @@
 """Queue of the scenes to review.
 
-There is one scene for each condition of a task, which is built when it is first shown.
+Each condition of a task has one scene. A scene is built when it is shown for the first time.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class ReviewedTask:
     def changed(self, changes: Sequence[SceneChange]) -> Task:
         """Return the task with changes applied, but with its original version number.
 
-        The version number is kept because demonstrations were measured for it.
+        The version number is kept because the demonstrations of the task were measured for that version.
 
         Raises:
             InvalidInputError: If the changes were made to a different task.
@@ -87,7 +87,7 @@ def condition_of(task: Task, name: str) -> Condition:
 
 
 def support_of(task: Task, name: str) -> Support:
-    """Return the support that a task declares for a condition.
+    """Return the support that a task declares for a condition (training or variation).
 
     The support states whether the poses in the condition occur in training (seen) or not (novel).
     """

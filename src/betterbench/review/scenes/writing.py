@@ -1,4 +1,4 @@
-"""Writing of reviewed tasks to new files, with moved slots and without rejected variations."""
+"""Writing of reviewed tasks to new files: slots are moved as in the review, and rejected variations are left out."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def reviewed_form(form: Mapping[str, Any], history: SceneHistory) -> ReviewedFor
 
 
 def reviewed_forms(path: Path) -> dict[str, ReviewedForm]:
-    """Return the reviewed tasks in a review file, keyed by name. The tasks themselves must be loaded.
+    """Return the reviewed tasks in a review file, keyed by name. All of these tasks must be loaded.
 
     Raises:
         RecordError: If the review file cannot be read.
@@ -114,14 +114,14 @@ def write_reviewed_tasks(found: Mapping[str, ReviewedForm], out: Path) -> list[P
 
 
 def write_moved_frames(found: Mapping[str, ReviewedForm], folders: Sequence[Path], out: Path) -> list[Path]:
-    """Write each asset folder in which placement frames were moved to a new folder of the same name.
+    """Copy each asset folder to a new folder of the same name, with the placement frames that a review has moved.
 
     Returns:
         The paths of the new folders.
 
     Raises:
-        InvalidInputError: If none of the folders contains an asset whose frames were moved, or two folders have the
-            same name.
+        InvalidInputError: If an asset whose frames were moved is in none of the folders, or two folders have the same
+            name.
     """
     moves: dict[str, dict[tuple[str, str], RegionChange]] = {}
     for reviewed in found.values():

@@ -1,4 +1,4 @@
-"""Certification of one asset, which runs all checks."""
+"""Certification of one asset by running all checks on it."""
 
 from __future__ import annotations
 

@@ -16,11 +16,11 @@ MEASURED_DIGITS = 4
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a check has found.
+    """Finding of a check on one asset.
 
     Attributes:
-        measured: Measured value, or None if there is nothing to measure.
-        limit: Limit for the measured value, or None if there is nothing to measure.
+        measured: Measured value, or None if the check measures no value.
+        limit: Limit for the measured value, or None if the check measures no value.
         unit: Unit of ``measured`` and ``limit``.
         fails: Whether the asset fails the check. None if the check does not apply.
         said: Description of the finding, in one sentence.
@@ -59,7 +59,7 @@ def check_names() -> tuple[str, ...]:
 
 
 def run_check(name: str, subject: Subject) -> CheckResult:
-    """Run the check with the given name. An asset that cannot be measured fails the check."""
+    """Run the check with the given name. If the asset cannot be measured, it fails the check."""
     try:
         with np.errstate(all="ignore"):  # a number that is not finite fails its check
             found = _CHECKS[name](subject)
@@ -74,12 +74,12 @@ def run_check(name: str, subject: Subject) -> CheckResult:
 
 
 def at_most(measured: float, limit: float, unit: str, said: str, cure: str) -> Finding:
-    """Return the finding for a value that must not exceed a limit. A value that is not finite fails."""
+    """Return the finding for a value that must not exceed a limit. NaN and infinite values fail."""
     return Finding(measured, limit, unit, not measured <= limit, said, cure)
 
 
 def at_least(measured: float, limit: float, unit: str, said: str, cure: str) -> Finding:
-    """Return the finding for a value that must not fall below a limit. A value that is not finite fails."""
+    """Return the finding for a value that must not fall below a limit. NaN and infinite values fail."""
     return Finding(measured, limit, unit, not measured >= limit, said, cure)
 
 

@@ -1,4 +1,4 @@
-"""Certification of many assets, as a job that can be resumed."""
+"""Job that certifies many assets. An interrupted job can be resumed."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Target:
     Attributes:
         name: Name of the asset in the certificate.
         file: Mesh file, or None for a registered asset.
-        wishes: Import options. The option ``name`` also determines the kind of a registered asset.
+        wishes: Import options for a mesh file. The option ``name`` also determines the kind of a registered asset.
         color: Color word. If None, a registered asset has its default color.
         look: Number of the variant of a registered asset.
     """
@@ -46,7 +46,7 @@ class Target:
     look: int = 0
 
     def key(self) -> str:
-        """Return a digest of everything on which the certificate depends."""
+        """Return a digest of everything that determines the certificate of this target."""
         digest = hashlib.sha256(
             f"{SCHEMA_VERSION}|{check_names()}|{VERSION}|{self.name}|{asdict(self.wishes)}|{self.color}|{self.look}".encode()
         )
@@ -70,7 +70,7 @@ class Target:
 def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None) -> list[Target]:
     """Return the assets to certify, given names of assets, mesh files and folders of mesh files.
 
-    A registered asset is given by its category ("mug"), or with color and variant number ("mug-red#3").
+    A registered asset is given by its category ("mug"), or by category, color and variant number ("mug-red#3").
 
     Raises:
         InvalidInputError: If nothing is given, if a folder has no mesh file, or if one name, size or mass is given for
@@ -115,7 +115,7 @@ def _registered(text: str, wishes: Wishes, color: str | None) -> Target:
 def certify_target(target: Target) -> AssetCertificate:
     """Import and certify one asset.
 
-    A file that cannot be imported gets a certificate with the error and without checks.
+    If a file cannot be imported, its certificate contains the error message and no checks.
 
     Raises:
         UnknownNameError: If there is no such registered asset.
@@ -136,7 +136,7 @@ def certify_target(target: Target) -> AssetCertificate:
 
 
 class CertificateJournal(LineJournal):
-    """The certificates in the file ``certificates.jsonl``, found by the key of the certified target."""
+    """Certificates in the file ``certificates.jsonl``, which are looked up by the key of the certified target."""
 
     def _take_in(self, lines: list[bytes]) -> None:
         self.found: dict[str, AssetCertificate] = {}
@@ -156,7 +156,7 @@ def certify_targets(
 ) -> list[AssetCertificate]:
     """Certify assets in the given order.
 
-    If a folder is given, the same call resumes where an interrupted call stopped.
+    If an output folder is given and the function is interrupted, the same call resumes where it stopped.
     """
     keys = {target: target.key() for target in targets}
 

@@ -23,9 +23,9 @@ def gripper_opening_m(name: str = USUAL_ROBOT) -> float:
 def needed_opening_m(solid: Solid, grasp: Grasp) -> float | None:
     """Return how wide the jaw must open to grasp a part of the object [m].
 
-    Returns None if there is nothing between the pads. The grasped part is the connected run of cells between the pads,
-    along the closing direction of the fingers. The jaw closes symmetrically about the grasp pose, so a part that is off
-    center needs a wider opening.
+    Returns None if there is nothing between the pads. The grasped part is the connected row of occupied cells between
+    the pads, along the closing direction of the fingers. The jaw closes symmetrically about the grasp pose, so a part
+    that is off center needs a wider opening.
     """
     centers = solid.centers(solid.cells) - np.asarray(grasp.pose.position)
     axes = np.array([rotate(grasp.pose.quaternion, axis) for axis in np.eye(3).tolist()])

@@ -17,9 +17,9 @@ _GOLDEN = 0.618034
 
 
 def asset_pictures(asset: Asset, *, pixels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Draw the visible parts of an asset, its collision parts, and its pose at rest.
+    """Draw three images of an asset: its visible parts, its collision parts, and its pose at rest.
 
-    Each of the three images is a (pixels, pixels, 3) uint8 array.
+    Each image is a (pixels, pixels, 3) uint8 array.
 
     Raises:
         MissingDependencyError: If off-screen OpenGL does not work on this machine.

@@ -57,8 +57,8 @@ class Subject:
     def cavity(self) -> Cavity | None:
         """Visible hollow that is open at the top, or None if there is none.
 
-        Gaps as narrow as a seam do not count as leaks. A colander, for example, keeps only a few of its holes in the
-        reduced mesh.
+        If the object holds no water, the hollow is computed again with all gaps of up to two cells closed. A colander,
+        for example, has small holes but still counts as hollow.
         """
         return cavity_of(self.solid) or cavity_of(self.solid, with_seams=True)
 
@@ -69,7 +69,7 @@ class Subject:
 
     @functools.cached_property
     def touched_cavity(self) -> Cavity | None:
-        """Hollow that the collision parts leave free, or None if there is none."""
+        """Hollow that remains between the collision parts, or None if they leave no hollow open."""
         return cavity_of(surface_solid(self.hulls), with_seams=True)
 
     @functools.cached_property
@@ -80,7 +80,7 @@ class Subject:
 
     @property
     def inside_limit_m(self) -> float:
-        """Maximum distance of the visible surface from the collision parts that passes the checks [m]."""
+        """Maximum distance from the collision parts at which the visible surface still passes the checks [m]."""
         return max(0.001 * INSIDE_MM, INSIDE_SHARE * self.middle_m)
 
     @functools.cached_property
@@ -95,14 +95,14 @@ class Subject:
 
     @property
     def holds(self) -> bool:
-        """Whether tasks may put objects into the asset. This is the case if it declares an inside and an opening."""
+        """Whether tasks may put objects into the asset. They may if the asset declares an inside and an opening."""
         return {"inside", "opening"} <= self.region_names
 
     @property
     def is_open(self) -> bool:
         """Whether objects of this kind are hollow and open at the top.
 
-        False if the description or a tag says that this object is full or covered.
+        The result is False if the description or a tag of this object says that it is full or covered.
         """
         words = " ".join((self.asset.description, *self.asset.tags)).lower()
         return self.kind is not None and self.kind.is_open and not any(word in words for word in CLOSED_WORDS)

@@ -41,7 +41,7 @@ class VisualPart:
     Attributes:
         vertices: (n, 3) float32 positions in the object's frame [m].
         faces: (m, 3) int32 vertex indices, counterclockwise when seen from outside.
-        rgba: Color with components in [0, 1]. If there is a texture, the texture is multiplied by this color.
+        rgba: Red, green, blue and opacity in [0, 1]. If there is a texture, it is multiplied by this color.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
         smooth: Whether normals are averaged across faces, as for round objects. If False, all edges are sharp.
@@ -189,8 +189,8 @@ class Asset:
 
 
 def origin_of(asset: Asset) -> tuple[str, str]:
-    """Return the source and the license of an asset, as records list them.
+    """Return the source and the license of an asset, for the list of assets in a record.
 
-    Both are empty for the procedural library.
+    Both are empty for an asset from the procedural library.
     """
     return ("", "") if asset.source == LIBRARY_SOURCE else (asset.source, asset.license)

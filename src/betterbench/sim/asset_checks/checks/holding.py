@@ -1,4 +1,4 @@
-"""Checks that a container can hold a ball, and that a block can stand on a support."""
+"""Checks that a container can hold a ball, and that a block can stand on top of an object such as a plate."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _dropped(subject: Subject, *, ball: tuple[float, float, float], radius: floa
 
 
 def _after(spec: mujoco.MjSpec, free: list[Pose], held: Pose | None) -> Pose:
-    """Simulate two seconds, and return the pose of the last free body relative to the asset.
+    """Simulate two seconds, and return the final pose of the last free body relative to the asset.
 
     Args:
         spec: The MuJoCo model.
@@ -87,7 +87,7 @@ def _after(spec: mujoco.MjSpec, free: list[Pose], held: Pose | None) -> Pose:
 
 @check
 def carries_block(subject: Subject) -> Finding:
-    """Check that a block that is placed on top of a support stays there."""
+    """Check that a block stays where it is put on top of the asset, if the asset declares a top."""
     top = next((region for region in subject.asset.regions if region.name == "top"), None)
     if top is None:
         return not_applicable("it does not declare a top")

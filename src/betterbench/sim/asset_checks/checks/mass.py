@@ -23,7 +23,7 @@ def center_of_mass(subject: Subject) -> Finding:
 
 @check
 def inertia(subject: Subject) -> Finding:
-    """Compare the principal moments of inertia with those of a body of uniform density that has the visible shape."""
+    """Check that the principal moments of inertia are close to those of a uniform body with the visible shape."""
     ixx, iyy, izz, ixy, ixz, iyz = subject.asset.inertia
     own = np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]))
     if not np.isfinite(own).all() or own[0] <= 0.0 or own[0] + own[1] < own[2] * (1.0 - 1e-6):

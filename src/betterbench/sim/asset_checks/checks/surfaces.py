@@ -15,7 +15,7 @@ _SAME_UV = 1e-6
 
 @check
 def triangles(subject: Subject) -> Finding:
-    """Check that only few triangles have no area, and that all vertices are finite."""
+    """Check that hardly any triangles have zero area, and that all vertices are finite."""
     share = degenerate_share(*subject.surface)
     return at_most(
         share,
@@ -41,7 +41,7 @@ def faces_outward(subject: Subject) -> Finding:
 
 @check
 def textures(subject: Subject) -> Finding:
-    """Check that every part is visible, and that no texture is missing, black or a placeholder."""
+    """Check that every part is visible, and that no texture is missing, entirely black or a placeholder."""
     for part in subject.asset.visual:
         problem = _problem(part)
         if problem:
@@ -70,7 +70,7 @@ def _problem(part: VisualPart) -> str:
 
 
 def _shown(part: VisualPart, texture: Texture) -> np.ndarray | None:
-    """Return the color at the center of each triangle, (k, 3), or None if the texture coordinates cannot be used."""
+    """Return the texture's color at the center of each triangle, (k, 3), or None if its coordinates cannot be used."""
     corners = part.faces if texture.corners is None else texture.corners
     if len(corners) != len(part.faces) or corners.max(initial=0) >= len(texture.uv):
         return None

@@ -1,4 +1,4 @@
-"""Check that an asset is upright in the way that is usual for its kind."""
+"""Check that an asset is upright in the pose that is usual for its kind."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _CURE = "Give the axis of the file that points up with --up"
 def upright(subject: Subject) -> Finding:
     """Check that the asset's pose fits its kind.
 
-    For example, a tall kind must stand, and a container must be open at the top.
+    For example, an object of a tall kind must stand, and a container must be open at the top.
     """
     kind = subject.kind
     if kind is None:
@@ -71,8 +71,8 @@ def _flat(subject: Subject) -> Finding:
 def _round(subject: Subject) -> Finding:
     """Check that a round object does not lie on its side.
 
-    The check compares how much the object's widths vary around a vertical and around a horizontal axis. Around its own
-    axis, a cylinder always has the same width.
+    The check compares how much the object's width varies around a vertical axis and around a horizontal axis. The width
+    of a cylinder, for example, is the same in all directions across its own axis.
     """
     points = subject.solid.points[:: max(1, len(subject.solid.points) // 4_000)]
     vertical = _uneven(points, np.array([0.0, 0.0, 1.0]))
@@ -86,9 +86,9 @@ def _round(subject: Subject) -> Finding:
 
 
 def _leaning(subject: Subject) -> Finding:
-    """Check that a round object does not lean in its file.
+    """Check that the axis of a round object does not lean.
 
-    The check compares how much the widths vary around the vertical axis and around the axis of the shape.
+    The check compares how much the object's width varies around the vertical axis and around the object's own axis.
     """
     points = subject.solid.points[:: max(1, len(subject.solid.points) // 4_000)]
     directions = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
@@ -136,9 +136,9 @@ def _narrow_top(subject: Subject) -> Finding:
 
 
 def _hollow_top(subject: Subject) -> Finding:
-    """Compare the volume of the hollow on the upper side with that on the lower side.
+    """Check that the hollow on the upper side of the object holds more than the hollow on its lower side.
 
-    This comparison also works for filled bowls and for plates without a rim.
+    The comparison of the two volumes also works for filled bowls and for plates without a rim.
     """
     vertices, faces = subject.surface
     above, below = subject.cavity, cavity_of(solid_of(vertices * (1.0, -1.0, -1.0), faces))

@@ -43,7 +43,7 @@ def glazed(
     shadow: tuple[float, float] = (0.80, 0.38),
     unglazed: float = 0.75,
 ) -> Canvas:
-    """Paint a glazed vessel from its foot over the rim to the floor inside, with a shaded inside.
+    """Paint the texture of a glazed vessel. It runs from the foot over the rim to the floor inside, which is shaded.
 
     On the rim, the glaze is thinner and therefore brighter.
 
@@ -52,8 +52,8 @@ def glazed(
         vessel: Profile of the vessel.
         shade: Color of the outside.
         decoration: A key of ``bands``, "speckled" or "dots". Any other value gives no decoration.
-        rows: Indices of five profile points: where the unglazed foot ends, and where the wall, the rim, the inside and
-            the inner floor begin.
+        rows: Indices of five profile points: the end of the unglazed foot, and the beginnings of the wall, the rim, the
+            inside and the inner floor.
         lining: Color of the inside. If None, the inside has the color of the outside.
         ink: Color of the decoration. If None, it is cream on dark glazes and dark gray on light glazes.
         bands: Painted bands of each decoration.

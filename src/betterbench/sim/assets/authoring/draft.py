@@ -32,7 +32,7 @@ class Draft:
     :class:`~betterbench.sim.assets.asset.Asset`.
 
     Attributes:
-        tags: Search words, without the color word.
+        tags: Search words. The color word is not among them, since the registry adds it.
         traits: Tags that describe the material, place or use of the object but cannot name the object: "glass" for a
             jar, "desk" for a mouse.
         parts: Visual and collision parts, in any order.
@@ -149,8 +149,8 @@ def grip(
 def grip_across(height: float, radius: float, *, clearance: float | None = None) -> Grasp:
     """Return a grasp from above across a round body with the given radius at ``height`` [m].
 
-    The gripper may have any yaw. If no clearance is given, it is 12 mm on each side, or less if the jaw would otherwise
-    have to open wider than 79 mm.
+    The gripper may have any yaw. The default clearance is 12 mm on each side, or less if the jaw would otherwise have
+    to open wider than 79 mm.
     """
     free = min(0.012, 0.0395 - radius) if clearance is None else clearance
     return grip("body", height, 2.0 * radius, clearance=free, symmetric_yaw=True)
@@ -161,7 +161,7 @@ def zone(
 ) -> Region:
     """Return a rectangular region, given by its half extents and its center [m].
 
-    It is flat unless ``half_z`` is given.
+    The region is flat unless its half height ``half_z`` is given.
     """
     return Region(name, (x, y, z), (half_x, half_y, half_z))
 

@@ -37,7 +37,7 @@ def write_word(
 ) -> None:
     """Write a word of upper-case characters on a texture, centered at ``center``.
 
-    The height of the letters is in units of the canvas. The weight of the strokes is relative to that height.
+    The height of the letters is in units of the canvas. The width of the strokes is a fraction of the letter height.
     """
     left = center[0] - 0.5 * height * (_ADVANCE * (len(text) - 1) + 0.6)
     low = center[1] - 0.5 * height

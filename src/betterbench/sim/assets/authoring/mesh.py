@@ -51,7 +51,8 @@ class Mesh:
     def seen_from_above(self, radius: float, share: np.ndarray | float = 0.5) -> Mesh:
         """Return the mesh with a texture that is projected from above. The edge of the texture is at ``radius`` [m].
 
-        ``share`` (n,) stretches the texture at each vertex. A value of 0.5 means no stretching.
+        ``share`` (n,) stretches the texture at each vertex: a vertex at horizontal distance r from the axis is shown at
+        the distance ``share * r / radius`` from the center of the texture. At 0.5, the texture is not stretched.
         """
         return Mesh(self.vertices, self.faces, 0.5 + np.reshape(share, (-1, 1)) * self.vertices[:, :2] / radius)
 
@@ -68,8 +69,8 @@ class Mesh:
     def hinged(self, angle: float, x: float, z: float) -> Mesh:
         """Return a mesh opened about its hinge by ``angle`` [rad], and moved so that the hinge is at (x, z) [m].
 
-        Before the move, the hinge is at the origin. The hinge is along the y axis. A positive angle lifts the part at
-        +x.
+        Before the move, the hinge is at the origin and parallel to the y axis. A positive angle lifts the part of the
+        mesh at +x.
         """
         return self.rotated("y", -angle).moved(x, 0.0, z)
 
@@ -106,7 +107,7 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _welded(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
-    """Merge vertices with equal positions and texture coordinates, and drop triangles that then have no area.
+    """Merge vertices with equal positions and texture coordinates, and drop triangles whose area is zero afterwards.
 
     Returns:
         The merged mesh and its :func:`face_normals`.
@@ -158,7 +159,7 @@ def _last_joined(mesh: Mesh, normals: np.ndarray, limit: float) -> np.ndarray:
     An edge is smooth if the cosine of the angle between the ``normals`` of its two faces is above ``limit``.
 
     Returns:
-        (3 m,) the last corner in the group of each corner.
+        For each of the 3 m triangle corners, the index of the last corner in its group, as a (3 m,) array.
     """
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     # each face edge is a pair of corners, smaller vertex first; sorting makes equal edges adjacent
@@ -245,7 +246,7 @@ def circle(radius: float, z: float, segments: int, *, phase: float = 0.0) -> np.
 
 
 def _circles(profile: Sequence[tuple[float, float]], segments: int, phase: float) -> np.ndarray:
-    """Return the :func:`circle` for each point (radius, height) of a profile, as an (n, segments, 3) array."""
+    """Return one :func:`circle` for each point (radius, height) of a profile, as an (n, segments, 3) array."""
     angle = phase + 2.0 * math.pi * np.arange(segments) / segments
     radii, heights = np.asarray(profile, dtype=float).T[:, :, None]
     points = np.empty((len(profile), segments, 3))
@@ -261,10 +262,10 @@ def lathe(
     wrap: bool = False,
     phase: float = 0.0,
 ) -> Mesh:
-    """Revolve a profile about the vertical axis, and crease the mesh. The arguments are explained in :class:`Turned`.
+    """Return the creased mesh of a profile that is revolved about the vertical axis (see :class:`Turned`).
 
-    The texture row ``v`` is the distance along the profile (see :func:`profile_length`), relative to its whole length.
-    A wrapped texture has the columns of :func:`mirrored_u`.
+    The vertical texture coordinate is the distance along the profile (see :func:`profile_length`) as a fraction of the
+    whole length. If ``wrap`` is True, the horizontal texture coordinates are those of :func:`mirrored_u`.
     """
     length = profile_length(profile)
     rings = _circles(profile, segments, phase)
@@ -326,14 +327,14 @@ def span(
 ) -> Mesh:
     """Return a :func:`box` that is symmetric about y = 0.
 
-    ``x`` and ``z`` are the ends of its extent along these axes [m].
+    It extends between the two given positions in x and between the two given heights in z [m].
     """
     size, center = (x[1] - x[0], 2.0 * half_y, z[1] - z[0]), (0.5 * (x[0] + x[1]), 0.0, 0.5 * (z[0] + z[1]))
     return box(size, center, bevel=bevel, corner=corner, steps=steps)
 
 
 def _flat_caps(rings: Sequence[np.ndarray]) -> Mesh:
-    """Loft convex rings. Both ends are closed by triangles between the points of the ring, without a center point."""
+    """Loft convex rings, and close each end with triangles between the points of its ring, without a center point."""
     side = loft(rings, caps=(False, False))
     n = len(rings[0])
     last = (len(rings) - 1) * n
@@ -385,7 +386,7 @@ def rod(
     y: float = 0.0,
     crease_degrees: float = 32.0,
 ) -> Mesh:
-    """Return the closed loft of upright rectangles along x. All rectangles are centered at ``y`` [m].
+    """Return a rod along x, lofted from upright rectangles that are all centered at ``y`` [m]. Its ends are closed.
 
     Each station gives the x coordinate, half the width, the bottom and the top of one rectangle [m]. The corners of the
     rectangles are cut by ``chamfer``, or by less if the rectangle is small.

@@ -20,9 +20,9 @@ _unpainted: ContextVar[bool] = ContextVar("unpainted", default=False)
 
 @contextmanager
 def unpainted() -> Iterator[None]:
-    """Context manager in which canvases have only one pixel, which takes a tenth of the time.
+    """Context manager in which textures are not painted, to build assets in a tenth of the time.
 
-    The random numbers that are drawn stay the same.
+    Canvases then have only one pixel. All random numbers are still drawn, so shapes stay the same.
     """
     token = _unpainted.set(True)
     try:
@@ -101,8 +101,8 @@ class Canvas:
     def paint_rectangle(self, rows: np.ndarray, columns: np.ndarray, weight: np.ndarray, color: Rgb) -> None:
         """Blend a color into the texture where the row mask (height,) and the column mask (width,) are both set.
 
-        ``weight`` is a (width,) array in [0, 1]. With this method, hundreds of small marks can be painted without a
-        mask of the whole canvas for each.
+        ``weight`` is a (width,) array in [0, 1]. This method paints hundreds of small marks quickly, because it does
+        not need a mask of the whole canvas for each mark.
         """
         window = (_run(rows), _run(columns))
         inside = rows[window[0], None] & columns[None, window[1]]
@@ -115,9 +115,9 @@ class Canvas:
             planes[channel] += value * weight
 
     def _window(self, center: tuple[float, float], reach_x: float, reach_y: float) -> tuple[slice, slice]:
-        """Return the rows and columns of all samples within reach of a point.
+        """Return the slices of rows and columns that contain all samples within reach of a point.
 
-        Painting only there is faster for small marks.
+        Small marks are painted faster if only this part of the texture is changed.
         """
         return _run(np.abs(self.y[:, 0] - center[1]) <= reach_y), _run(np.abs(self.x[0] - center[0]) <= reach_x)
 
@@ -130,15 +130,15 @@ class Canvas:
         self.shade(dark + (1.0 - dark) * np.clip(self.y / top, 0.0, 1.0))
 
     def shadow(self, start: float, end: float, light: float, loss: float) -> None:
-        """Darken the area above row ``start``.
+        """Darken the texture above row ``start``.
 
-        The brightness is ``light`` at ``start``, and lower by ``loss`` at row ``end``.
+        The brightness is ``light`` at row ``start``. It decreases by ``loss`` up to row ``end``.
         """
         down = np.clip((self.y - start) / (end - start), 0.0, 1.0)
         self.shade(np.where(self.y > start, light - loss * down, 1.0))
 
     def band(self, low: float, high: float, color: Rgb) -> None:
-        """Paint a horizontal band from row ``low`` to row ``high``."""
+        """Paint a horizontal band that extends from row ``low`` to row ``high``."""
         self.paint((self.y >= low) & (self.y < high), color)
 
     def ellipse(self, center: tuple[float, float], radii: tuple[float, float], color: Rgb, turn: float = 0) -> None:
@@ -174,7 +174,7 @@ class Canvas:
     def grain(self, rng: np.random.Generator, *, cells: tuple[int, int], amount: float) -> None:
         """Multiply the colors by smooth noise with mean 1 and standard deviation ``amount``.
 
-        ``cells`` is the number of noise cells across and up.
+        ``cells`` is the number of noise cells in the horizontal and in the vertical direction.
         """
         columns, rows = cells
         grid = rng.standard_normal((rows + 1, columns + 1))
@@ -204,7 +204,7 @@ class Canvas:
     ) -> None:
         """Paint spots with random centers between two rows. The spots are ``stretch`` times as wide as high.
 
-        ``radius`` is the range from the smallest to the largest radius.
+        ``radius`` gives the smallest and the largest radius of a spot.
         """
         for u, v, size in rng.uniform(0.0, 1.0, (count, 3)).tolist():
             r = radius[0] + (radius[1] - radius[0]) * size
@@ -225,7 +225,7 @@ class Canvas:
 
 
 def _by_plane(color: Rgb) -> np.ndarray:
-    """Return a color as an array of shape (3, 1, 1)."""
+    """Reshape a color to (3, 1, 1), so that it broadcasts over the pixels of a texture."""
     return np.array(color, dtype=float).reshape(3, 1, 1)
 
 
@@ -243,10 +243,10 @@ def uniforms(rng: np.random.Generator, *ranges: tuple[float, float]) -> list[flo
 def scattered(
     rng: np.random.Generator, *, tries: int, gap: float, reach: float, count: int | None = None
 ) -> Iterator[tuple[float, float]]:
-    """Yield up to ``count`` random points in a disc around (1, 1), which are at least ``gap`` apart.
+    """Yield up to ``count`` random points in a disc around (1, 1). They are at least ``gap`` apart.
 
-    Between two points, the caller may draw from ``rng`` as well. If ``count`` is None, only the number of tries limits
-    the number of points.
+    While iterating, the caller may draw other random numbers from ``rng``. If ``count`` is None, the number of points
+    is limited only by the number of tries.
     """
     placed: list[tuple[float, float]] = []
     for _ in range(tries):

@@ -26,7 +26,7 @@ Generator = Callable[[np.random.Generator, str], Draft]
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """A registered generator and its options."""
+    """Registered generator of a category, and the options of its registration."""
 
     make: Generator
     colors: tuple[str, ...]
@@ -74,8 +74,8 @@ def generator(
     Args:
         category: Name of the category.
         colors: Color words. The first one is the default.
-        looks: Number of variants for training and test. They have the numbers from 0.
-        unseen_looks: Number of held-out variants. Their numbers follow those of ``looks``.
+        looks: Number of variants for training and test. They are numbered from 0.
+        unseen_looks: Number of held-out variants. Their numbers continue those of ``looks``.
         family: Categories of the same family draw the same random numbers for a variant, so that related objects (a
             cabinet and its drawers, the plates of a set) match. If None, the category is its own family.
         keeps_upright: Whether objects of this category, such as drinks, must not lie on their side to count as inside a
@@ -211,9 +211,9 @@ def build_unpainted(category: str, *, look: int = 0, color: str | None = None) -
 
 
 def _checked_color(category: str, look: int, color: str | None) -> str:
-    """Check the color and the variant of an asset.
+    """Check that a category has the given color and variant.
 
-    Return the color, which is by default the first one of the category.
+    Return the color. If no color is given, it is the first color of the category.
     """
     entry = _entry(category)
     chosen = entry.colors[0] if color is None else color
@@ -231,7 +231,7 @@ _moved_regions: dict[str, Mapping[str, Region]] = {}
 
 @contextmanager
 def moved_regions(moved: Mapping[str, Mapping[str, Region]]) -> Iterator[None]:
-    """Context manager in which every asset that is built has the given regions, keyed by category and region name."""
+    """Context manager that replaces regions of assets built in it. They are keyed by category and region name."""
     before = dict(_moved_regions)
     _moved_regions.update(moved)
     try:

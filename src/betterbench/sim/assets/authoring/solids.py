@@ -1,4 +1,4 @@
-"""Collision shapes: convex primitives, and walls of hollow objects that are composed of them."""
+"""Collision shapes: convex primitives, and walls of hollow objects, which are composed of primitives."""
 
 import math
 from collections.abc import Iterable
@@ -32,12 +32,12 @@ def foot_square(half: float, *, height: float = 0.004, x: float = 0.0) -> Collis
 
 
 def upright_cylinder(radius: float, low: float, high: float, *, x: float = 0.0) -> CollisionPart:
-    """Return a standing cylinder whose vertical axis is at ``x``, from height ``low`` to height ``high`` [m]."""
+    """Return a cylinder that stands upright at ``x`` and extends from height ``low`` to height ``high`` [m]."""
     return CollisionPart("cylinder", (radius, 0.5 * (high - low), 0.0), (x, 0.0, 0.5 * (low + high)))
 
 
 def standing(foot_half: float, *cylinders: tuple[float, float]) -> tuple[CollisionPart, ...]:
-    """Return an upright round body of stacked cylinders on a :func:`foot_square`.
+    """Return an upright round body made of stacked cylinders, which stands on a :func:`foot_square`.
 
     Each cylinder is given by its radius and the height of its upper end [m]. The lowest one begins 0.5 mm above the
     ground.
@@ -60,7 +60,7 @@ def solid_box(low: Vector, high: Vector) -> CollisionPart:
 
 
 def solid_span(x: tuple[float, float], half_y: float, z: tuple[float, float]) -> CollisionPart:
-    """Return a box that is symmetric about y = 0. ``x`` and ``z`` are the ends of its extent along these axes [m]."""
+    """Return a box that is symmetric about y = 0 and extends between two positions in x and two heights in z [m]."""
     return solid_box((x[0], -half_y, z[0]), (x[1], half_y, z[1]))
 
 
@@ -70,7 +70,7 @@ def leaning_box(half: Vector, center: Vector, lean: float) -> CollisionPart:
 
 
 def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float, z: float) -> CollisionPart:
-    """Return a box that is opened about a hinge, and moved to the hinge, as by :meth:`Mesh.hinged`.
+    """Return a box that is opened about a hinge, such as a lid. The movement is that of :meth:`Mesh.hinged`.
 
     The half sizes are in meters. Before the box is opened, the hinge is at the origin and the center of the box is at
     ``middle`` (x, z) [m].
@@ -108,9 +108,9 @@ def round_wall(
 def flared_walls(foot: float, top: float, height: float, *, wall: float, floor: float) -> tuple[CollisionPart, ...]:
     """Return a hollow round object that widens upward.
 
-    It has a floor of two crossed plates and a wall of eight leaning boards. The plates fill an octagon and stand on
-    fixed corners. ``foot`` and ``top`` are the outer radii at the ground and at ``height``. ``wall`` and ``floor`` are
-    the thicknesses of wall and floor [m].
+    Its floor consists of two crossed plates, which together fill an octagon and stand on their corners. Its wall
+    consists of eight leaning boards. ``foot`` and ``top`` are the outer radii at the ground and at ``height``. ``wall``
+    and ``floor`` are the thicknesses of wall and floor [m].
     """
     lean, inner_low, inner_top = math.atan2(top - foot, height), foot - wall, top - wall
     half_wall = 0.5 * (height - 0.001) / math.cos(lean)
@@ -127,9 +127,9 @@ def flared_walls(foot: float, top: float, height: float, *, wall: float, floor: 
 def open_box(
     inner: tuple[float, float], wall: float, floor: float, height: float, *, x: float = 0.0
 ) -> tuple[CollisionPart, ...]:
-    """Return a box without a lid, as a floor and four walls.
+    """Return the collision parts of a box without a lid: a floor and four walls.
 
-    ``inner`` is half of the inside's extent along x and along y, and the middle of the inside is at ``x`` [m].
+    ``inner`` gives half the extent of the inside along x and along y. The inside is centered at (``x``, 0) [m].
     """
     ix, iy = inner
     ox, oy = ix + wall, iy + wall

@@ -1,4 +1,4 @@
-"""Solids of revolution: the mesh, the wrapped texture and the collision shapes are made from the same profile."""
+"""Solids of revolution, whose mesh, wrapped texture and collision shapes are made from the same profile."""
 
 import math
 from collections.abc import Sequence
@@ -18,10 +18,10 @@ class Turned:
         radii: Radius at each point of the profile [m]. The profile begins at the bottom and goes up on the outside. A
             radius of zero closes the surface.
         heights: Height of each point [m].
-        crease_degrees: Angle above which an edge is drawn as a sharp edge.
+        crease_degrees: Angle between two faces above which the edge between them is drawn as a sharp edge.
         wrap: Whether to wrap the texture around each half of the circumference. If False, the texture has only one
             column.
-        phase: Angle at which the first side begins [rad].
+        phase: Angle about the vertical axis at which the first side of the surface begins [rad].
     """
 
     radii: Sequence[float]
@@ -38,9 +38,9 @@ class Turned:
 
     @property
     def rows(self) -> list[float]:
-        """Distance along the profile from its first point to each of its points [m].
+        """Distances along the profile from its first point to each of its points [m].
 
-        It is also the texture row of the point.
+        These are also the texture rows of the points.
         """
         return [float(e) for e in profile_length(self.profile)]
 
@@ -51,23 +51,23 @@ class Turned:
     def facing_front(self, x: float, z: float) -> Mesh:
         """Return the mesh turned so that its axis points along +x.
 
-        Its lower end is at ``x`` and its center at height ``z`` [m].
+        The lower end of the solid is at ``x`` and its axis at height ``z`` [m].
         """
         return self.mesh().rotated("y", math.pi / 2).moved(x, 0.0, z)
 
     def canvas(self, color: Rgb, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
         """Create an empty texture for the surface. Its rows go up along the profile.
 
-        If ``width`` is None, the texture is as wide as half of the largest circumference [m], or 1 if it has only one
-        column.
+        If ``width`` is None, the width of the texture is half of the largest circumference [m]. It is 1 if the texture
+        is not wrapped and therefore has only one column.
         """
         if width is None:
             width = math.pi * max(self.radii) if self.wrap else 1.0
         return Canvas(width, self.rows[-1], pixels, color)
 
     def filled(self, foot_half: float, top: float | None = None) -> tuple[CollisionPart, ...]:
-        """Return the bounding cylinder of the solid on a square foot.
+        """Return the collision shape of the filled solid: its bounding cylinder, which stands on a square foot.
 
-        It ends at height ``top`` [m], or at the top of the solid.
+        The cylinder ends at height ``top`` [m]. If ``top`` is None, it ends at the top of the solid.
         """
         return standing(foot_half, (max(self.radii), max(self.heights) if top is None else top))

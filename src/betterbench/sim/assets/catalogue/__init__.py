@@ -1,6 +1,6 @@
 """Asset catalogue: a database of assets from several sources.
 
-It can be searched by words, by meaning and with filters.
+The catalogue can be searched by words and by meaning, and results can be filtered.
 
 - ``entry``: the type of a catalogue row.
 - ``sources``: the sources of assets (the procedural library, folders of mesh files, Objaverse), one file each.

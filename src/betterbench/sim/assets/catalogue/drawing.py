@@ -28,7 +28,7 @@ _LIGHT = np.array([0.45, -0.35, 0.82])
 
 
 class _SameFolder(trimesh.resolvers.Resolver):
-    """Resolver for the files that a mesh refers to. It only opens files in the mesh's folder and its subfolders."""
+    """Resolver that reads the files to which a mesh refers, if they are in the mesh's folder or its subfolders."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder.resolve()
@@ -97,7 +97,7 @@ def _surface(geometry: Sequence[object]) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def _colors(mesh: trimesh.Trimesh, faces: np.ndarray, corners: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Return the color of each point. It comes from the texture, the material, or the colors of vertices and faces."""
+    """Return the color of each point, taken from the mesh's texture, its material, or its vertex or face colors."""
     visual: Any = mesh.visual
     material = getattr(visual, "material", None)
     uv = getattr(visual, "uv", None)

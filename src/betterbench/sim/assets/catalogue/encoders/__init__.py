@@ -1,7 +1,7 @@
 """Text encoders and their registry.
 
 Each encoder is one file, and new files in this folder are registered automatically. ``wordpiece`` splits texts into the
-pieces that the default encoder knows.
+word pieces that the default encoder takes as input.
 """
 
 import importlib

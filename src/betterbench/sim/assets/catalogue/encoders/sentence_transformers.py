@@ -1,4 +1,4 @@
-"""Encoders from the package sentence-transformers, if the user has installed it: SBERT models, and CLIP for texts."""
+"""Encoders that use the package sentence-transformers, if it is installed: SBERT models and CLIP's text model."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAME = "sentence-transformers"
 
 
 class SentenceEncoder:
-    """A sentence-transformers model, given by name or folder. The package may download it."""
+    """A sentence-transformers model, given by its name or its folder. The package may download the model."""
 
     def __init__(self, model: str, loaded: Any) -> None:  # noqa: ANN401 - a class of the package
         self.name = f"{NAME}:{model}"

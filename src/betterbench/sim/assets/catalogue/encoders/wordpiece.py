@@ -1,4 +1,4 @@
-"""Word pieces of uncased BERT models.
+"""Tokenizer for uncased BERT models, which is based on word pieces.
 
 Words and punctuation marks are split into the longest pieces that the model knows.
 """
@@ -35,7 +35,10 @@ class WordPieces:
         self._unknown, self._begin, self._end = (self._numbers[name] for name in ("[UNK]", "[CLS]", "[SEP]"))
 
     def numbers(self, text: str, *, limit: int) -> list[int]:
-        """Return the piece indices of a text, at most ``limit``, including the markers for start and end."""
+        """Return the indices of the word pieces in a text, including the start and end markers.
+
+        At most ``limit`` indices are returned.
+        """
         found = [number for word in _words(text) for number in self._pieces(word)]
         return [self._begin, *found[: limit - 2], self._end]
 
