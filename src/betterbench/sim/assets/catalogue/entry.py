@@ -22,7 +22,8 @@ class CatalogueEntry:
         description: Free text.
         category: Kind of object. Empty if the source does not state it.
         color: Color word. Empty if the color is not known.
-        size_m: Extents in the unit of the file, taken as meters although few collections use meters. None if unknown.
+        size_m: Extents in the unit of the file. The unit is assumed to be a meter, although few collections use meters.
+            None if the extents are unknown.
         faces: Number of triangles. None if unknown.
         license: Name of the license. Empty if unknown.
         author: Author of the asset.
@@ -46,7 +47,7 @@ class CatalogueEntry:
 
     @property
     def text(self) -> str:
-        """Text that the text encoder maps to a vector: name, description and tags."""
+        """Text that the text encoder converts to a vector: the name, the description and the tags."""
         said = ". ".join(part.rstrip(".") for part in (self.name, self.description, ", ".join(self.tags)) if part)
         return said[:400]
 

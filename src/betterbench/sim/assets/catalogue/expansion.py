@@ -99,12 +99,12 @@ description is searched for, like the query."""
 
 @dataclass(frozen=True, slots=True)
 class Concept:
-    """A concept in a query, such as the object, its color or its material.
+    """A concept in a search query, such as the object, its color or its material.
 
     Attributes:
         weight: Weight of the concept in the word score.
-        alternatives: Phrases for the concept. Each is a tuple of terms with a weight in (0, 1]. The first phrase is the
-            one in the query.
+        alternatives: Phrases that express the concept, each a tuple of terms with a weight in (0, 1]. The first phrase
+            is the one in the query.
     """
 
     weight: float
@@ -113,23 +113,24 @@ class Concept:
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """Search query and its possible meanings.
+    """Parsed search query with its possible meanings.
 
     Attributes:
-        text: The query, without request words ("find me ..."), and without what the object should not have.
+        text: The query, without words such as "find me", and without words for what the object should not have.
         concepts: Concepts for the search by words.
-        readings: Sentences for the search by meaning. The first is the query.
-        asked: The query and the descriptions that the expander returned. They are compared with the descriptions of
-            kinds.
+        readings: Sentences for the search by meaning. The first sentence is the query.
+        asked: The query and the alternative descriptions that the expander returned. They are compared with the
+            descriptions of the kinds of objects.
         head: Part of the query that names the object: "a bowl" in "a bowl for fruit".
-        words: Terms of the query, without the words that are ignored.
+        words: Terms of the query, without words that say little.
         colors: Colors that the query names.
-        beside: Words that do not name the object itself, for example other objects with which it is used.
-        kinds: Names of the kinds to which a variety or brand in the query belongs, each with a weight in (0, 1].
-        is_use: Whether the query only says what the object is used for. Other objects that the query names are then not
-            the object.
+        beside: Words that do not name the object itself, such as "steak" in "a plate for steak".
+        kinds: Kinds to which a variety or brand in the query belongs, such as apple for "granny smith", each with a
+            weight in (0, 1].
+        is_use: Whether the query only says what the object is used for ("it opens wine"). The nouns in such a query do
+            not name the object.
         role: Role of the object in its use: "tool", "vessel" or "surface". Empty if the role is not known.
-        lacks: Words for what the object should not have.
+        lacks: Words for what the object should not have, such as "label" in "a jar without a label".
     """
 
     text: str
@@ -177,7 +178,10 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
 
 @functools.cache
 def variety_list() -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of the kinds to which each listed variety or brand belongs. The keys are varieties as terms."""
+    """Return the names of the kinds to which each listed variety or brand belongs, such as apple for "granny smith".
+
+    The keys are the varieties and brands, each as a tuple of terms.
+    """
     found: dict[tuple[str, ...], list[str]] = {}
     for kind, varieties in entries_by_name("varieties.txt", ","):
         for variety in varieties:
@@ -232,7 +236,7 @@ def _listed_words() -> frozenset[str]:
 
 @functools.cache
 def _by_spelling() -> dict[str, frozenset[str]]:
-    """Index the names of objects by their spellings with at most one letter left out."""
+    """Index the listed names of objects by their spellings, in which at most one letter is left out."""
     names = set[str]()
     for file in ("words.txt", "kinds.txt", "hypernyms.txt"):
         lines = (line.partition("~")[0].partition(">")[0] for line in list_lines(file) if not line[0].isspace())
@@ -250,7 +254,7 @@ def _spellings(word: str) -> list[str]:
 
 
 def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
-    """Find misspelled words in a query, and return the object name that each stands for: "cutlery" for "cutery".
+    """Find misspelled words in a query, and return the object name that each one stands for: "cutlery" for "cutery".
 
     A word is misspelled if it is not a known word, and exactly one name with the same first letter differs from it by
     one added, missing or different letter, or by two exchanged letters. Inflected words such as "toasted" and "rubbery"
@@ -346,8 +350,8 @@ def understood(text: str, *, expander: Expander | None = None, is_word: Callable
 def _kinds_of_varieties(words: Sequence[str], head: int, *, names_nothing: bool) -> dict[str, float]:
     """Return the kinds to which the varieties and brands in the query belong, each with a weight.
 
-    A variety that is itself the noun has the full weight ("a green granny smith"). A variety before another noun has
-    less weight, because the noun may name a different object ("a cheddar sandwich").
+    The weight is 1 if the variety is itself the noun that names the object ("a green granny smith"). It is smaller if
+    the variety stands before another noun, which may name a different object ("a cheddar sandwich").
     """
     if head < 0 or names_nothing:
         return {}
@@ -360,14 +364,14 @@ def _kinds_of_varieties(words: Sequence[str], head: int, *, names_nothing: bool)
 
 
 def is_use(words: Sequence[str]) -> bool:
-    """Return whether a query describes an object only by its use: "it opens wine", "you eat soup from it"."""
+    """Return whether a query describes an object only by its use, such as "it opens wine" or "you eat soup from it"."""
     names = len(words) > 1 and words[0] in ("it", "this", "that", "what") and words[1] in ("is", "s")
     refers = bool(words) and words[-1] in ("it", "them", "this") and not _JOINS.intersection(words[:-1])
     return bool(words) and not names and (words[0] in _ASKS or refers)
 
 
 def _names_nothing(text: str) -> bool:
-    """Return whether a query does not name any object: "it opens wine", "thing to eat soup with"."""
+    """Return whether a query does not name any object, such as "it opens wine" or "thing to eat soup with"."""
     words = [word for word in terms(text) if word not in ("a", "an", "any", "some", "the")]
     if is_use(words):
         return True
@@ -408,7 +412,7 @@ def _beside(words: Sequence[str], head: int, *, names_nothing: bool) -> tuple[st
 
 
 def _without_verb(words: Sequence[str]) -> list[str]:
-    """Remove the word "can" where it is a verb. The noun, as in "a trash can", is kept."""
+    """Remove the word "can" if it is a verb, as in "can you find". The noun, as in "a trash can", is kept."""
     kept = []
     for before, word, after in zip(["", *words], words, [*words[1:], ""], strict=False):
         if word != "can" or (before not in _ASKS and after not in _ASKS | {"be"}):
@@ -417,7 +421,7 @@ def _without_verb(words: Sequence[str]) -> list[str]:
 
 
 def _head_part(text: str) -> str:
-    """Return the text up to the first use or attribute of the object.
+    """Return the part of the query before the first use or attribute of the object: "a bowl" for "a bowl for fruit".
 
     The word "of" does not begin a use or an attribute ("a slice of cheese").
     """
@@ -441,7 +445,7 @@ def _is_phrase(
 
 
 def _head(words: Sequence[str]) -> int:
-    """Return the index of the noun that names the object, or -1 if there is none."""
+    """Return the index of the noun that names the object, or -1 if the query contains no such noun."""
     head = -1
     for place, word in enumerate(words):
         if word in AFTER_THE_HEAD and head >= 0:

@@ -1,4 +1,4 @@
-"""Broader words, such as "cutlery" or "container", and the kinds of objects that they include."""
+"""Broader words, such as "cutlery" or "container", and the kinds of objects that these words include."""
 
 from __future__ import annotations
 
@@ -114,25 +114,25 @@ _ENDS_WITH_COMMA = re.compile(r"[,;:.(]")
 
 @functools.cache
 def hypernym_list() -> dict[tuple[str, ...], frozenset[int]]:
-    """Return the indices of the kinds that each listed broader word or phrase includes.
+    """Return the indices of the kinds that each listed broader word or phrase includes, such as forks for "cutlery".
 
-    The keys are phrases as terms.
+    The keys are the words and phrases, each as a tuple of terms.
     """
     return _listed(">")
 
 
 @functools.cache
 def attribute_list() -> dict[tuple[str, ...], frozenset[int]]:
-    """Return the indices of the kinds to which each narrowing word applies ("breakfast" in "breakfast crockery")."""
+    """Return the indices of the kinds to which each attribute applies, such as "breakfast" in "breakfast crockery"."""
     return hypernym_list() | _listed("~")
 
 
 @functools.cache
 def _listed(mark: str) -> dict[tuple[str, ...], frozenset[int]]:
-    """Read the lines of the list in which a given mark separates the phrases from their kinds.
+    """Read the lines of ``hypernyms.txt`` in which the given mark separates the phrases from their kinds.
 
     Returns:
-        The indices of the kinds for each phrase, given as terms.
+        The indices of the kinds for each phrase. The phrases are tuples of terms.
     """
     found: dict[tuple[str, ...], frozenset[int]] = {}
     for line in list_lines("hypernyms.txt"):
@@ -155,10 +155,10 @@ def _longest() -> int:
 
 
 def members_named(text: str) -> frozenset[int]:
-    """Return the kinds that a description names by a broader word ("cutlery"), or an empty set.
+    """Return the kinds that a description names by a broader word ("cutlery"), or an empty set if it contains none.
 
     The broader word is the last noun before the first use or attribute: "vegetables" in "fresh vegetables for a soup".
-    Therefore "a vegetable knife" does not mean vegetables. If the word, together with the words before it, is also the
+    Therefore "a vegetable knife" does not mean vegetables. If the broader word and the words before it are together the
     name of a kind ("egg holder"), that kind is included as well.
     """
     words = terms(text)
@@ -182,9 +182,9 @@ def members_named(text: str) -> frozenset[int]:
 
 
 def kind_named(text: str) -> frozenset[int]:
-    """Return the kind whose name ends the noun phrase for the object, such as plate in "small plate under a cup".
+    """Find the kind whose name is at the end of the noun phrase for the object: plate in "small plate under a cup".
 
-    The result is a set with the index of the kind. It is empty if there is no such kind.
+    Return a set with the index of the kind, or an empty set if there is no such kind.
     """
     words = terms(text)
     if not words or is_use(words):
@@ -218,9 +218,10 @@ def _noun_phrase(words: Sequence[str]) -> list[str]:
 
 
 def _is_named(phrase: Sequence[str], after: str) -> bool:
-    """Return whether the phrase ends with the name of a kind that does not continue with the next word.
+    """Return whether a phrase ends with the name of a kind, and the next word does not belong to the name.
 
-    "Cheese cut" is itself a name, so "cut" does not end the phrase after "cheese".
+    For example, "cheese cut" is the name of a kind. Therefore the phrase "cheese" is not a complete name if the next
+    word is "cut".
     """
     return bool(named_last(phrase)) and not named_last([*phrase, after])
 
@@ -244,10 +245,10 @@ def _members(phrase: Sequence[str]) -> frozenset[int]:
 
 
 def _narrowed(words: Sequence[str], start: int, found: frozenset[int]) -> frozenset[int]:
-    """Narrow the kinds of a broader word to those that the attributes before it also include: "breakfast crockery".
+    """Keep those kinds of a broader word to which the attributes before the word apply, as in "breakfast crockery".
 
-    An attribute that has no kind in common with the broader word is ignored, except before a word such as "dish": a
-    "Mexican dish" is Mexican food.
+    An attribute that applies to none of the kinds is ignored, except before a word such as "dish", since a "Mexican
+    dish" is Mexican food.
     """
     known = attribute_list()
     end = start
@@ -263,7 +264,7 @@ def _narrowed(words: Sequence[str], start: int, found: frozenset[int]) -> frozen
 
 
 def _narrower(words: Sequence[str], length: int) -> frozenset[int]:
-    """Return the kinds that a longer phrase at the end of the words names.
+    """Return the kinds that a longer phrase names, if the words end with the phrase and it includes the broader word.
 
     For example, "egg holder" is longer than "holder", and "canned meat" is longer than "meat".
     """

@@ -1,6 +1,6 @@
-"""Indexing job for the catalogue, which can be resumed.
+"""Indexing job for the asset catalogue. An interrupted job can be resumed.
 
-It writes the rows of all sources and the vectors of their texts.
+The job writes the rows of all sources, and a vector for the text of each row.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def index_sources(
 
 
 def _read_source(store: Store, source: AssetSource, report: IndexReport, on_progress: OnProgress) -> None:
-    """Write the new and the changed rows of a source, and remove the rows whose asset no longer exists."""
+    """Write the new rows and the changed rows of a source, and remove the rows whose asset no longer exists."""
     number = store.add_source(source.name, source.address)
     before, seen = store.fingerprints(number), set[str]()
     rows: list[tuple[str, CatalogueEntry]] = []
@@ -152,9 +152,10 @@ def _read_source(store: Store, source: AssetSource, report: IndexReport, on_prog
 
 
 class _Vectors:
-    """Vectors from the previous catalogue and from this job, each found by the digest of its text.
+    """Vectors from the previous catalogue and from this job, each looked up by the digest of its text.
 
-    New vectors are immediately appended to a file, so that a killed job can resume.
+    New vectors are immediately appended to a file. A job that is killed can therefore resume without computing them
+    again.
     """
 
     def __init__(self, folder: Path, dimension: int) -> None:
@@ -224,7 +225,7 @@ class _Vectors:
         self.close()
 
     def close(self) -> None:
-        """Close all files. Calling it again has no effect."""
+        """Close all files. A second call has no effect."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
@@ -232,7 +233,7 @@ class _Vectors:
             self._index.close()
 
     def remove(self) -> None:
-        """Remove the file of this job. This is done once its vectors are in the catalogue."""
+        """Remove the file of new vectors, after the vectors have been written to the catalogue."""
         self._path.unlink(missing_ok=True)
 
 
@@ -282,7 +283,7 @@ def _all_rows(store: Store) -> Iterator[tuple[int, int, CatalogueEntry]]:
 
 
 def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> None:
-    """Write the vectors of all rows in the order of the rows, and the columns for filters."""
+    """Write the vectors of all rows, in the order of the rows, and the columns that are used for filters."""
     values, digests, kinds = [], [], []
     for row, source, entry in _all_rows(store):
         kind = LICENSE_KINDS.index(license_kind(entry.license))

@@ -76,7 +76,7 @@ def write_kinds(
 
 
 class KindIndex:
-    """Index for searching a catalogue by kinds of objects.
+    """Index that is used to search a catalogue by kinds of objects.
 
     Attributes:
         rows: Index of the kind of each catalogue row, (n,) int16. -1 for rows without a kind.
@@ -119,10 +119,11 @@ class KindIndex:
         Kinds without rows in the catalogue get -1.
 
         Args:
-            asked: Unit vectors of the query and of further descriptions, (m, dimension). The nearest of them counts.
+            asked: Unit vectors of the query and of alternative descriptions, (m, dimension). For each kind, only the
+                most similar of these vectors counts.
             head: Unit vector of the part of the query that names the object, (dimension,).
             query: The parsed query.
-            members: Result of ``members`` for this query, or None to compute it.
+            members: Result of :meth:`members` for this query. If None, it is computed.
         """
         if members is None:
             members = self.members(query)
@@ -160,7 +161,7 @@ class KindIndex:
     def _shared(self, words: Sequence[str]) -> np.ndarray:
         """Return the fraction of the query's words that occur in the texts of each kind, as a (kinds,) array.
 
-        Rare words weigh more.
+        Rare words have a larger weight than frequent words.
         """
         rarity = {stem: self._rarity[stem] for stem in map(_stem, words) if stem in self._rarity}
         total = max(sum(rarity.values()), 1e-9)
@@ -169,8 +170,8 @@ class KindIndex:
     def _used(self, role: str, words: Sequence[str]) -> np.ndarray:
         """Return how well the uses of each kind match the words of the query, as a (kinds,) array.
 
-        The value for a kind is the largest weighted fraction of the words that occur in one of its statements about the
-        role.
+        Each kind has statements about its uses, each with a role ("tool", "vessel" or "surface"). The value for a kind
+        is the largest weighted fraction of the query's words that occur in one of its statements with the given role.
         """
         rarity = {stem: self._rarity[stem] for stem in map(_stem, words) if stem in self._rarity}
         total = max(sum(rarity.values()), 1e-9)
@@ -192,7 +193,7 @@ class KindIndex:
         """Compare vectors (m, dimension) with the texts of each kind.
 
         Returns:
-            (m, kinds) mean cosine between a vector and the nearest texts of a kind.
+            (m, kinds) mean of the cosines between each vector and those texts of each kind that are nearest to it.
         """
         cosines = np.pad(vectors @ self._vectors.T, ((0, 0), (0, 1)), constant_values=-2.0)[:, self._texts]
         nearest = -np.partition(-cosines, _COUNTED - 1, axis=2)[:, :, :_COUNTED]
@@ -212,9 +213,9 @@ class KindIndex:
 
 
 def _texts_of(table: np.ndarray) -> list[str]:
-    """Look up the text for each line of a table by its digest.
+    """Look up the text for each line of a table by the digest in the line.
 
-    Empty if the list of kinds no longer contains the text.
+    The text is empty if the list of kinds no longer contains it.
     """
     known = {text_digest(text): text for kind in listed_kinds() for text in kind.texts}
     return [known.get(digest.tobytes(), "") for digest in table["digest"]]
@@ -231,11 +232,11 @@ def _stems_of(kinds: np.ndarray, owners: np.ndarray, texts: Sequence[str]) -> li
 def _uses_of(
     kinds: np.ndarray, owners: np.ndarray, texts: Sequence[str]
 ) -> dict[tuple[str, str], list[tuple[int, int]]]:
-    """Index the statements about uses by role and word stem.
+    """Index the statements about the uses of kinds ("you eat soup from it") by the object's role and by word stems.
 
     Returns:
-        For each role and word stem, the statements that contain them, as pairs of the kind's index and the text's
-        index.
+        For each role and word stem, the statements that have this role and contain this stem. Each statement is given
+        by the index of its kind and the index of its text.
     """
     found: dict[tuple[str, str], list[tuple[int, int]]] = {}
     for place, (kind, text) in enumerate(zip(np.searchsorted(kinds, owners).tolist(), texts, strict=True)):

@@ -30,7 +30,7 @@ class Kind:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Texts that are compared with a query: the names and the descriptions."""
+        """Texts of the kind that are compared with a query: its names and its descriptions."""
         return (*self.names, *self.descriptions)
 
 
@@ -54,7 +54,7 @@ def listed_kinds() -> tuple[Kind, ...]:
 
 @functools.cache
 def _numbers() -> dict[tuple[str, ...], int]:
-    """Return the index of the kind for each name (as terms). If several kinds share a name, it belongs to the first."""
+    """Return the index of the kind for each name (as terms). If several kinds share a name, the first kind gets it."""
     found: dict[tuple[str, ...], int] = {}
     for number, kind in enumerate(listed_kinds()):
         for name in kind.names:
@@ -75,8 +75,9 @@ def _longest() -> int:
 def kind_of(entry: CatalogueEntry) -> int:
     """Return the index of an asset's kind, or -1 if neither its category nor its name contains the name of a kind.
 
-    The longest name wins and, among equally long names, the last one: an apple pie is a pie. Names before "of" or
-    "with" take precedence: a mug with an apple on it is a mug. Colors have the lowest priority: an orange mug is a mug.
+    If several names of kinds occur, the longest one is used and, among equally long names, the last one: an apple pie
+    is a pie. Names before "of" or "with" take precedence: a mug with an apple on it is a mug. Colors have the lowest
+    priority: an orange mug is a mug.
     """
     words = terms(f"{entry.category} {entry.name}")
     best = max(_named(words), default=None)
@@ -84,9 +85,9 @@ def kind_of(entry: CatalogueEntry) -> int:
 
 
 def kinds_named(words: Sequence[str]) -> frozenset[int]:
-    """Return the indices of the kinds whose names occur among the words.
+    """Return the indices of the kinds whose names occur in a list of words.
 
-    A name that is part of a longer name does not count.
+    A name does not count if it is part of a longer name that also occurs.
     """
     spans = [(end - length, end, kind) for _, _, length, end, kind in _named(words)]
     return frozenset(
@@ -97,16 +98,20 @@ def kinds_named(words: Sequence[str]) -> frozenset[int]:
 
 
 def named_last(words: Sequence[str], *, longer_than: int = 0) -> frozenset[int]:
-    """Return a set with the index of the kind whose name ends the words, or an empty set. The longest name wins."""
+    """Return a set with the index of the kind whose name is at the end of the words. The longest name is used.
+
+    The set is empty if the words do not end with the name of a kind.
+    """
     known = _numbers()
     spans = (tuple(words[start:]) for start in range(max(0, len(words) - _longest()), len(words) - longer_than))
     return frozenset([next((known[span] for span in spans if span in known), -1)]) - {-1}
 
 
 def _named(words: Sequence[str]) -> Iterator[tuple[bool, bool, int, int, int]]:
-    """Yield each name of a kind that occurs among the words, as a sort key that ends with the index of the kind.
+    """Yield a sort key for each name of a kind that occurs in a list of words.
 
-    The key is (before any attribute, not just a color, number of words, end position, index of the kind).
+    The key consists of: whether the name is before any attribute, whether it is more than a color, its number of words,
+    its end position, and the index of the kind.
     """
     head = next((at for at, word in enumerate(words) if at and word in AFTER_THE_HEAD), len(words))
     known, longest = _numbers(), _longest()

@@ -83,11 +83,11 @@ class Hit:
 
     Attributes:
         entry: Row of the catalogue.
-        score: Combined score of words and meaning in [0, 1]. It is 1 for an asset that contains every word, is first by
-            words, and whose kind and text equal the query.
+        score: Combined score for words and meaning in [0, 1]. It is 1 if the asset contains every word of the query and
+            is first in the search by words, and if its kind and its text are the same as the query.
         word_rank: Rank in the search by words, from 1. None if no word matched.
-        meaning_rank: Rank in the search by meaning, from 1. None if meaning was not searched.
-        cosine: Cosine between the vectors of the asset and the query. None if meaning was not searched.
+        meaning_rank: Rank in the search by meaning, from 1. None if there was no search by meaning.
+        cosine: Cosine between the vectors of the asset and the query. None if there was no search by meaning.
     """
 
     entry: CatalogueEntry
@@ -108,7 +108,7 @@ class Hit:
 
 
 class Catalogue:
-    """A catalogue that is open for searching. It is a context manager.
+    """An asset catalogue that is open for searching. Used as a context manager, it closes its files at the end.
 
     Args:
         folder: Folder of the catalogue.
@@ -166,7 +166,7 @@ class Catalogue:
         return tuple(self._numbers)
 
     def entry(self, asset_id: str) -> CatalogueEntry:
-        """Return an asset by its id. The id of one variant of an object gives the row that represents all its variants.
+        """Return the row of an asset, given its id. The id of a variant gives the row that represents all variants.
 
         Raises:
             UnknownNameError: If the catalogue has no such asset.
@@ -200,7 +200,7 @@ class Catalogue:
         words: bool = True,
         meaning: bool = True,
     ) -> list[Hit]:
-        """Return the assets that match a query best, best first. The result is deterministic.
+        """Return the assets that match a query best, best first. The same query always gives the same result.
 
         Args:
             query: Description of the object in plain words.
@@ -208,7 +208,7 @@ class Catalogue:
             filters: Filters of the search. If None, only free licenses are allowed.
             expander: Function that returns further descriptions to search for, for example from a language model.
             words: Whether to search by words.
-            meaning: Whether to search by meaning, if the catalogue has vectors.
+            meaning: Whether to search by meaning. This is only possible if the catalogue has vectors.
 
         Raises:
             InvalidInputError: If the query is empty or too long.
@@ -274,12 +274,14 @@ class Catalogue:
     def _by_meaning(self, query: Query, filters: Filters, depth: int, also: Mapping[int, float]) -> dict[int, _Near]:
         """Return the rows that are most similar to the query in meaning, most similar first.
 
-        They are the nearest rows, rows of the most similar kinds, and the rows given in ``also``.
+        The result contains the rows whose own text is nearest to the query, rows of the most similar kinds, and the
+        rows given in ``also``.
 
         Args:
             query: The query.
             filters: Filters of the search.
-            depth: Number of rows whose own text is nearest to the query, and number of rows of each of the best kinds.
+            depth: Number of rows to find by their own text, and number of rows to find in each of the most similar
+                kinds.
             also: Further row numbers (of rows that pass the filters), each with the fraction of the query's words that
                 the row contains.
         """
@@ -327,7 +329,7 @@ class Catalogue:
         return not isinstance(encoder, KnowsWords) or encoder.has_word(word)
 
     def _mask(self, index: VectorIndex, filters: Filters) -> np.ndarray | None:
-        """Return an (n,) bool mask of the rows that pass the filters, or None if all rows pass."""
+        """Return an (n,) bool mask of the catalogue rows that pass the filters, or None if all rows pass."""
         columns, parts = index.columns, []
         if filters.license == "free":
             parts.append(columns.licenses == LICENSE_KINDS.index("free"))
@@ -344,7 +346,7 @@ class Catalogue:
 
 
 def _some(places: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
-    """Return the indices of at most ``_PER_MEMBER`` rows that pass the filters, evenly spaced."""
+    """Return the indices of at most ``_PER_MEMBER`` rows. They pass the filters and are evenly spread over the rows."""
     # if there are many rows, testing some of them is enough to find rows that pass
     places = places[:: max(1, len(places) // (16 * _PER_MEMBER))]
     passing = places if mask is None else places[mask[places]]
@@ -368,7 +370,7 @@ def _word_scores(by_words: Sequence[tuple[int, float]]) -> dict[int, float]:
     """Return a score in (0, 1] for each row that contains words of the query.
 
     The score depends on the rank of the row in the word search, and on the fraction of the query that the row contains.
-    A row that contains only some words of the query has a lower score, even if few rows contain more words.
+    A row that contains only some words of the query therefore has a low score, even if it has a high rank.
     """
     return {
         row: (_RANK + 1.0) * share**_PARTIAL / (_RANK + rank) for rank, (row, share) in enumerate(by_words, start=1)
@@ -376,7 +378,7 @@ def _word_scores(by_words: Sequence[tuple[int, float]]) -> dict[int, float]:
 
 
 def _fused(by_words: Sequence[tuple[int, float]], by_meaning: Mapping[int, _Near]) -> dict[int, float]:
-    """Combine meaning and words into one score in [0, 1] for each row."""
+    """Combine the scores for words and for meaning into one score in [0, 1] per row."""
     words = _word_scores(by_words)
     largest = _KIND_SHARE * (1.0 + WORDS_SHARE) + _OWN_SHARE + _WORDS_SHARE
 
@@ -407,7 +409,7 @@ def _dimension(store: Store) -> int:
 
 
 def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
-    """Return the FTS5 expression for some terms, and whether few enough rows match it to rank them."""
+    """Return the FTS5 expression for some terms, and whether its matches are few enough to be ranked."""
     ordered = sorted(frequencies, key=lambda word: (frequencies[word], word))
     chosen: list[str] = []
     total = 0
@@ -425,7 +427,7 @@ def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
 
 @dataclass(frozen=True, slots=True)
 class _Weighed:
-    """A concept of the query, with those of its phrases that occur in the catalogue.
+    """A concept of the query, with only those phrases that occur in the catalogue.
 
     Attributes:
         weight: Weight of the concept.
@@ -437,7 +439,7 @@ class _Weighed:
 
 
 def _weighed(concepts: Sequence[Concept], frequencies: Mapping[str, int], count: int) -> list[_Weighed]:
-    """Keep the phrases of each concept whose words all occur in the catalogue, and rate the rarity of each phrase.
+    """For each concept, keep the phrases whose words all occur in the catalogue, and compute how rare each phrase is.
 
     ``count`` is the number of rows in the catalogue.
     """
@@ -461,7 +463,7 @@ def _weighed(concepts: Sequence[Concept], frequencies: Mapping[str, int], count:
 def _word_score(concepts: Sequence[_Weighed], fields: Sequence[str]) -> tuple[float, float]:
     """Return a score for the words in a row, and the fraction of the query that the row contains.
 
-    For each concept, the best phrase in the best field counts.
+    For each concept, only the best match between one of its phrases and one of the row's fields counts.
     """
     words = [field.split() for field in fields]
     sets = [set(field) for field in words]

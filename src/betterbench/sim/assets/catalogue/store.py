@@ -1,4 +1,4 @@
-"""SQLite file of a catalogue. It stores the rows and their words."""
+"""SQLite file of an asset catalogue, which stores the rows of the catalogue and the words in them."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class WordMatch:
 
 
 class Store:
-    """The rows of a catalogue in its SQLite file. As a context manager, it closes the file.
+    """The rows of a catalogue in its SQLite file. Used as a context manager, it closes the file at the end.
 
     Args:
         folder: Folder of the catalogue.
@@ -106,7 +106,7 @@ class Store:
 
     @contextlib.contextmanager
     def checked(self) -> Iterator[None]:
-        """Context manager that replaces SQLite errors by errors that name the file and a remedy."""
+        """Context manager that converts SQLite errors to errors whose messages name the file and a remedy."""
         try:
             yield
         except sqlite3.OperationalError as error:
@@ -299,8 +299,8 @@ class Store:
     def count_terms(self) -> None:
         """Count the rows in which each term occurs, and store the counts.
 
-        Without stored counts, FTS5's vocabulary table would read every match to count a term. For a term that occurs in
-        most of 800,000 rows, this takes 30 ms.
+        Without stored counts, SQLite's full-text search would read every match to count a term. For a term that occurs
+        in most of 800,000 rows, this would take 30 ms.
         """
         with self.checked():
             self._database.execute("DELETE FROM frequencies")
@@ -318,10 +318,10 @@ class Store:
         return found
 
     def matching(self, expression: str, limit: int, *, ranked: bool) -> list[WordMatch]:
-        """Return rows that match an FTS5 expression, at most ``limit``.
+        """Return at most ``limit`` rows that match an FTS5 expression, in no particular order.
 
-        The rows come in no particular order. If there are more matches than the limit, the best are returned if
-        ``ranked`` is True, and otherwise the first.
+        If there are more matches than ``limit``, the best matches are returned if ``ranked`` is True, and otherwise the
+        first ones.
         """
         order = "ORDER BY bm25(words, 6.0, 3.0, 1.0), rowid" if ranked else "ORDER BY rowid"
         # The inner query sorts row numbers alone: sorting the words of all matches takes longer.

@@ -40,10 +40,11 @@ class Chosen:
 def choose_different(
     catalogue: Catalogue, description: str, count: int, *, seed: int = 0, filters: Filters | None = None
 ) -> list[Chosen]:
-    """Return assets of the kind that fits a description best, as different from each other as the catalogue allows.
+    """Return assets of the kind that fits a description best. They differ from each other as much as possible.
 
-    The first asset is drawn from the best results. Each further asset is the one that differs most from those chosen
-    before, in source, color, variant and proportions. If the description names a color, all assets have that color.
+    The first asset is drawn from the best results. Each further asset is the one that differs most from the assets
+    already chosen, in source, color, variant and proportions. If the description names a color, all assets have that
+    color.
 
     Args:
         catalogue: Catalogue to search.
@@ -102,19 +103,19 @@ def _of_one_kind(hits: Sequence[Hit], description: str) -> list[Hit]:
 
 
 def _kind(entry: CatalogueEntry) -> str:
-    """Return the last noun of the category or of the name ("pie" for "apple pie")."""
+    """Return the last noun of an asset's category, or of its name if it has no category ("pie" for "apple pie")."""
     named = [word for word in terms(entry.category or entry.name) if word not in COLORS]
     return named[-1] if named else entry.name
 
 
 def _color(entry: CatalogueEntry) -> str:
-    """Return the color of an asset: the one its source states, else the first color word in its texts, else ""."""
+    """Return the color of an asset as its source states it, or else the first color word in its texts, or else ""."""
     said = terms(f"{entry.color} {entry.name} {entry.description}")
     return next((word for word in said if word in COLORS), "")
 
 
 def _distance(one: Chosen, others: Sequence[Chosen]) -> tuple[float, float]:
-    """Return the distance of an asset to the nearest of other assets, and the sum of its distances to all of them."""
+    """Return the distance from an asset to the nearest other asset, and the sum of its distances to all others."""
     distances = [_between(one, other) for other in others]
     return min(distances, default=0.0), sum(distances)
 
@@ -128,9 +129,10 @@ def _between(one: Chosen, other: Chosen) -> float:
 
 
 def _proportions(first: CatalogueEntry, second: CatalogueEntry) -> float:
-    """Return how much the proportions of two boxes differ.
+    """Return a measure of how much the proportions of two boxes differ.
 
-    It is the largest difference between the logarithms of their sides, relative to their longest sides.
+    Each side is divided by the longest side of its box. The measure is the largest difference between the logarithms of
+    corresponding sides.
     """
     if first.size_m is None or second.size_m is None or min(*first.size_m, *second.size_m) <= 0.0:
         return 0.0
@@ -140,5 +142,5 @@ def _proportions(first: CatalogueEntry, second: CatalogueEntry) -> float:
 
 
 def with_look(chosen: Chosen) -> CatalogueEntry:
-    """Return the row of a chosen asset under the id of the chosen variant."""
+    """Return the catalogue row of a chosen asset. Its id is replaced by that of the chosen variant."""
     return replace(chosen.hit.entry, id=chosen.id)

@@ -36,12 +36,12 @@ FILES = ("vectors", "scales", "sketches", "rows", "digests", "licenses", "source
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Columns for filters, with one value per row. NaN and -1 mean that a value is unknown.
+    """Columns that are used to filter search results, with one value per row. NaN and -1 mean that a value is unknown.
 
     Attributes:
         rows: Row numbers in the catalogue, ascending, (n,) int64.
         licenses: Index of the kind of license, (n,) uint8.
-        sources: Number of the source, (n,) uint8.
+        sources: Index of the source, (n,) uint8.
         faces: Number of triangles, (n,) int32.
         sizes: Largest extent [m], (n,) float32.
     """
@@ -70,9 +70,9 @@ def quantized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sketches(vectors: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """Return a sketch of each vector: one bit per component, set if the component is above the center.
+    """Return a sketch of each vector, which has one bit per component, as a (words, n) uint64 array.
 
-    (words, n) uint64.
+    A bit is set if the component is above that of the center.
     """
     bits = np.packbits(vectors > center, axis=1)
     padded = np.zeros((len(bits), -(-bits.shape[1] // 8) * 8), np.uint8)
@@ -135,7 +135,7 @@ class VectorIndex:
     """The vectors of a catalogue, open for searching.
 
     Raises:
-        RecordError: If a file is missing or damaged, or does not belong to the other files.
+        RecordError: If a file is missing or damaged, or does not belong to the same catalogue as the other files.
     """
 
     def __init__(self, folder: Path, *, count: int, dimension: int) -> None:
@@ -210,7 +210,7 @@ class VectorIndex:
         return places[order], cosines[order]
 
     def cosines(self, queries: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Return, for each row index in ``places``, the largest cosine with any of the unit vectors (m, dimension)."""
+        """Return the largest cosine between the vector of each row in ``places`` and any of the unit vectors."""
         return np.concatenate([self._cosines(queries, part) for part in _parts(places)] or [np.zeros(0, np.float32)])
 
     def _cosines(self, queries: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -220,7 +220,7 @@ class VectorIndex:
     def _candidates(self, queries: np.ndarray, allowed: np.ndarray | None, wanted: int) -> np.ndarray:
         """Return the indices of the rows whose sketches are most similar to those of the query vectors.
 
-        There are at least ``wanted`` indices for each query vector, unless fewer rows pass the filters.
+        At least ``wanted`` indices are returned for each query vector, unless fewer rows pass the filters.
         """
         sketches = _sketches(queries, self._center)
         differing = np.empty((len(queries), self.count), np.uint16)
@@ -277,7 +277,7 @@ def _damaged(path: Path, problem: str) -> RecordError:
 
 
 def columns_of(values: Sequence[tuple[int, int, int, int, float]]) -> Columns:
-    """Arrange rows, given as (row number, license kind, source number, triangles, size), in columns."""
+    """Convert rows, given as (row number, license kind, source number, triangles, size), to columns."""
     table = np.array(values, dtype=float).reshape(-1, 5)
     return Columns(
         table[:, 0].astype(np.int64),

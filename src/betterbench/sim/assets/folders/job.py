@@ -1,4 +1,4 @@
-"""Import of many files into an asset folder, as a job that can be resumed."""
+"""Job that imports many files into an asset folder. An interrupted job can be resumed."""
 
 from __future__ import annotations
 
@@ -152,8 +152,8 @@ class _Folder:
     def names_for(self, requests: Sequence[ImportRequest]) -> dict[ImportRequest, str]:
         """Return a name for each requested asset.
 
-        It is the name that the user gave, else the name under which the folder already has the file, else a name that
-        is derived from the name of the file.
+        If the user gave a name, it is used. Otherwise, an asset that is already in the folder keeps its name, and a new
+        asset gets a name that is derived from the name of its file.
         """
         taken = set(self._assets) | set(categories())
         before = {self._source(asset): name for name, asset in self._assets.items()}
@@ -243,7 +243,7 @@ def _listed(file: str, request: ImportRequest, made: Made, imported: Imported) -
 
 
 def _options(request: ImportRequest) -> dict[str, str | float | bool]:
-    """Return the options that differ from their defaults, for the manifest."""
+    """Return the import options that differ from their defaults, to be stored in the manifest."""
     said = {**asdict(replace(request.wishes)), "color": request.color}
     return {key: value for key, value in said.items() if value not in (None, False)}
 

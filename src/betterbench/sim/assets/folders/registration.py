@@ -21,8 +21,8 @@ MAX_FILE_BYTES = 64 << 20
 def asset_folder(folder: Path | str) -> tuple[str, ...]:
     """Register all assets in a folder that ``better assets import`` has written, and return their names.
 
-    In a task file, a relative path starts at the folder of the task file. On the command line, ``--asset-dir`` does the
-    same as this function.
+    In a task file, a relative path is relative to the folder of the task file. The option ``--asset-dir`` of the
+    command line has the same effect as this function.
 
     Raises:
         InvalidInputError: If the folder has no imported assets, or one of their names is already taken.

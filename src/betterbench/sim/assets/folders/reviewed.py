@@ -1,4 +1,4 @@
-"""Writing of a reviewed asset folder, i.e. a new folder with the changes of a review applied."""
+"""Writing of a new asset folder, in which the changes of a review are applied to the reviewed assets."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def write_reviewed_folder(
 
 
 def _listed(asset: FolderAsset, imported: Imported, data: bytes) -> FolderAsset:
-    """Return the manifest entry of an asset that was changed."""
+    """Return the manifest entry of an asset after a review has changed it."""
     draft = imported.draft
     points = np.concatenate([part.vertices for part in draft.parts if isinstance(part, VisualPart)])
     x, y, z = (round(float(side), 5) for side in np.ptp(points.astype(np.float64), axis=0))

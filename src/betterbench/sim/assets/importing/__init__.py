@@ -8,7 +8,7 @@
 - ``solid``, ``cavity``: find the volume that an object occupies, its hollow, and its level surfaces.
 - ``appearance``, ``coloring``, ``hulls``, ``grasping``: make the visual shape, the color word, the collision shape and
   the grasps.
-- ``physics``: use the mass and the collision shapes stated in a file, provided that they fit the visual shape.
+- ``physics``: use the mass and the collision shapes that a file states, if they fit the visual shape.
 - ``importer``: run the complete import and return a draft of the asset. ``stored`` defines the file format of an
   imported object.
 - ``child``: run the import in a resource-limited process, and cache the result.

@@ -48,8 +48,8 @@ def visual_parts(mesh: RawMesh) -> tuple[VisualPart, ...]:
     """Return the visual parts of an object, reduced to a limited number of triangles.
 
     The limit is 600 triangles, 1,200 for thin-walled objects, and 2,400 for objects that would otherwise lose parts. If
-    every part of the mesh has one color and there are few triangles in total, the parts are kept unchanged. Otherwise,
-    the whole surface becomes one reduced part with a new texture, in which each triangle has its own area.
+    the mesh is below the limit and each of its parts has a single color, the parts are kept unchanged. Otherwise, the
+    whole surface becomes one reduced part with a new texture, in which each triangle has its own area.
     """
     plain = all(part.is_plain() for part in mesh.parts)
     if plain and mesh.face_count <= FACE_BUDGET:
@@ -118,7 +118,7 @@ def _painted(mesh: RawMesh) -> VisualPart:
 
 
 def _reduced_enough(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Reduce a surface to 600 triangles; to 1,200 if it would be dented, and to 2,400 if it would lose parts."""
+    """Reduce a surface to 600 triangles, to 1,200 if 600 would leave dents, or to 2,400 if parts would be lost."""
     if len(faces) <= FACE_BUDGET:
         return vertices, faces
     points, triangles = vertices, faces
@@ -151,7 +151,7 @@ def _reduced_enough(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray
 
 
 def _is_lost(before: np.ndarray, after: cKDTree, size: float) -> bool:
-    """Return whether some point of the original surface is far from every point of the reduced surface."""
+    """Return whether any point of the original surface is far from every point of the reduced surface."""
     # the search ends at the bound; larger distances are infinite
     bound = np.nextafter(LOST_SHARE * size, np.inf)
     return any(  # test a few points first, which suffice to find most lost parts
@@ -168,8 +168,8 @@ def _reduced_parts(vertices: np.ndarray, faces: np.ndarray, budget: int) -> tupl
     """Reduce the separate parts of a surface, such as the wires of a basket, one by one.
 
     A part that almost fills its bounding box is replaced by the box. The remaining triangles are divided among the
-    other parts in proportion to their areas. Returns None if the surface has only one part, or too many parts for the
-    budget.
+    other parts in proportion to their areas. Returns None if the surface has only one part, or so many parts that each
+    would get too few triangles.
     """
     links = coo_array((np.ones(len(faces)), (faces[:, 0], faces[:, 1])), shape=(len(vertices), len(vertices)))
     links = links + coo_array((np.ones(len(faces)), (faces[:, 1], faces[:, 2])), shape=links.shape)
@@ -215,9 +215,9 @@ def _box_of(points: np.ndarray) -> np.ndarray:
 
 
 def _depth_below(points: np.ndarray, box: np.ndarray) -> float:
-    """Return how far the points lie below the surface of a box (8, 3), at most.
+    """Return the largest depth of any point below the surface of a box with the corners (8, 3).
 
-    For a wire, this is the rounding of its edges.
+    For the points on a wire, it shows how much the edges of the wire are rounded.
     """
     origin = box[0]
     sides = np.stack([box[4] - origin, box[2] - origin, box[1] - origin])
@@ -230,7 +230,7 @@ def _depth_below(points: np.ndarray, box: np.ndarray) -> float:
 
 
 def _farthest(points: np.ndarray, others: cKDTree) -> float:
-    """Return the 99th percentile of the distances from ``points`` to the nearest of ``others``."""
+    """Return the 99th percentile of the distance from each of ``points`` to the nearest of ``others``."""
     return float(np.percentile(others.query(points[:: max(1, len(points) // 5_000)])[0], 99))
 
 
@@ -258,12 +258,12 @@ def _colored_points(mesh: RawMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _atlas(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Lay out triangles in a square texture, two in each cell of a regular grid.
+    """Lay out triangles in a square texture. Each cell of a regular grid contains two triangles.
 
     Returns:
         The (k, 2) painted pixels (row, column), the (k,) index of the triangle that each pixel belongs to, the (k, 3)
         barycentric coordinates of each pixel in its triangle, and the (3 * count, 2) texture coordinates of the
-        corners.
+        triangles' corners.
     """
     across = int(np.ceil(np.sqrt((count + 1) // 2)))
     cell = ATLAS // across

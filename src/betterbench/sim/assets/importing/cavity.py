@@ -1,6 +1,6 @@
 """Detection of the hollow and of the level surfaces of an object.
 
-The hollow is found by flooding the object with water.
+The hollow is the space in which water remains after the object is flooded.
 """
 
 from __future__ import annotations
@@ -95,13 +95,15 @@ def cavity_of(solid: Solid, *, with_seams: bool = False) -> Cavity | None:
 
 
 def _without_gaps(tops: np.ndarray, pitch_m: float, *, most_m: float, least: int) -> np.ndarray:
-    """Fill the gaps of a grid up to the height of its bars, since a wire basket holds objects but no water.
+    """Fill the gaps between wires up to the height of the nearest wire.
+
+    A wire basket holds objects but no water, so its hollow would not be found otherwise.
 
     Args:
         tops: (nx, ny) height of the highest surface in each column of cells [m].
         pitch_m: Side of a cell [m].
         most_m: Width of the widest gap that is filled [m].
-        least: Minimum number of such gaps. If there are fewer, none is filled.
+        least: Minimum number of narrow gaps. If there are fewer, no gap is filled.
     """
     footprint = np.isfinite(tops)
     gaps = ndimage.binary_fill_holes(footprint) & ~footprint
@@ -118,10 +120,10 @@ def _without_gaps(tops: np.ndarray, pitch_m: float, *, most_m: float, least: int
 
 
 def _water(tops: np.ndarray) -> np.ndarray:
-    """Return the water level in each column.
+    """Return the height of the water in each column of cells after flooding.
 
     It is the lowest height at which water could flow from the column to the edge of the grid. The algorithm is priority
-    flood (Barnes, Lehman and Mulla, 2014). It works from the edge inward.
+    flood (Barnes, Lehman and Mulla, 2014), which proceeds from the edge of the grid inward.
     """
     nx, ny = tops.shape
     level = np.full_like(tops, np.inf)
@@ -169,8 +171,8 @@ def level_square(solid: Solid, tops: np.ndarray, height: float) -> tuple[float, 
 def floor_square(solid: Solid, cavity: Cavity) -> tuple[float, float, float, float] | None:
     """Return the largest level square on the floor of a hollow, as height, middle (x, y) and half the side [m].
 
-    The floor of a real plate is slightly higher in the middle, so the returned height is the one at which objects rest.
-    Returns None if no part of the floor is level.
+    The returned height is the one at which objects rest, since the floor of a real plate is slightly higher in the
+    middle. Returns None if no part of the floor is level.
     """
     tops = np.where(cavity.mask, cavity.tops, -np.inf)
     heights = np.arange(cavity.floor_m, cavity.floor_m + 0.35 * cavity.depth_m + _STEP_M, _STEP_M)

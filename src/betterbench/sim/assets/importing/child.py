@@ -1,7 +1,7 @@
 """Import of an untrusted file in a separate process with memory and time limits. The results are cached.
 
-A separate process is needed because a malicious file can crash or hang the mesh readers, the image readers and the
-convex decomposition, which are all written in C++.
+A separate process is needed because the mesh readers, the image readers and the convex decomposition are written in
+C++, and a malicious file can crash or hang them.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ class Made:
 
 
 def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B008 - frozen
-    """Import the object in a file, and return it as an object instead of bytes (see :func:`import_bytes`)."""
+    """Import the object in a file like :func:`import_bytes`, but return it as an object instead of bytes."""
     return from_bytes(import_bytes(path, wishes).data, one_line(path.name, most=120))
 
 
 def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 - frozen
     """Import the object in a file in a resource-limited process.
 
-    If the user's cache has the result, return it from there.
+    If the user's cache contains the result of this import, the cached result is returned.
 
     Raises:
         InvalidInputError: If the file cannot be read, does not contain an object of tabletop size, or takes more memory
@@ -107,9 +107,9 @@ def cache_folder() -> Path:
 
 
 def _key(path: Path, digest: str, wishes: Wishes) -> str:
-    """Return a digest of everything that an import depends on.
+    """Return a digest of everything that the result of an import depends on.
 
-    These are the file, the names that determine the kind of object, and the options.
+    The digest covers the file, the names that determine the kind of object, and the import options.
     """
     named = "/".join(path.absolute().parts[-4:])
     known = f"{VERSION}|{json.dumps(asdict(wishes), sort_keys=True)}|{named}|{digest}"
@@ -121,7 +121,7 @@ def _content(files: Mapping[str, str]) -> str:
 
 
 def _kept(path: Path, place: Path, where: str) -> Made | None:
-    """Return the cached result if none of the source files has changed since. Otherwise return None."""
+    """Return the cached result of an import. If there is none, or a source file has changed, return None."""
     note = place.with_suffix(".json")
     try:
         files = read_form(_FILES, read_bounded(note, max_bytes=_MOST_NOTE_BYTES, cure=""), where=where, cure="")[

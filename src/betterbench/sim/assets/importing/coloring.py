@@ -11,7 +11,10 @@ from betterbench.sim.assets.authoring.paint import PALETTE
 
 
 def color_word(parts: Sequence[VisualPart | CollisionPart]) -> str:
-    """Return the palette word that is nearest, in CIELAB, to the color of the largest part of the visible surface."""
+    """Return the color word, such as "red", that covers the largest part of the visible surface.
+
+    Each part of the surface gets the word from the palette whose color is nearest in CIELAB.
+    """
     words = list(PALETTE)
     palette = _lab(np.array([PALETTE[word] for word in words]))
     votes = np.zeros(len(words))

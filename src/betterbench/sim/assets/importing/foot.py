@@ -1,4 +1,4 @@
-"""Small flat foot that keeps an object from rolling. The fruit of the procedural library has such a foot as well."""
+"""Flat foot under an object that keeps it from rolling. The procedural library gives its fruit such a foot as well."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _BELOW_M = 0.0003
 
 
 def foot_under(hulls: Sequence[np.ndarray], center: np.ndarray) -> np.ndarray | None:
-    """Return the corners (8, 3) of a foot in the object's frame [m].
+    """Return the corners (8, 3) of a foot under the object, in the object's frame [m].
 
-    None if the object needs no foot or none fits under it.
+    Returns None if the object needs no foot, or if no foot fits under it.
 
     Args:
         hulls: Corners of the object's collision hulls, each (n, 3) [m], with z up.

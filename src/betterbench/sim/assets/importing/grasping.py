@@ -47,8 +47,8 @@ def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> li
 
     Args:
         solid: The object in its upright pose.
-        center_of_mass: (3,) [m].
-        count: Maximum number of grasps to return. They differ in position, direction or height.
+        center_of_mass: Center of mass of the object, (3,) [m].
+        count: Maximum number of grasps to return. The returned grasps differ in position, direction or height.
     """
     centers = solid.centers(solid.cells)
     top = float(centers[:, 2].max()) + 0.5 * solid.pitch_m
@@ -64,7 +64,7 @@ def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> li
 
 
 def _heights(top: float) -> tuple[float, ...]:
-    """Return the heights at which a grasp is tried, measured at the center of the pads [m], lowest first."""
+    """Return the heights of the center of the pads at which grasps are tried, lowest first [m]."""
     lowest = max(LOWEST_M, top - DEEPEST_M)
     if top - 0.004 <= lowest:
         return (max(0.5 * top, 0.004),)
@@ -140,10 +140,10 @@ def _at(squares: _Squares, z: np.ndarray, pitch: float, middle: np.ndarray, heig
 
 
 def _fitting(blocked: np.ndarray, touched: np.ndarray) -> Iterator[tuple[int, int, int, float]]:
-    """Yield the runs of blocked squares that fit between the fingers and that the pads touch, column by column.
+    """Yield all runs of blocked squares that fit between the fingers and that the pads would touch, column by column.
 
-    Each run is given as its column, its first row, the row after its last, and the free space on its narrower side [m].
-    All squares beyond the grid count as free.
+    Each run is given by its column, its first row, the row after its last row, and the free space [m] beside it. The
+    free space is measured on the side where it is narrower. All squares beyond the grid count as free.
     """
     rows, columns = blocked.shape
     framed = np.zeros((columns, rows + 2), dtype=bool)
@@ -173,13 +173,13 @@ def _by_column(rows: np.ndarray, columns: np.ndarray, heights: np.ndarray) -> _B
 
 
 def _leans(between: _ByColumn, rows: tuple[int, int], columns: tuple[int, int], *, pitch: float, top: float) -> bool:
-    """Return whether the pads would slip off upward.
+    """Return whether the gripper pads would slip off the object upward.
 
-    They do so if the contact area is low or if the sides lean inward.
+    They would if the contact area is not high enough, or if the sides of the object lean inward.
 
     Args:
         between: Cells at the height of the pads.
-        rows: First row between the pads, and the row after the last.
+        rows: First row between the pads, and the row after the last one.
         columns: First and last column of the pads.
         pitch: Side of a cell [m].
         top: Height of the object [m].
@@ -198,7 +198,7 @@ def _leans(between: _ByColumn, rows: tuple[int, int], columns: tuple[int, int], 
 
 
 def _grid(squares: _Squares, which: np.ndarray, pitch: float) -> np.ndarray:
-    """Project the selected cells onto the grid, and close the gaps that coarse cells would leave in it."""
+    """Mark the squares of the grid that contain selected cells, and close the gaps between coarse cells."""
     closing = max(1, math.ceil(0.75 * pitch / _STEP_M))
     rows, columns = squares.shape
     grid = np.zeros((rows + 2 * closing, columns + 2 * closing), dtype=bool)
@@ -213,8 +213,8 @@ def _grid(squares: _Squares, which: np.ndarray, pitch: float) -> np.ndarray:
 def _any_near(grid: np.ndarray, half: int) -> np.ndarray:
     """Return, for each square, whether any square at most ``half`` columns away is True.
 
-    Squares beyond the grid count as False. Differences of cumulative sums take a tenth of the time of a reduction over
-    each window.
+    Squares beyond the grid count as False. The function uses differences of cumulative sums, which take a tenth of the
+    time of a reduction over each window.
     """
     rows, columns = grid.shape
     sums = np.zeros((rows, columns + 2 * half + 1), dtype=np.int32)
@@ -224,7 +224,7 @@ def _any_near(grid: np.ndarray, half: int) -> np.ndarray:
 
 
 def _is_round(found: list[Proposal]) -> bool:
-    """Return whether grasps across the object's middle are possible from every direction, with the same width."""
+    """Return whether the object can be grasped across its middle from every direction, with the same width."""
     if not found:
         return False
     best = found[0].grasp
@@ -272,7 +272,7 @@ def _different(found: list[Proposal], count: int) -> list[Proposal]:
 
 
 def _apart(a: Grasp, b: Grasp) -> bool:
-    """Return whether two grasps differ clearly: by more than 12 mm, or by more than 40 degrees."""
+    """Return whether two grasps clearly differ, by more than 12 mm in position or 40 degrees in direction."""
     distance = math.dist(a.pose.position, b.pose.position)
     turn = abs(float(np.dot(a.pose.quaternion, b.pose.quaternion)))
     return distance > 0.012 or (turn < math.cos(math.radians(20.0)) and not a.symmetric_yaw)

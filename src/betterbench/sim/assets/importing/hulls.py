@@ -1,6 +1,7 @@
 """Collision shape of an object, made of convex hulls.
 
-It is a single hull, or one hull for each sector of the wall around a hollow, or a V-HACD decomposition.
+A solid object gets a single hull or a convex decomposition. A hollow object gets hulls for its floor and for sectors of
+its wall, so that the hollow stays open.
 """
 
 from __future__ import annotations
@@ -98,11 +99,11 @@ def convex_hulls(
 
 
 def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
-    """Return the hulls of a hollow object: either bands of its floor and walls, or another division that fits better.
+    """Return the convex hulls of a hollow object, using the division of its floor and walls that fits best.
 
-    A base with walls is tried if the floor is thick, as in a plate with a foot or a bowl of soup, and if the bands fill
-    the hollow, as in a wide shallow tray. Rings are tried if the bands reach beyond the surface, as for a vase with a
-    waist.
+    The default is a division into bands. A base with walls on it is also tried if the floor is thick, as in a plate
+    with a foot or a bowl of soup, or if the bands fill the hollow, as in a wide shallow tray. Rings are also tried if
+    the other hulls reach beyond the surface, as for a vase with a waist.
     """
     body = _body_of(solid, cavity)
     rest = solid.cells & ~body.near[:, :, None]
@@ -135,7 +136,7 @@ def _misfit(fit: Fit) -> float:
 def hull_corners(points: np.ndarray) -> np.ndarray | None:
     """Return at most 40 corners of the convex hull of points [m].
 
-    A flat sheet is thickened; points in a line give None.
+    The points of a flat sheet are thickened. Returns None if all points are on a line.
     """
     if len(points) < 3:
         return None
@@ -152,10 +153,7 @@ def hull_corners(points: np.ndarray) -> np.ndarray | None:
 
 
 def with_thickness(points: np.ndarray) -> np.ndarray:
-    """Return the points (n, 3) [m].
-
-    If they span less than half a millimeter across their plane, they are thickened to that.
-    """
+    """Return the points (n, 3) [m], thickened to half a millimeter if they lie nearly in a plane."""
     normal, thickness = _thinnest(points)
     lacking = _LEAST_THICK_M - thickness
     if lacking <= 0.0:
@@ -169,7 +167,7 @@ def is_flat(points: np.ndarray) -> bool:
 
 
 def _thinnest(points: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the normal (3,) of the plane that fits the points best, and the points' extent along the normal [m]."""
+    """Return the normal (3,) of the plane that fits the points best, and the points' extent along this normal [m]."""
     offsets = points - points.mean(axis=0)
     normal = np.linalg.eigh(offsets.T @ offsets)[1][:, 0]
     return normal, float(np.ptp(offsets @ normal))
@@ -256,7 +254,7 @@ def _base_and_walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarra
 def _rings(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
     """Return one hull of everything below the floor of the hollow, and hulls of the wall above it, divided into rings.
 
-    The rings meet where the outline of the wall bends most, and each ring is divided into sectors.
+    The boundaries between rings are where the outline of the wall bends most. Each ring is divided into sectors.
     """
     heights = body.points[:, 2]
     low, high = cavity.floor_m, float(heights.max())
@@ -273,7 +271,7 @@ def _rings(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
 
 
 def _bends(outline: np.ndarray) -> tuple[int, ...]:
-    """Return the two indices at which to bend a line so that its three straight parts fit an outline (n,) best."""
+    """Return the two indices at which to split an outline (n,) so that three straight lines approximate it best."""
 
     def bulge(a: int, b: int) -> float:
         part = outline[a : b + 1]
@@ -313,7 +311,7 @@ def _wall_cells(mask: np.ndarray, footprint: np.ndarray) -> int:
 def _sector_edges(mask: np.ndarray, half_x: float, half_y: float) -> np.ndarray:
     """Return the angles of the boundaries between wall sectors [rad], ascending over one turn.
 
-    A rectangular hollow gets boundaries at its corners; any other hollow gets sectors of equal size.
+    If the hollow is rectangular, there are boundaries at its corners. Otherwise, all sectors have the same size.
     """
     found = np.argwhere(mask)
     full = mask.sum() / np.prod(np.ptp(found, axis=0) + 1)
@@ -327,7 +325,7 @@ def _sector_edges(mask: np.ndarray, half_x: float, half_y: float) -> np.ndarray:
 def _inner_points(solid: Solid, cavity: Cavity) -> np.ndarray:
     """Return (k, 3) points inside the hollow, at least one cell above its floor [m].
 
-    No collision shape may cover them.
+    These points must stay free of collision shapes.
     """
     columns = np.argwhere(ndimage.binary_erosion(cavity.mask, iterations=1))
     xy = solid.origin[:2] + (columns + 0.5) * solid.pitch_m
@@ -339,13 +337,14 @@ def _inner_points(solid: Solid, cavity: Cavity) -> np.ndarray:
 def _bands(
     points: np.ndarray, angle: np.ndarray, sector: np.ndarray, corner: float, *, inner: np.ndarray
 ) -> list[tuple[float, float, bool]]:
-    """Divide the profile of a hollow object into bands of the viewing angle.
+    """Divide the floor and the wall of a hollow object into bands of the viewing angle (see :func:`_walls`).
 
-    The floor band shrinks until its hull leaves the hollow open. The wall gets two or three bands if a single band
-    would fill the hollow.
+    The floor band is made smaller until its hull leaves the hollow open. The wall is divided into two or three bands if
+    a single band would fill the hollow.
 
     Returns:
-        The bands as (low, high, whole). ``whole`` is True for a band that is one disc instead of separate sectors.
+        The bands as (low, high, whole). ``whole`` is True if the band is a single disc rather than divided into
+        sectors.
     """
     floor = corner
     for _ in range(5):
@@ -377,7 +376,7 @@ def _share_inside(corners: np.ndarray, points: np.ndarray) -> float:
 
 
 def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarray:
-    """Return a mask (k,) of the points that lie inside a convex hull, deeper than ``depth`` [m] below its surface."""
+    """Return a mask (k,) of the points that are inside a convex hull, more than ``depth`` below its surface [m]."""
     corners = hull.points[hull.vertices]
     inside = np.ones(len(points), dtype=bool)
     for axis in range(3):  # by columns: five times as fast as a reduction of rows of three
@@ -405,7 +404,7 @@ def _attached(solid: Solid, rest: np.ndarray) -> list[np.ndarray]:
 
 
 def _halved(points: np.ndarray, solid: Solid, *, most: int) -> list[np.ndarray]:
-    """Return hulls of a set of points, which is repeatedly cut in two where the cut saves the most volume."""
+    """Repeatedly cut a set of points where this saves the most volume, and return the convex hulls of the parts."""
     parts, gains = [points], [_best_cut(points)]
     while len(parts) < most:
         which = int(np.argmax([gain for gain, _ in gains]))
@@ -422,8 +421,8 @@ def _best_cut(points: np.ndarray) -> tuple[float, tuple[np.ndarray, np.ndarray] 
     """Find the axis-aligned cut through points that saves the most volume.
 
     Returns:
-        The saved volume [m^3] and the points on the two sides of the cut, or None in their place if no cut saves
-        volume.
+        The saved volume [m^3], and the points on the two sides of the cut. If no cut saves volume, the saved volume is
+        0 and None is returned instead of the points.
     """
     whole, best, sides = _volume(points), 0.0, None
     for axis in range(3):
@@ -478,7 +477,7 @@ def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
 
 
 def fit_of(hulls: Sequence[np.ndarray], solid: Solid) -> Fit:
-    """Return the distances between collision shapes and the visible surface of a solid.
+    """Return the distances between the collision shapes of a solid and its visible surface.
 
     A point of a collision shape that is hidden inside the solid has distance zero, because nothing can touch it.
     """
@@ -502,7 +501,7 @@ def fit_of(hulls: Sequence[np.ndarray], solid: Solid) -> Fit:
 def _distances(to: np.ndarray, points: np.ndarray, asked: np.ndarray) -> np.ndarray:
     """Return the distance of each selected point to the nearest point in ``to``, (k,) [m].
 
-    Points not selected get 0.
+    The distance of a point that is not selected is set to 0.
     """
     found = np.zeros(len(points))
     if not asked.any():

@@ -50,7 +50,7 @@ class Imported:
     Attributes:
         draft: Description of the object, in the form that procedural generators return.
         fit: Distances between the object's collision shapes and its visible surface.
-        kind: Kind of object, determined from its name, or None if the name says no known kind.
+        kind: Kind of object, determined from its name. None if the name contains no known kind.
         notes: What the importer decided, and why.
     """
 
@@ -65,10 +65,10 @@ class Wishes:
     """Options of an import. The importer chooses a value for each option that is None.
 
     Attributes:
-        name: Name or description that determines the kind of object. If None, the name of the file is used.
+        name: Name or description from which the kind of object is determined. If None, the name of the file is used.
         size_m: Longest side of the object [m].
         mass_kg: Mass of the object [kg].
-        up: Axis of the file that points up: x, y, z, -x, -y or -z.
+        up: Axis of the file's frame that points up: x, y, z, -x, -y or -z.
         license: License of the mesh.
         source: Where the mesh comes from.
         author: Author of the mesh.
@@ -153,12 +153,10 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
 
 
 def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
-    """Turn the triangles of a mesh outward if most of them face inward.
-
-    Renderers do not draw triangles that are seen from behind.
+    """Reverse the triangles of a mesh if most of them face inward, because renderers do not draw back-facing triangles.
 
     Returns:
-        The mesh, and a note if its triangles were turned around.
+        The mesh, and a note if its triangles were reversed.
     """
     if share_from_behind(*mesh.surface()) < _MOSTLY:
         return mesh, ()
@@ -182,7 +180,7 @@ def _placed(raw: RawMesh, kind: Kind | None, where: str, wishes: Wishes) -> Plac
 
 
 def _body(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> tuple[Body, tuple[str, ...]]:
-    """Return the mass distribution of an object, and notes that say where its values come from."""
+    """Return the mass properties of an object, and notes that say where their values come from."""
     mass, said = _mass(placed, kind, longest, wishes)
     body, notes = stated_body(placed, wishes.mass_kg)
     if body is not None:
@@ -227,7 +225,7 @@ def mass_properties(mass: float, center: np.ndarray, inertia: np.ndarray) -> Mas
 
 
 def shape_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> Literal["round", "cylinder", "box", "irregular"]:
-    """Classify the shape of an object coarsely, by the fraction of its bounding box that the object fills."""
+    """Classify the shape of an object coarsely, using the fraction of the bounding box that the object fills."""
     footprint = solid.cells.any(axis=2)
     found = np.argwhere(footprint)
     full = float(footprint.sum() / np.prod(np.ptp(found, axis=0) + 1))
@@ -249,8 +247,8 @@ def collision_part(corners: np.ndarray) -> CollisionPart:
 def regions_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> list[Region]:
     """Return the regions of an object that tasks refer to.
 
-    Every object has a base. A hollow object also has an opening, an inside and a rim, and a floor if the floor is
-    level. A shallow one (a plate) has a top too. An object without a hollow has a top if it has a level surface.
+    Every object has a base. A hollow object also has an opening, an inside and a rim. If its floor is level, it has a
+    floor and, if it is shallow like a plate, a top. An object without a hollow has a top if it has a level surface.
     """
     low = solid.surface & (np.arange(solid.cells.shape[2]) <= 2)[None, None, :]
     x, y, half_x, half_y = columns_box(solid, np.asarray(low.any(axis=2)))

@@ -34,7 +34,7 @@ _Text = Annotated[str, Field(max_length=2000)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Described:
-    """Description of one asset in a sidecar file."""
+    """Description of one asset, as read from a sidecar file that describes the files in a folder."""
 
     file: _Text
     name: _Text = ""
@@ -63,7 +63,7 @@ class _Folder:
         return f"folder:{self.root}"
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
-        """Yield one item for each object. Files that a URDF or MJCF file uses belong to the object in that file."""
+        """Yield one item for each object. Meshes that a URDF or MJCF file uses belong to the object in that file."""
         described, stamp = _sidecar(self.root)
         files = sorted(_mesh_files(self.root))
         used = _used_files(files, on_skip, self.root)
@@ -115,7 +115,7 @@ def _mesh_files(root: Path) -> Iterator[Path]:
 
 
 def _used_files(files: list[Path], on_skip: Callable[[str, str], None], root: Path) -> set[Path]:
-    """Return the files that are not objects of their own.
+    """Return the files that are not separate objects.
 
     These are the files that a URDF or MJCF file uses, and XML files that do not describe an object.
     """
@@ -148,7 +148,7 @@ def _object_of(file: Path, root: Path) -> tuple[Path, str]:
 
 
 def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
-    """Return the sidecar's description of each file, and a fingerprint of the sidecar."""
+    """Return the description of each file in the folder's sidecar file, and a fingerprint of the sidecar file."""
     there = [root / name for name in SIDECARS if (root / name).is_file()]
     if not there:
         return {}, ""

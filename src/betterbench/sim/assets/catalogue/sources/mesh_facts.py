@@ -1,7 +1,7 @@
-"""Reading of facts about mesh files (number of triangles and extents) without loading the meshes.
+"""Reading of the number of triangles and the extents of a mesh from its file, without loading the mesh.
 
-Files that a mesh refers to are not opened, and the number of bytes read per file is limited. Missing or non-finite
-numbers count as unknown.
+Files that a mesh refers to are not opened, and the number of bytes read per file is limited. Numbers that are missing
+or not finite count as unknown.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _CURE = "Repair the file or remove it"
 
 @dataclass(frozen=True, slots=True)
 class MeshFacts:
-    """Facts that a mesh file states.
+    """Facts about a mesh, as stated in its file.
 
     Attributes:
         faces: Number of triangles, or None if unknown.
@@ -63,7 +63,7 @@ def _wrong(path: Path, problem: str) -> InvalidInputError:
 
 
 def _size(low: np.ndarray, high: np.ndarray) -> Vector | None:
-    """Return the extents between two corners, or None if the extents are not finite or all zero."""
+    """Return the extents between two corners, or None if an extent is not finite or all extents are zero."""
     with np.errstate(all="ignore"):
         sides = [float(side) for side in np.asarray(high, float) - np.asarray(low, float)]
     if len(sides) != 3 or not all(math.isfinite(side) and side >= 0.0 for side in sides) or not any(sides):
@@ -85,7 +85,7 @@ def _gltf(path: Path) -> MeshFacts:
 
 
 class _GltfScene:
-    """Reader of the number of triangles and the extents of the default scene in a glTF description."""
+    """Reader of a glTF description. It determines the number of triangles and the extents of the default scene."""
 
     def __init__(self, form: Mapping[str, Any]) -> None:
         self._form = form
@@ -180,7 +180,7 @@ def _obj(path: Path) -> MeshFacts:
 
 
 def _extent_of_lines(path: Path, lines: list[bytes]) -> Vector | None:
-    """Return the extents of the points in lines that consist of a word and three numbers."""
+    """Return the extents of the points in a list of lines, each of which consists of a word and three numbers."""
     try:
         points = np.array([line.split()[1:4] for line in lines], dtype="S40").astype(float)
     except ValueError as error:

@@ -1,8 +1,8 @@
 """Objaverse as an asset source: published models, each with its own license and author.
 
 ``objaverse:FOLDER`` reads the files that the package ``objaverse`` stores on disk (``metadata/*.json.gz``,
-``lvis-annotations.json.gz``, ``object-paths.json.gz``, ``glbs/``) and does not need a network. ``objaverse`` alone
-first has the installed package download the annotations.
+``lvis-annotations.json.gz``, ``object-paths.json.gz``, ``glbs/``) and does not need a network. If the address is only
+``objaverse``, the package first downloads the annotations.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def _categories(root: Path, on_skip: Callable[[str, str], None]) -> dict[str, st
 def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
     """Return the JSON object in a gzip file.
 
-    The result is empty if the file is missing or damaged. Damage is reported to ``on_skip``.
+    The result is empty if the file is missing or damaged. If it is damaged, ``on_skip`` is called with the reason.
     """
     if not path.exists():
         return {}

@@ -19,10 +19,10 @@ AUTHOR = "betterbench"
 
 
 def asset_address(entry_id: str) -> tuple[str, str, int]:
-    """Return the category, color and variant number in the id of a row or of one variant.
+    """Parse the id of a catalogue row or of one variant, and return the category, the color and the variant number.
 
-    An id of a row is "procedural/mug-red", and an id of a variant is "procedural/mug-red#3". The id of a row gives
-    variant 0.
+    For example, "procedural/mug-red" is the id of a row, and "procedural/mug-red#3" is the id of a variant. For the id
+    of a row, the variant number is 0.
 
     Raises:
         InvalidInputError: If the id has a different form.

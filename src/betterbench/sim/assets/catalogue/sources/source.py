@@ -13,11 +13,11 @@ from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 
 @dataclass(frozen=True, slots=True)
 class SourceItem:
-    """An asset of a source whose row has not been read yet.
+    """An asset in a source. Its catalogue row is only read when it is needed.
 
     Attributes:
         id: Id of the asset's row.
-        fingerprint: Text that changes whenever the row must be read again.
+        fingerprint: Text that differs from that of the previous indexing if the row must be read again.
         read: Function that returns the row. It raises a BetterError if the asset cannot be used.
     """
 
@@ -61,9 +61,9 @@ class SourceKind:
     """Kind of asset source.
 
     Attributes:
-        scheme: First part of its addresses, before the colon.
-        shown: Form of its addresses for display ("folder:PATH").
-        summary: One sentence that describes its assets.
+        scheme: Part before the colon in the addresses of such sources.
+        shown: Form of these addresses for display ("folder:PATH").
+        summary: One sentence that describes the assets in such sources.
         open: Function that opens the source. It takes the text after the colon in the address, which may be empty, and
             raises a BetterError if the source cannot be opened.
     """
@@ -92,10 +92,10 @@ def register(kind: SourceKind) -> SourceKind:
 
 
 def open_source(address: str, options: SourceOptions | None = None) -> AssetSource:
-    """Open the asset source at an address. For a folder, the path of the folder is enough.
+    """Open the asset source at an address such as "folder:PATH". A folder can also be given by its path alone.
 
     Raises:
-        UnknownNameError: If no kind of source has such addresses.
+        UnknownNameError: If no kind of source has the scheme of the address.
         InvalidInputError: If the source cannot be read.
         MissingDependencyError: If a package that the source needs is not installed.
     """
