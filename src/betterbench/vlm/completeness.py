@@ -16,7 +16,7 @@ class Completeness:
     """Number of items in a data set, compared with the published number.
 
     Attributes:
-        title: Title of the benchmark, for sentences.
+        title: Title of the benchmark, for messages.
         n: Number of items in the data set.
         expected: Published number of items, or None if it is unknown or not fixed.
         groups: Number of items and published number of each group, keyed by the name of the group. Groups without a
@@ -30,7 +30,7 @@ class Completeness:
 
     @property
     def is_complete(self) -> bool:
-        """Whether the data set has as many items as were published, in total and in each group."""
+        """Whether the data set has as many items as the published data, in total and in each group."""
         return self.expected in (None, self.n) and all(n == expected for n, expected in self.groups.values())
 
     @property
@@ -60,5 +60,5 @@ def completeness_of(benchmark: Benchmark, items: ItemSet) -> Completeness:
 
 
 def _plain(name: str) -> str:
-    """Return the first word of a group's name in lower case, since mirrors write "Daily life" or "daily_life"."""
+    """Return the first word of a group's name in lower case, because mirrors write "Daily life" or "daily_life"."""
     return name.replace("_", " ").strip().lower().partition(" ")[0]

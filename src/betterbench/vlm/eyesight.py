@@ -1,10 +1,10 @@
 """Eyesight of a model: the smallest object size at which it answers questions correctly.
 
-Eyesight is estimated from the answers of the model. The items of our own question sets store how large their objects
-are in the image. A psychometric function that is fitted to one run gives the size at which the model can answer half of
-the questions (:mod:`betterbench.statistics.threshold`). If it is fitted to several runs of the same model with
-different image resolutions ("eyes"), it shows whether a single size explains all scores. If so, lower resolutions only
-hide small objects. All sizes are measured at the effective resolution of the eyes
+Eyesight is estimated from the answers of the model. The items of question sets from ``better vqa`` state the size of
+their objects in the image. A psychometric function is fitted to the scores of one run, and gives the size at which the
+model can answer half of the questions (:mod:`betterbench.statistics.threshold`). If the function is fitted to several
+runs of the same model with different image resolutions ("eyes"), it shows whether a single size explains all scores. In
+this case, a lower resolution only hides small objects. All sizes are measured at the effective resolution of the eyes
 (:func:`~betterbench.vlm.models.eyes.size_in_detail`). They are geometric means of width and height in pixels.
 """
 
@@ -31,7 +31,7 @@ LEAST_PX = 0.5
 
 
 def readings_of(items: ItemSet, score: StaticScore, eyes: Eyes, column: str) -> list[Reading]:
-    """Return the scored items whose object size is known, for the threshold fit."""
+    """Return the scores of all items that state the size of their object, for the fit of the eyesight threshold."""
     found = []
     for item, scored in zip(items.items, score.items, strict=True):
         size = item.size_px(eyes)
@@ -57,7 +57,7 @@ class Grouped(Protocol):
 
 
 def reading(size: float, score: float, item: Grouped, eyes: str) -> Reading:
-    """Return a scored item of known size [pixel] for the threshold fit.
+    """Return the score of an item and the size of its object [pixel], for the fit of the eyesight threshold.
 
     The kind of the item is its question type together with its family.
     """
@@ -66,18 +66,22 @@ def reading(size: float, score: float, item: Grouped, eyes: str) -> Reading:
 
 
 def with_common_kinds(readings: Sequence[Reading]) -> list[Reading]:
-    """Give items of rare families the same kind as all other items of their question type."""
+    """Give all items of rare families the same kind as the other items of their question type.
+
+    The fit of the eyesight threshold estimates one parameter per kind, for which a rare family has too few items.
+    """
     counts = Counter(r.kind for r in readings)
     kinds = {kind: kind.split("\n")[counts[kind] >= LEAST_OF_FAMILY] for kind in counts}
     return [replace(r, kind=kinds[r.kind]) for r in readings]
 
 
 def eyesight(readings: Sequence[Reading], purpose: str) -> Threshold | None:
-    """Estimate the object size that a model can recognize. Returns None if there are no items of known size.
+    """Estimate the smallest object size that a model can recognize. Returns None if there are no scored items.
 
     Args:
-        readings: Scored items from one run, or from several runs with different eyes (image resolutions).
-        purpose: Name of the random stream for the bootstrap.
+        readings: Scores of items and sizes of their objects, from one run or from several runs with different image
+            resolutions ("eyes").
+        purpose: Name of the estimate, from which the bootstrap's random seed is derived.
     """
     if not readings:
         return None
@@ -102,10 +106,10 @@ class EyesightComparison:
     Attributes:
         name: Name of the model, with all settings that the runs have in common.
         benchmark: Title of the benchmark.
-        scores: Mean score of the items of known size, keyed by eyes (image resolution).
+        scores: Mean score of the items that state an object size, keyed by eyes (image resolution).
         alone: Threshold fitted to each run alone, keyed by eyes.
-        one: Threshold fitted to all runs together. It contains the further loss of each run except the first, i.e. the
-            loss that the sizes do not explain.
+        one: Threshold fitted to all runs together. For each run except the first, it also contains the further loss,
+            i.e. the loss compared with the first run that the object sizes do not explain.
     """
 
     name: str
@@ -116,7 +120,7 @@ class EyesightComparison:
 
     @property
     def further(self) -> tuple[str, ...]:
-        """Eyes (image resolutions) with a significant loss or gain that the sizes do not explain."""
+        """Eyes (image resolutions) at which scores are significantly lower or higher than the object sizes explain."""
         return tuple(eyes for eyes, loss in self.one.further.items() if loss.is_supported)
 
     @property
@@ -156,7 +160,7 @@ class EyesightComparison:
 def compare_eyes(name: str, benchmark: str, runs: Sequence[tuple[str, Sequence[Reading]]]) -> EyesightComparison | None:
     """Compare runs of one model with different image resolutions on the same items.
 
-    Returns None if there are no items of known size.
+    Returns None if no item states the size of its object.
 
     Args:
         name: Name of the model.

@@ -1,8 +1,8 @@
 """Static benchmarks as a task for inspect_ai, which the user must install (``pip install inspect-ai``).
 
 ``inspect eval betterbench/static -T benchmark=better-vqa -T data=FOLDER --model PROVIDER/MODEL`` sends the same prompts
-and images as ``better vlm``, and reads and scores the answers with the same functions. inspect_ai finds the task by an
-entry point in the metadata of the betterbench package.
+and images as ``better vlm``, and reads and scores the answers with the same functions. inspect_ai finds the task
+through an entry point in the metadata of the betterbench package.
 """
 
 from __future__ import annotations
@@ -41,8 +41,9 @@ def static(
     Args:
         benchmark: Name of the benchmark, as for ``better vlm``.
         data: Folder with the data of the benchmark. For better-vqa, it is a set written by ``better vqa``.
-        prompt: Identifier of the prompt. If None, our own prompt is used.
-        coordinates: Convention in which the model gives points and boxes. If None, it is the prompt's convention.
+        prompt: Identifier of the prompt. If None, betterbench's own prompt for the benchmark is used.
+        coordinates: Coordinate convention in which the model gives points and boxes. If None, it is the convention of
+            the prompt.
         eyes: Resolution of the images.
     """
     chosen = find_benchmark(benchmark)
@@ -82,15 +83,18 @@ def _address(picture: bytes) -> str:
 
 
 def _metrics(chosen: Benchmark) -> list[Any]:
-    """Return the metrics for inspect_ai: the mean, its standard error with clusters, and the means of the groups.
+    """Return the metrics for inspect_ai: the mean, its clustered standard error, and the mean of each group.
 
-    The groups are those of the first two kinds of groups.
+    Only the first two kinds of groups are included.
     """
     return [mean(), stderr(cluster="cluster"), *(grouped(mean(), kind, all=False) for kind in chosen.groups[:2])]
 
 
 def static_score(items: ItemSet, settings: RunSettings, chosen: Benchmark) -> Scorer:
-    """Return a scorer that gives our score between 0 and 1. An answer that cannot be read scores 0."""
+    """Return a scorer for inspect_ai that scores an answer from 0 to 1 as ``better vlm`` does.
+
+    An answer that cannot be read scores 0.
+    """
     known = {item.id: item for item in items.items}
 
     @scorer(metrics=_metrics(chosen), name="betterbench")

@@ -46,9 +46,9 @@ class Gold:
 
     @property
     def written(self) -> str:
-        """The correct answer as a string: its text, the name of the mask, or the edges of the box.
+        """The correct answer as a string: its text, the name of its mask, or the edges of its box.
 
-        Empty for run lengths.
+        The string is empty if the answer is a target region that is given as run lengths.
         """
         if self.text is not None:
             return self.text
@@ -82,9 +82,9 @@ class Item:
         groups: Name of the item's group for each kind of group, such as "left" for "relation".
         cluster: Name of the scene, image or video that the item is about. Scores of items in the same cluster depend on
             each other.
-        width: Number of columns of the image, if the answer is a box or points [pixel]. Otherwise 0.
-        height: Number of rows of the image, if the answer is a box or points [pixel]. Otherwise 0.
-        words: Additional strings of the item that prompts can use, such as "object" and "suffix".
+        width: Width of the image [pixel] if the answer is a box or points, and otherwise 0.
+        height: Height of the image [pixel] if the answer is a box or points, and otherwise 0.
+        words: Additional strings of the item that a prompt can insert, keyed by names such as "object" and "suffix".
         detail: The smallest visible object that the question is about, or None if the source does not state it.
         chance: Probability of guessing the answer, or None if the source does not state it.
     """
@@ -106,14 +106,14 @@ class Item:
     def size_px(self, eyes: Eyes) -> float | None:
         """Return the size of the smallest object at the resolution that the model sees [pixel], or None if unknown.
 
-        The size is the geometric mean of width and height.
+        The size is the geometric mean of the object's width and height.
         """
         if self.detail is None:
             return None
         return size_in_detail((self.detail.width, self.detail.height), self.detail.picture, eyes)
 
     def spec(self, convention: Convention) -> AnswerSpec:
-        """Return the answer format of the item for a coordinate convention."""
+        """Return the required format of an answer to this item, with the given coordinate convention."""
         return AnswerSpec(self.form, self.options, self.width, self.height, convention)
 
 
@@ -124,10 +124,12 @@ class ItemSet:
     Attributes:
         benchmark: Name of the benchmark.
         items: The items, in the order of the data.
-        read: Function that returns the content of an image by its name, in any format that Pillow reads.
-        files: SHA-256 of each file with items, keyed by file name. The hashes are part of the content hash.
-        reference: Reference rates of each group in percent, such as the rates of guessing and of a classifier that does
-            not see the image.
+        read: Function that returns the content of an image file, given the name of the image. The file has any format
+            that Pillow reads.
+        files: SHA-256 of each file from which items were read, keyed by file name. The hashes are part of the content
+            hash.
+        reference: Success rates in percent with which each group is compared, such as the rate of guessing and that of
+            a classifier that does not see the image.
         content: Content hash of the source, if the source defines one. If empty, the hash is computed from the items.
         twins: For each item about a variation, the identifier of its twin, i.e. of the same question about the training
             scene.
@@ -144,7 +146,7 @@ class ItemSet:
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if there are no items, or if an identifier occurs twice."""
+        """Raise InvalidInputError if there are no items, or if two items have the same identifier."""
         if not self.items:
             raise InvalidInputError(self.benchmark, "has no items", "Give the folder with its data")
         seen = set[str]()
@@ -178,9 +180,9 @@ class ItemSet:
         return picture if eyes is Eyes.NATIVE else shown_picture(picture, eyes).data
 
     def mask(self, name: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
-        """Return a target region as a boolean array (rows, columns).
+        """Return the target region in a mask image, as a boolean array (rows, columns).
 
-        It consists of the pixels with values above ``above``.
+        The region consists of the pixels whose value is above ``above``.
         """
         with self._lock:
             found = self._masks.pop((name, above), None)
@@ -193,5 +195,5 @@ class ItemSet:
 
 
 def _plain(value: Item | Gold) -> dict[str, Any]:
-    """Return the fields of a value by name. This is ten times as fast as ``asdict``, which copies each value."""
+    """Return the fields of a dataclass as a dict. This is ten times as fast as ``asdict``, which copies each value."""
     return {f.name: getattr(value, f.name) for f in fields(value)}

@@ -1,4 +1,4 @@
-"""Differences between paired item scores, with tests that account for clusters of dependent items."""
+"""Differences between paired scores of items, with tests that account for clusters of dependent items."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Test of whether a static score predicts the illusion gap of policies in simulation, by their rank correlation.
+"""Test of whether a static score predicts the illusion gap of policies in simulation, using the rank correlation.
 
-The paper uses static evaluation as a proxy for how well a policy understands scenes. If this is valid, a policy whose
-model has a higher static score, or a smaller static illusion gap, loses less when the scene changes.
+The illusion gap is the drop in a policy's success rate when the scene changes. The paper uses static evaluation of the
+policy's model as a proxy for how well the policy understands scenes. If this is valid, a policy whose model has a
+higher static score, or a smaller static illusion gap, has a smaller illusion gap in simulation.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ class PolicyPoint:
         name: Name of the policy.
         score: Headline number of the static benchmark, as a fraction.
         items: Number of items on which the score is based.
-        static_gap: Static illusion gap, as a fraction. None if the run has no static gap.
+        static_gap: Static illusion gap (the drop in the static score when the scene changes), as a fraction. None if
+            the run has no static illusion gap.
         gap: Illusion gap in simulation over all variations, as a fraction.
         low: Lower end of the interval of ``gap``.
         high: Upper end of the interval of ``gap``.
@@ -110,7 +112,7 @@ class PredictionTable:
 def predictions_of(policies: Sequence[PolicyPoint], *, alpha: float = 0.05) -> tuple[Prediction, ...]:
     """Correlate the results of static evaluation with the illusion gap in simulation.
 
-    The predictors are the static score and, if all policies have one, the static illusion gap.
+    The results are the static score and, if all policies have one, the static illusion gap.
 
     Args:
         policies: Results of each policy.

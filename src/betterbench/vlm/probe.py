@@ -1,4 +1,4 @@
-"""Probe that finds out the coordinate convention of a model, from its answers about images with known points and boxes.
+"""Probe of a model's coordinate convention, based on its answers about images with known points and boxes.
 
 Each of ten images shows one disk or one rectangle. For every order (column or row first) and every scale (pixels,
 fractions, percent, thousandths), the answers are compared with the true positions. A convention is only reported if
@@ -50,7 +50,7 @@ class Target:
         shape: "disk" if the model is asked for a point, "rectangle" if it is asked for a box.
         size: Width and height of the image [pixel].
         middle: Middle of the shape, as fractions of the image's width and height.
-        half: Half of the rectangle's width and height, or of the disk's diameter, as fractions of the image.
+        half: Half of the shape's width and height, as fractions of the image's width and height.
     """
 
     shape: Literal["disk", "rectangle"]
@@ -86,12 +86,12 @@ class Target:
         return file.getvalue()
 
     def error(self, numbers: Sequence[Fraction], order: Order, scale: tuple[int, int]) -> float:
-        """Return the largest error of an answer along one side of the image, as a fraction of the side.
+        """Return the largest error of any coordinate in an answer, as a fraction of the image's width or height.
 
         Args:
             numbers: The two numbers of a point, or the four numbers of a box.
             order: Order of the numbers.
-            scale: The numbers that stand for the full width and the full height.
+            scale: The numbers that correspond to the full width and the full height of the image.
         """
         if order == "yx":
             numbers = [numbers[i ^ 1] for i in range(len(numbers))]
@@ -120,7 +120,7 @@ TARGETS: tuple[Target, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """How well the answers agree with one combination of order and scale.
+    """Agreement of a model's answers with one combination of coordinate order and scale.
 
     Attributes:
         order: "xy" for column before row, "yx" for row before column.
@@ -136,7 +136,7 @@ class Fit:
 
     @property
     def words(self) -> str:
-        """Description of the order and the scale in words."""
+        """Description of the coordinate order and the scale in words."""
         return f"{self.scale}, {'column before row' if self.order == 'xy' else 'row before column'}"
 
 
@@ -149,9 +149,9 @@ class Finding:
         declared: Convention that the requests stated, or None if they did not state any.
         readable: Number of answers that contain coordinates.
         asked: Number of images. There is one request for each.
-        fits: How well the answers agree with each order and scale, the best first.
-        found: The convention of the answers. None if no combination of order and scale fits, if several fit, or if
-            betterbench has no convention for it.
+        fits: Agreement of the answers with each combination of order and scale, best first.
+        found: The convention of the answers. None if no combination of order and scale fits, if several combinations
+            fit, or if betterbench has no convention with the combination that fits.
     """
 
     model: str
@@ -273,7 +273,7 @@ def finding_of(
     declared: Coordinates | None = None,
     eyes: Eyes = Eyes.NATIVE,
 ) -> Finding:
-    """Find out the coordinate convention of a model, given its reply for each image."""
+    """Determine the coordinate convention of a model, given its reply for each image."""
     read = [(target, numbers) for target, text in zip(targets, texts, strict=True) if (numbers := _numbers(text))]
     fits = tuple(
         sorted(
@@ -290,7 +290,7 @@ def finding_of(
 def request_for(target: Target, declared: Coordinates | None = None, eyes: Eyes = Eyes.NATIVE) -> Request:
     """Return the request for the position of a shape.
 
-    If a convention is declared, the request states it. Otherwise, the model chooses a convention itself.
+    If a convention is declared, the request states it. Otherwise, the model is free to choose one.
     """
     shown = shown_picture(target.picture(), eyes)
     asked = "the coordinates of the center" if target.shape == "disk" else "the bounding box"
@@ -302,7 +302,7 @@ def request_for(target: Target, declared: Coordinates | None = None, eyes: Eyes 
 
 
 def _numbers(text: str) -> list[Fraction]:
-    """Return the numbers in the last point or box of a reply, as written. Empty if there is none."""
+    """Return the numbers in the last point or box of a reply, as written. The list is empty if there is none."""
     value = read_text(AnswerSpec(Form.POINTS, convention=CONVENTIONS["pixels"]), text).answer
     return list(exact_groups(value)[-1]) if value else []
 
@@ -317,7 +317,7 @@ def _fit(read: Sequence[tuple[Target, list[Fraction]]], order: Order, side: int 
 
 
 def _convention(fit: Fit, texts: Sequence[str]) -> Coordinates | None:
-    """Return the convention with the given order and scale whose notation is most frequent in the replies.
+    """Return the convention that has the given order and scale, and whose notation is the most frequent in the replies.
 
     Returns None if betterbench has no convention with this order and scale.
     """

@@ -35,7 +35,7 @@ class Row:
     Attributes:
         file: The data file.
         number: Number of the row, counted from 1.
-        values: Cells of the row by column name, except large cells.
+        values: Cells of the row, keyed by column name. Large cells are left out.
         large: Function that reads a large cell, given the name of its column.
         columns: Names of all columns.
     """
@@ -47,7 +47,7 @@ class Row:
     columns: frozenset[str]
 
     def where(self, column: str) -> str:
-        """Return the location of a cell for an error message: file, row and column."""
+        """Return the location of a cell (file, row and column) for an error message."""
         return f"{self.file}, row {self.number}, column {column}"
 
     def error(self, column: str, problem: str, cure: str = _CURE) -> InvalidInputError:
@@ -55,9 +55,9 @@ class Row:
         return InvalidInputError(self.where(column), problem, cure)
 
     def named(self, *names: str) -> str:
-        """Return the first of the given names that is a column of the row.
+        """Return the first of the given names that is the name of a column.
 
-        Raises InvalidInputError if none of them is.
+        Raises InvalidInputError if the row has no column with any of the names.
         """
         for name in names:
             if name in self.columns:
@@ -66,7 +66,7 @@ class Row:
         raise self.error(f"{names[0]}{other}", f"is missing. The row has {_listed(self.columns)}")
 
     def text(self, *names: str) -> str:
-        """Return the string in the first of the given columns that exists. A number is converted to a string."""
+        """Return the string in the first of the given columns that the row has. A number is converted to a string."""
         name = self.named(*names)
         value = self.values.get(name)
         if isinstance(value, bool) or not isinstance(value, str | int | float) or not str(value).strip():
@@ -74,15 +74,15 @@ class Row:
         return str(value)
 
     def text_or(self, otherwise: str, *names: str) -> str:
-        """Return the string in the first of the given columns that exists.
+        """Return the string in the first of the given columns that the row has.
 
-        If no column exists or the cell is empty, return ``otherwise``.
+        If the row has none of the columns or the cell is empty, return ``otherwise``.
         """
         value = next((self.values[name] for name in names if name in self.columns), None)
         return otherwise if value is None or not str(value).strip() else str(value)
 
     def integer(self, *names: str) -> int:
-        """Return the integer in the first of the given columns that exists. It must be at least 0."""
+        """Return the integer in the first of the given columns that the row has. The integer must be at least 0."""
         name = self.named(*names)
         value = self.values.get(name)
         if isinstance(value, str) and value.strip().isascii() and value.strip().isdigit() and len(value) < 10:
@@ -94,7 +94,7 @@ class Row:
         return value
 
     def texts(self, *names: str) -> tuple[str, ...]:
-        """Return the list of strings in the first of the given columns that exists."""
+        """Return the list of strings in the first of the given columns that the row has."""
         name = self.named(*names)
         value = self.values.get(name)
         if not isinstance(value, list | tuple) or not value or not all(isinstance(v, str) and v.strip() for v in value):
@@ -119,9 +119,9 @@ class Row:
 
 
 def distinct(identifier: str, taken: set[str]) -> str:
-    """Return an identifier that is not taken yet, and mark it as taken.
+    """Make an identifier unique, and add it to the set of identifiers that are taken.
 
-    A repeated identifier gets a number ("q7#2").
+    If the identifier is already taken, a number is appended to it ("q7#2").
     """
     found, number = identifier, 1
     while found in taken:
@@ -132,7 +132,7 @@ def distinct(identifier: str, taken: set[str]) -> str:
 
 
 def find_files(folder: Path, suffixes: Sequence[str], *, prefix: str = "") -> list[Path]:
-    """Return the files in a data folder and its usual subfolders, sorted by path.
+    """Return the data files in a folder and in the usual subfolders of a published data set, sorted by path.
 
     If a file is given, return only this file.
     """
@@ -169,10 +169,7 @@ def read_rows(file: Path, *, large: Sequence[str]) -> list[Row]:
 
 
 def _parsed_rows(file: Path) -> list[Row]:
-    """Return the rows of a JSON document that may have any of the supported structures.
-
-    The whole document is loaded.
-    """
+    """Return the rows of a JSON document with any of the supported structures. The whole document is loaded."""
     raw = read_bounded(file, max_bytes=MOST_BYTES, cure="Give the file as published")
     try:
         if file.suffix.lower() == ".jsonl":
@@ -256,7 +253,7 @@ def _objects_in(opened: BinaryIO) -> list[Span] | None:
 def _rows_at(file: Path, spans: list[Span], large: Sequence[str]) -> list[Row] | None:
     """Return the rows at the given byte ranges, or None if a row is not an object.
 
-    Large cells are not kept. They are read from the file again when they are needed.
+    Large cells are not kept in memory. They are read from the file again when they are needed.
     """
     rows = []
     with open_ordinary(file) as opened:

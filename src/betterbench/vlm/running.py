@@ -1,10 +1,14 @@
-"""Run of a model over a static benchmark, which can be resumed.
+"""Evaluation of a model on a static benchmark. An interrupted run can be resumed.
 
-A run folder contains these files: ``run.json`` is written first and contains the benchmark, the model, the prompt and
-the coordinate convention. ``shown.png`` shows an image at each resolution. ``probe.jsonl`` contains the answers of the
-coordinate probe. ``answers.jsonl`` has one line for each answer, which is written to disk immediately.
-``extracted.jsonl`` contains the replies of the extractor. ``items.jsonl`` (value, stage and score of each item) and
-``result.json`` are written at the end.
+A run folder contains these files:
+
+- ``run.json``: the benchmark, the model, the prompt and the coordinate convention. It is written first.
+- ``shown.png``: an image at each resolution.
+- ``probe.jsonl``: the answers of the coordinate probe.
+- ``answers.jsonl``: one line for each answer, which is written to disk immediately.
+- ``extracted.jsonl``: the replies of the extractor.
+- ``items.jsonl``: the value, the parsing stage and the score of each item. It is written at the end.
+- ``result.json``: the scores of the benchmark. It is written at the end.
 """
 
 from __future__ import annotations
@@ -73,8 +77,10 @@ class RunSettings:
         eyes: Resolution of the images.
         most_tiles: Maximum number of tiles per image. If None, it is the model's own maximum.
         at_once: Number of simultaneous requests.
-        probe: Whether to check the declared convention with ten images, before a run that asks for points or boxes.
-        official: Whether to add the scores of upstream programs.
+        probe: Whether to check the declared coordinate convention with ten images, before a run that asks for points or
+            boxes.
+        official: Whether to add the scores of upstream programs, i.e. of the benchmark's own and other published
+            scorers.
         max_tokens: Maximum length of an answer [tokens], which is stored in the run. None if there is no limit.
         prices: Prices of the model's tokens. If None, no cost is reported.
     """
@@ -91,7 +97,7 @@ class RunSettings:
 
     @property
     def convention(self) -> Convention:
-        """Coordinate convention of the answers, relative to the images that the model is shown."""
+        """Coordinate convention of the answers, relative to the images that are shown to the model."""
         return convention_for(self.eyes, CONVENTIONS[self.coordinates])
 
 
@@ -165,7 +171,7 @@ def evaluate_model(
 ) -> StaticRun:
     """Evaluate a model on all items of a benchmark, and write the run.
 
-    The same call resumes where an earlier one stopped.
+    If an earlier call with the same arguments was interrupted, the run resumes where it stopped.
 
     Args:
         benchmark: The benchmark.
@@ -177,8 +183,8 @@ def evaluate_model(
         bar: Function that opens a progress bar, or None.
 
     Raises:
-        InvalidInputError: If the prompt states a different coordinate convention, if the model answers in a different
-            one, or if an image cannot be read.
+        InvalidInputError: If the prompt or the answers of the model use a different coordinate convention than the
+            declared one, or if an image cannot be read.
         ModelError: If the model cannot be reached. Earlier answers are kept.
         RunConflictError: If the folder contains a different run or other files, or if another process is writing to it.
         StorageError: If the disk is full or write-protected.
@@ -273,9 +279,9 @@ def _show(items: ItemSet, out: Path) -> None:
 def _check_convention(
     items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: Bar
 ) -> Sequence[ModelAnswer]:
-    """Ask the model for known positions.
+    """Ask the model for the positions of known shapes, to check the declared coordinate convention.
 
-    Raises InvalidInputError if its answers do not follow the declared convention.
+    Raises InvalidInputError if the answers of the model do not follow the declared convention.
     """
     if not settings.probe or all(item.form not in PLACES for item in items.items):
         return ()
@@ -313,7 +319,7 @@ def _asked(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: 
 def _require_accepted(found: Answers, file: Path) -> None:
     """If the server has rejected every request, delete the file of answers and raise ModelError.
 
-    Otherwise, the run would report a meaningless score of 0.
+    Without this error, the run would report a meaningless score of 0.
     """
     refused = Counter(answer.error for answer in found.answers.values())
     if not refused or None in refused:

@@ -2,8 +2,8 @@
 
 The format is that of ``save_results_samples`` in ``loggers/evaluation_tracker.py`` of lmms-eval (commit 75571cf). A
 file ``MODEL/DATE_samples_TASK.jsonl`` has one line per sample, without the document. ``resps`` is omitted if it equals
-``filtered_resps``. The metric is our score, because the parsers of lmms-eval give different scores for the same replies
-(:mod:`betterbench.vlm.official`).
+``filtered_resps``. The metric is betterbench's score. lmms-eval itself would give different scores for the same
+replies, because its parsers differ (:mod:`betterbench.vlm.official`).
 """
 
 from __future__ import annotations

@@ -33,9 +33,9 @@ _LEVELS = {"easy": 1, "medium": 2, "hard": 3}
 
 
 def score_in_column(score: Fraction, stage: Stage, column: str) -> Fraction:
-    """Return what the score of a value counts in a column of :data:`COLUMNS`.
+    """Return the score of an item in a column of :data:`COLUMNS`.
 
-    It is 0 if the column excludes the value's stage.
+    The score is 0 if the column does not count values that were read in the given parsing stage.
     """
     counted = {"strict": ("strict",), "parsed": ("strict", "tolerant")}.get(column)
     return score if counted is None or stage in counted else Fraction(0)
@@ -61,7 +61,7 @@ class ItemScore:
     is_outside: bool = False
 
     def score_in(self, column: str) -> Fraction:
-        """Return the score that counts in a column of :data:`COLUMNS`."""
+        """Return the score of the item in a column of :data:`COLUMNS`."""
         return score_in_column(self.score, self.stage, column)
 
 
@@ -124,7 +124,7 @@ class StaticScore:
 
     @property
     def all(self) -> Part:
-        """Micro mean of the scores of all items."""
+        """Score of the whole benchmark: the micro mean of the scores of all items."""
         return self.parts[0]
 
     def part(self, kind: str, name: str) -> Part:
@@ -207,7 +207,7 @@ def _score(items: ItemSet, item: Item, text: str | None, convention: Convention,
 
 
 def score_of(items: ItemSet, item: Item, value: str | None) -> tuple[Fraction, bool]:
-    """Return the score of a value between 0 and 1, and whether any of its positions is outside the image."""
+    """Return the score of an answer, between 0 and 1, and whether the answer has positions outside the image."""
     if value is None:
         return Fraction(0), False
     if item.form in (Form.BOX, Form.POINT, Form.POINTS):
@@ -223,8 +223,9 @@ def score_of(items: ItemSet, item: Item, value: str | None) -> tuple[Fraction, b
 def _share_in_mask(items: ItemSet, item: Item, groups: list[list[Fraction]]) -> Fraction:
     """Return the fraction of points that are in the target region.
 
-    A point stands for the pixel that contains it. The far edges of the image belong to the last pixels. Four numbers
-    are a box, which stands for all pixels inside it, as in RoboRefer's evaluation. Points outside the image score 0.
+    A point counts as the pixel that contains it. A point on the right or lower edge of the image counts as the last
+    pixel. Four numbers are a box, which counts as all pixels inside it, as in RoboRefer's evaluation. Points outside
+    the image score 0.
     """
     if item.gold.mask is None:
         return Fraction(0)

@@ -1,8 +1,9 @@
 """Static illusion gap: how much more accurate a model is on training scenes than on variations of them.
 
-It corresponds to the illusion gap in simulation, but with questions instead of actions, on the same scenes and seeds.
-Each question about a variation is paired with its twin, the same question about the training scene
-(:func:`~betterbench.vqa.twins.static_twins`). Pairs about the same training scene are kept together in the statistics.
+It corresponds to the illusion gap of a policy in simulation (the drop in its success rate when the scene changes), but
+is measured by questions instead of actions, on the same scenes and seeds. Each question about a variation is paired
+with its twin, the same question about the training scene (:func:`~betterbench.vqa.twins.static_twins`). Pairs about the
+same training scene are kept together in the statistics.
 """
 
 from __future__ import annotations
@@ -24,15 +25,15 @@ class StaticGap:
     """Static illusion gap in one part of a benchmark.
 
     Attributes:
-        kind: Kind of part.
+        kind: Kind of part, such as an axis of variation or a question type.
         name: "all", the name of an axis, the name of a question type, or "AXIS: TYPE".
         pairs: Number of questions that have a twin, i.e. the same question about the training scene.
         scenes: Number of training scenes.
         training: Mean score of the twins, as a fraction.
         variation: Mean score of the questions about variations, as a fraction.
         difference: Paired difference, training minus variation.
-        p: p-value of the paired test. None for the combination of an axis and a type, whose pairs are also in two other
-            parts.
+        p: p-value of the paired test. None for a combination of an axis and a question type, which is not tested
+            because its pairs are already tested in two other parts.
         test: Name of the test. Empty if there is no test.
         adjusted: ``p`` after Holm's correction over all parts with a test.
         is_supported: Whether ``adjusted`` is below the level of the tests.

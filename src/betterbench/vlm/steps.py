@@ -54,7 +54,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Row of the table: one model with its resolution and prompt, and its headline number for each benchmark."""
+    """Row of the table: one model with its image resolution and prompt, and its headline number for each benchmark."""
 
     name: str
     cells: dict[str, Cell]
@@ -88,7 +88,7 @@ class Step:
 
     @property
     def sentence(self) -> str:
-        """Description of the step in words."""
+        """Description of the difference between the two rows in words."""
         points = 100 * (self.difference.value or 0.0)
         moved = "the same score as"
         if points != 0:
@@ -124,8 +124,8 @@ class GroupStep:
         p: p-value of the paired test.
         adjusted: p-value after Holm's correction over all groups of this kind in the table.
         is_supported: Whether the adjusted p-value is below the level of the tests.
-        explained_by: Smaller groups with a supported difference that explain this one: without the items of these
-            groups, the difference is not significant.
+        explained_by: Smaller groups that explain the difference. Each of them has a supported difference, and without
+            their items, the difference of this group is not significant.
     """
 
     upper: str
@@ -188,8 +188,8 @@ def step_table(
 
     Args:
         paths: Folders of the runs, in the order of the rows. Runs with the same name are in one row.
-        names: Name of each run's row. If empty, a row is named by its model, eyes and tiles, and also by its prompt if
-            runs differ only in the prompt.
+        names: Name of the row of each run. If empty, the name consists of the model, its image resolution and number of
+            tiles, and also of the prompt if runs differ only in the prompt.
         column: Column of the scores: "strict", "parsed" or "extracted".
         alpha: Level of the tests.
 
@@ -221,9 +221,10 @@ def step_table(
 
 
 def _names(runs: Sequence[StoredRun]) -> list[str]:
-    """Return the name of each run's row.
+    """Return the name of the row of each run.
 
-    It consists of the model, the resolution, the number of tiles, and the prompt if runs differ only in the prompt.
+    The name consists of the model, the image resolution and the number of tiles. If runs differ only in the prompt, it
+    also contains the prompt.
     """
     plain = [(_name(run), run.benchmark.name) for run in runs]
     prompts = defaultdict[tuple[str, str], set[str]](set)
@@ -290,7 +291,7 @@ def _step(upper: str, lower: str, above: StoredRun, below: StoredRun, column: st
 def _group_steps(
     rows: dict[str, dict[str, StoredRun]], benchmarks: Sequence[str], column: str, alpha: float
 ) -> tuple[GroupStep, ...]:
-    """Return the steps on all groups of questions. Their p-values are corrected over all groups of the same kind."""
+    """Return the steps on all groups of questions. The p-values are corrected over all groups of the same kind."""
     found: dict[str, list[GroupStep]] = defaultdict(list)
     for (upper, above), (lower, below) in pairwise(rows.items()):
         for benchmark in benchmarks:
@@ -307,7 +308,7 @@ def _group_steps(
 def _explained(
     step: GroupStep, steps: Sequence[GroupStep], rows: dict[str, dict[str, StoredRun]], column: str, alpha: float
 ) -> GroupStep:
-    """Add to a step the smaller groups that explain it, such as the relation that lowers a question type's score."""
+    """Add the smaller groups that explain a step, such as the relation on which a question type's score drops."""
     same = (step.upper, step.lower, step.benchmark)
     smaller = [s for s in steps if s.is_supported and (s.upper, s.lower, s.benchmark) == same and s.n < step.n]
     if not step.is_supported or not smaller:
@@ -325,7 +326,7 @@ def _explained(
 
 
 def _steps_of_groups(upper: str, lower: str, above: StoredRun, below: StoredRun, column: str) -> Iterator[GroupStep]:
-    """Yield the uncorrected step on each group of questions. Kinds with only one group are left out."""
+    """Yield the step on each group of questions, with an uncorrected p-value. Kinds with one group are left out."""
     title, second = above.benchmark.title, below.items
     for kind in above.benchmark.groups:
         groups: dict[str, list[StoredItem]] = defaultdict(list)
@@ -344,7 +345,7 @@ def _steps_of_groups(upper: str, lower: str, above: StoredRun, below: StoredRun,
 def _eyesight(
     rows: dict[str, dict[str, StoredRun]], benchmarks: Sequence[str], column: str
 ) -> Iterator[EyesightComparison]:
-    """Yield a comparison for each set of runs that differ only in image resolution and number of tiles."""
+    """Yield an eyesight comparison for each set of runs that differ only in image resolution and number of tiles."""
     same = [key for key in FACTORS if key not in ("eyes", "max_tiles")]
     for benchmark in benchmarks:
         models: dict[tuple[Any, ...], dict[str, StoredRun]] = defaultdict(dict)
@@ -362,13 +363,13 @@ def _eyesight(
 
 
 def _eyes(run: StoredRun) -> str:
-    """Return the image resolution of a run, with the number of tiles if it was given."""
+    """Return the image resolution of a run, followed by the maximum number of tiles if one was given."""
     tiles = run.head.get("max_tiles")
     return str(run.head.get("eyes", "native")) + ("" if tiles is None else f", {tiles} tiles")
 
 
 def _readings(run: StoredRun, eyes: str, column: str) -> list[Reading]:
-    """Return the items of a run whose object size is known, for the threshold fit."""
+    """Return the scores of all items in a run that state an object size, for the fit of the eyesight threshold."""
     return with_common_kinds(
         [reading(i.size_px, float(i.score_in(column)), i, eyes) for i in run.items.values() if i.size_px is not None]
     )

@@ -52,7 +52,7 @@ class StoredItem:
     target: str | None = None
 
     def score_in(self, column: str) -> Fraction:
-        """Return the score that counts in a column of :data:`~betterbench.vlm.scoring.COLUMNS`."""
+        """Return the score of the item in a column of :data:`~betterbench.vlm.scoring.COLUMNS`."""
         return score_in_column(Fraction(self.score), self.stage, column)
 
 
@@ -80,7 +80,7 @@ class StoredRun:
     def static_gap(self, column: str) -> float | None:
         """Return the static illusion gap over all pairs, in one column of the scores, as a fraction.
 
-        None if the run has none.
+        Returns None if the run has no static illusion gap.
         """
         told = self.head.get("static_gap")
         if not isinstance(told, Mapping):

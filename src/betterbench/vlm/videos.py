@@ -16,7 +16,8 @@ from betterbench.errors import InvalidInputError, one_line
 def frames_of(video: Path, numbers: tuple[int, ...]) -> tuple[bytes, ...]:
     """Return the frames with the given numbers from a video as PNG files, in the order of the numbers.
 
-    The video is decoded from the start, so that frame numbers are exact. A number beyond the end gives the last frame.
+    The video is decoded from the start, so that frame numbers are exact. A number beyond the end of the video gives its
+    last frame.
 
     Raises:
         InvalidInputError: If the video is empty or cannot be decoded.

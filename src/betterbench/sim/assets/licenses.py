@@ -1,4 +1,4 @@
-"""Names of licenses, and the use that each license allows."""
+"""Names of licenses, and the kinds of use that each license allows."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def require_license(where: str, name: str, *, any_license: bool, option: str) ->
         where: The asset, for the message.
         name: Name of the license. It is empty or "unknown" if the license is not known.
         any_license: Whether the user has allowed restricted and unknown licenses.
-        option: Remedy for the message: how to state the license, and how to allow any license.
+        option: Remedy for the message, which says how to state the license and how to allow any license.
     """
     kind = license_kind(name)
     if any_license or kind == "free":

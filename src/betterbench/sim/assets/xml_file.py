@@ -1,4 +1,4 @@
-"""Reading of untrusted XML files. Entities and document types are rejected, and size and depth are limited."""
+"""Reading of untrusted XML files. Entities and document types are rejected, and file size and nesting are limited."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CURE = "Export the object again, or leave out this file"
 def parse_xml(text: bytes, where: str) -> ET.Element:
     """Return the root element of an XML document.
 
-    Entities and document types raise an error as soon as the parser meets them, in any encoding.
+    The parser raises an error as soon as it meets an entity or a document type, in any encoding.
 
     Args:
         text: The document.

@@ -1,4 +1,4 @@
-"""Description of a static benchmark: its data, its groups of items, and how its headline number is computed."""
+"""Description of a static benchmark: its data, its groups of items, and the rule for its headline number."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from betterbench.vqa.coordinates import Coordinates
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """How the headline number of a benchmark is computed.
+    """Rule by which the headline number of a benchmark is computed.
 
     Attributes:
         rule: "micro" for the mean over all items, "macro" for the unweighted mean over groups.
         over: Kind of group over which a macro mean is taken, such as "split".
-        among: Names of the groups in a macro mean. Other groups are reported separately. Empty if all groups are
-            included.
+        among: Names of the groups that a macro mean includes. All other groups are reported separately. Empty if all
+            groups are included.
     """
 
     rule: Literal["micro", "macro"] = "micro"
@@ -30,7 +30,7 @@ class Headline:
 
     @property
     def words(self) -> str:
-        """Description of the rule in words."""
+        """Description of the rule for the headline number in words."""
         if self.rule == "micro":
             return "micro: mean over all items"
         return f"macro: mean of {' and '.join(self.among) or f'all groups of {self.over}'}"
@@ -53,7 +53,7 @@ class DataFile:
 
 @dataclass(frozen=True, slots=True)
 class DataSource:
-    """Where the data of a benchmark comes from, and under which terms.
+    """Origin of a benchmark's data, and the terms under which the data may be used.
 
     Attributes:
         repository: Data set on the Hugging Face hub, as OWNER/NAME. Empty if nothing must be downloaded.
@@ -77,10 +77,10 @@ class Benchmark:
     Attributes:
         title: Name that tables show.
         read: Function that reads the data in a folder, in any of the published formats.
-        source: Where the data comes from, and under which terms.
-        headline: How the headline number is computed.
+        source: Origin of the data, and the terms under which it may be used.
+        headline: Rule by which the headline number is computed.
         groups: Kinds of groups, in the order in which tables show them.
-        coordinates: Default coordinate convention of our own prompt. None if the benchmark has no points and boxes.
+        coordinates: Default coordinate convention of betterbench's own prompt. None if no answers are points or boxes.
         published: Number of items in the published data, or None if the number is not fixed.
         published_groups: A kind of group, and the published number of items in each group of this kind.
         columns: Kind of group that the paper's Table 3 shows as columns. Empty if the table shows a single number.

@@ -25,7 +25,7 @@ def _read(folder: Path) -> ItemSet:
 def items_of(asked: QuestionSet) -> ItemSet:
     """Convert a question set to the items of a benchmark.
 
-    The items have the same content hash as the question set. Both can therefore use the same file of answers.
+    The items have the same content hash as the question set, so a model's answers to one can be used for the other.
     """
     reference = {b.name: {"chance": 100 * b.chance, "blind": 100 * b.blind / max(1, b.n)} for b in asked.baselines}
     items = tuple(map(_item, asked.questions))

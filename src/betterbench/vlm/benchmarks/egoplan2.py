@@ -66,7 +66,7 @@ def _item(row: Row, identifier: str, count: int) -> Item:
 
 
 def _pictures_of(row: Row) -> list[Callable[[], bytes]]:
-    """Return a function for each key frame that reads its image.
+    """Return a list of functions, each of which reads the image of one key frame.
 
     The images come from the row, from a folder of frames, or from the video.
     """
@@ -102,10 +102,10 @@ def _embedded(row: Row, number: int) -> bytes:
 
 
 def _in_folder(folder: Path, row: Row) -> list[Path]:
-    """Return the frames in a folder, in order.
+    """Return the image files of the frames in a folder, in order.
 
-    Frames named like upstream's, frame-0_frameID-*.png, are in the order of their numbers. Other frames are sorted by
-    name.
+    Files with the names that the benchmark's authors use (frame-0_frameID-*.png) are sorted by frame number. Other
+    files are sorted by name.
     """
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".png", ".jpg", ".jpeg"))
     numbered = {_number(f.name): f for f in files}

@@ -1,4 +1,4 @@
-"""RefSpatial-Bench (RoboRefer, NeurIPS 2025): give points on an object, or in a free area, that the prompt describes.
+"""RefSpatial-Bench (RoboRefer, NeurIPS 2025): give points on an object or in a free area that a prompt describes.
 
 The score of an item is the fraction of its points that are in the target region. The headline number of the benchmark
 is the mean of the splits Location and Placement. The split Unseen is reported separately.

@@ -54,14 +54,14 @@ _STEPS: dict[Eyes, tuple[int, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """An image at the resolution at which a model is shown it.
+    """An image as it is shown to a model, i.e. after its resolution was changed.
 
     Attributes:
         data: Content of the image file. It is the original file for ``native``, and otherwise a PNG file.
         width: Width of the shown image [pixel]. Absolute coordinates in an answer refer to the shown image.
         height: Height of the shown image [pixel].
-        detail: Width and height of the image at its effective resolution, i.e. the detail that it can contain [pixel].
-            They are smaller than those of the shown image for ``blur-224``.
+        detail: Width and height of the image at its effective resolution, which limits the detail that it can contain
+            [pixel]. For ``blur-224``, they are smaller than those of the shown image.
     """
 
     data: bytes
@@ -96,7 +96,8 @@ def shown_picture(picture: bytes, eyes: Eyes) -> Shown:
 def convention_for(eyes: Eyes, convention: Convention) -> Convention:
     """Return the coordinate convention for answers about images at this resolution.
 
-    Pixel coordinates then refer to the shown image, which is a square of known side. Other conventions stay the same.
+    If the image is not shown unchanged, pixel coordinates refer to the shown image, which is a square of known size.
+    Other conventions stay the same.
     """
     if eyes is Eyes.NATIVE or convention.side is not None:
         return convention

@@ -1,8 +1,8 @@
 """InternVL checkpoints in the Hugging Face format, which run in this process.
 
-Only the image processor and the tokenizer of a checkpoint are used. The combined processor of transformers needs
-torchvision, whose wheels do not match the CPU build of PyTorch. Therefore this module itself replaces the placeholder
-of an image by one token for each visual feature.
+Only the image processor and the tokenizer of a checkpoint are used. The combined processor of transformers is not used,
+because it needs torchvision, whose wheels do not match the CPU build of PyTorch. Instead, this module replaces the
+placeholder of each image by one token per visual feature.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _SERVE = "Serve other models with vLLM or SGLang, and give the address as URL#MO
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """Images of a request, preprocessed for the vision transformer.
+    """Images of a request after preprocessing for the vision transformer.
 
     Attributes:
         pixels: Normalized pixels of all tiles, (tiles, 3, side, side).
@@ -45,7 +45,7 @@ class Sight:
 
 
 class InternVl:
-    """InternVL checkpoint as a model. It answers with the most likely tokens (no sampling).
+    """InternVL checkpoint as a model. It always generates the most likely token, without sampling.
 
     Attributes:
         name: Folder name of the checkpoint, followed by the number of tiles and their side.
@@ -69,7 +69,7 @@ class InternVl:
             side: Side of a tile [pixel]. If None, it is that of the checkpoint (448). With 224, a tile has 64 tokens
                 instead of 256, and the position embeddings are interpolated.
             max_tokens: Maximum length of an answer [tokens].
-            device: PyTorch device. If None, it is the GPU if there is one, and otherwise the CPU.
+            device: PyTorch device. If None, the GPU is used if there is one, and otherwise the CPU.
 
         Raises:
             MissingDependencyError: If torch or transformers is not installed.
@@ -136,7 +136,7 @@ class InternVl:
     def request(self, prompt: str, pictures: Sequence[bytes]) -> tuple[str, Sight | None]:
         """Return the input text for the language model, and the images for the vision transformer.
 
-        The images are None if there are no pictures.
+        None is returned instead of the images if the request has no pictures.
         """
         sight = self._sight(pictures) if pictures else None
         parts = prompt.split(PICTURE)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelOptions:
-    """Options of a command that affect its model.
+    """Options of a ``better vlm`` command that affect its model.
 
     Attributes:
         address: Address of the model.
@@ -33,8 +33,8 @@ class ModelOptions:
         key_variable: Environment variable that contains the key of an endpoint.
         coordinates: Coordinate convention that the user has declared, or None.
         data: Folder with the data of the benchmark. None if the command generates the data itself.
-        records: Run whose frames the questions are about. It is only for a model that receives recorded states instead
-            of images.
+        records: Run from which the frames in the questions come. Only used by a model that receives recorded states
+            instead of images.
     """
 
     address: str
@@ -54,7 +54,7 @@ class ModelOptions:
 
 
 def require_no_records(options: ModelOptions) -> None:
-    """Raise InvalidInputError if a run is given with ``--records``. A model that receives images does not use one."""
+    """Raise InvalidInputError if ``--records`` is given, because a model that receives images does not use it."""
     if options.records is not None:
         cure = "Leave it out, or give learned:CHECKPOINT"
         raise InvalidInputError("--records", "applies only to a learner", cure)
@@ -66,8 +66,8 @@ class ModelKind:
 
     Attributes:
         scheme: Part of the address before the first colon. Empty for the kind that accepts all other addresses.
-        make: Function that creates the model at an address. If it is given a cache, equal requests get stored replies.
-            It raises a BetterError if there is no such model.
+        make: Function that creates the model at an address. If a cache is passed to it, a request that was sent before
+            gets the stored reply. It raises a BetterError if there is no such model.
         require: Function that is called before ``make``. It raises InvalidInputError for options that this kind does
             not support.
         sees: Whether the model receives images. If it does, its coordinate convention can be probed.

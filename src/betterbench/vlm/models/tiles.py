@@ -1,9 +1,10 @@
 """InternVL's division of an image into square tiles, and the resulting number of tokens.
 
-The rule is that of InternVL's ``dynamic_preprocess`` and of the image processor in transformers (GOT-OCR 2). Of all
-grids with at most ``most`` tiles, the one whose aspect ratio is nearest to that of the image is used. Of two grids with
-the same aspect ratio, the larger one is used if the image has more than half as many pixels as the grid. The image is
-resized to the grid and cut into tiles. If there is more than one tile, a thumbnail of the whole image is added.
+The rule is the same as in InternVL's ``dynamic_preprocess`` and in the image processor of transformers (GOT-OCR 2).
+Among all grids with at most ``most`` tiles, it chooses the one whose aspect ratio is nearest to that of the image. If
+two grids have the same aspect ratio, it chooses the larger one if the image has more than half as many pixels as this
+grid. The image is resized to the grid and cut into tiles. If there is more than one tile, a thumbnail of the whole
+image is added.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ TILES_ALLOWED = 64
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Tiles of an image, as a grid of columns and rows. If there is more than one tile, a thumbnail is added."""
+    """Grid of tiles into which an image is divided. If it has more than one tile, a thumbnail is added."""
 
     columns: int
     rows: int
 
     @property
     def tiles(self) -> int:
-        """Number of tiles, including the thumbnail."""
+        """Number of tiles in the grid, including the thumbnail."""
         cut = self.columns * self.rows
         return cut + (cut > 1)
 

@@ -1,8 +1,8 @@
 """Scorers of EgoPlan-Bench2, which reproduce its authors' ``eval.py`` and lmms-eval.
 
 Both programs delete stock phrases from the reply, and then take the first capital A, B, C or D that is left. For
-example, "Based on the video, the answer is C" gives B. Because commas are missing in the programs' lists of phrases,
-four phrases are joined into two that never occur in a reply.
+example, "Based on the video, the answer is C" gives B. Commas are missing in the programs' lists of phrases, so four of
+the phrases are joined into two phrases that never occur in a reply.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ _AFTER = ("Answer:", "Option:", "The correct answer", "The correct option")
 
 
 def letter_of(text: str, phrases: tuple[str, ...] = (*_BEFORE, *_JOINED, *_AFTER)) -> str:
-    """Return the letter that an upstream program extracts from a reply, given its list of phrases.
+    """Return the letter that an upstream program extracts from a reply, given the program's list of stock phrases.
 
-    Empty if there is none.
+    Returns an empty string if the program finds no letter.
     """
     rest = text.strip()
     for phrase in phrases:

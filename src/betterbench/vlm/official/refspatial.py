@@ -1,8 +1,7 @@
 """Scorers of RefSpatial-Bench, which reproduce RoboRefer's evaluation, lmms-eval, and VLMEvalKit's EASI scorer.
 
 In RoboRefer's evaluation, each coordinate convention has its own pattern for points. The score of an item is the mean
-of the mask over the points in the reply. If an error occurs while the program reads a reply, the item is dropped from
-the denominator.
+of the mask over the points in the reply. If the program fails to read a reply, it omits the item from the denominator.
 """
 
 from __future__ import annotations
@@ -29,9 +28,9 @@ Point = tuple[int | float, int | float]
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """Box in a reply, which stands for all pixels inside it.
+    """Box in a reply. The program scores all pixels inside the box.
 
-    It is given by its first column and row, and by the column and row after its last ones.
+    The box is given by its first column and row, and by the column and row after its last ones.
     """
 
     left: int
@@ -49,11 +48,11 @@ Shape = Point | Rectangle
 
 
 def tuples_of(text: str, width: int, height: int, *, absolute: bool = False) -> list[Shape]:
-    """Return the points ``(x, y)`` and the boxes ``(x0, y0, x1, y1)`` in a reply.
+    """Return the points ``(x, y)`` and the boxes ``(x0, y0, x1, y1)`` that the upstream program finds in a reply.
 
-    If ``absolute`` is False, a point is scaled by the image size if one of its numbers has a decimal point. A pair of
-    integers is taken as pixels. The program does not find tuples with spaces next to their brackets, or with numbers
-    such as ".5".
+    If ``absolute`` is False, the program scales a point by the image size if at least one of its numbers has a decimal
+    point, and takes a pair of integers as pixels. It does not find tuples with spaces next to their brackets, or with
+    numbers such as ".5".
 
     Raises:
         DroppedError: If the upstream program raises an error while it reads the reply.
@@ -98,17 +97,21 @@ def _rectangle(numbers: Sequence[int | float]) -> list[Shape]:
 
 
 def tags_of(text: str, width: int, height: int) -> list[Shape]:
-    """Return the points in Molmo's tags with numbered attributes. A single point, ``x="1" y="2"``, is not found."""
+    """Return the points in Molmo's ``points`` tags, whose attributes are numbered (x1, y1).
+
+    The attributes of a single point (x, y) are not numbered. The upstream program does not find them.
+    """
     return [(int(float(x) / 100 * width), int(float(y) / 100 * height)) for x, y in _NUMBERED.findall(text)]
 
 
 def fenced_points_of(text: str, width: int, height: int) -> list[Shape]:
-    """Return the points in Gemini's JSON inside a code fence.
+    """Return the points in a JSON list inside a code fence, which is the format of Gemini's replies.
 
-    There are none if the fence is missing or the JSON is broken.
+    The result is empty if the code fence is missing or the JSON is broken.
 
     Raises:
-        DroppedError: If the upstream program raises an error, for example for a single object instead of a list.
+        DroppedError: If the upstream program raises an error, for example because the JSON is an object instead of a
+            list.
     """
     fence = _FENCED.search(text)
     if fence is None:
@@ -131,12 +134,12 @@ def fenced_points_of(text: str, width: int, height: int) -> list[Shape]:
 
 
 def share_of(items: ItemSet, item: Item, shapes: Sequence[Shape], *, above: int = 0) -> Fraction:
-    """Return the mean of the mask over all points. Points outside the image count as 0.
+    """Return the fraction of points, and of pixels in boxes, that are in the mask.
 
-    Mask pixels with values above ``above`` are correct.
+    Points outside the image count as wrong.
 
     Raises:
-        StoppedError: If a pixel coordinate is not an integer, since the upstream program then stops with an error.
+        StoppedError: If a pixel coordinate is not an integer, because the upstream program would stop with an error.
     """
     if not shapes:
         return Fraction(0)
@@ -176,8 +179,8 @@ def _roborefer(items: ItemSet, item: Item, text: str, coordinates: str) -> Fract
 def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
     """Score a reply as lmms-eval does.
 
-    All pairs, even of integers, count as fractions of the image size. Boxes are ignored, and faint masks count as
-    empty.
+    All pairs of numbers, even of integers, count as fractions of the image size. Boxes are ignored. A mask whose values
+    are all small counts as empty.
     """
     pairs = [[_number(part) for part in found.split(",")] for found in _TUPLE.findall(text)]
     width, height = _sides(items, item)

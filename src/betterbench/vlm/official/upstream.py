@@ -12,11 +12,11 @@ from betterbench.vlm.scoring import StaticScore
 
 
 class DroppedError(Exception):
-    """Raised if the upstream program omits the item from its denominator."""
+    """Raised if the upstream program omits an item from its denominator."""
 
 
 class StoppedError(Exception):
-    """Raised if the upstream program stops with an error at the item."""
+    """Raised if the upstream program stops with an error at an item."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +27,10 @@ class UpstreamScorer:
         name: Short name of the program.
         source: Repository, commit and file of the program.
         score: Function that returns the score of a reply. It raises DroppedError or StoppedError.
-        group: Kind of group over whose means the score is averaged. If None, the score is the mean over all counted
-            items.
-        among: Names of the groups that are averaged. Empty if all groups are.
-        conventions: Coordinate conventions that the program can read. Empty if it can read all.
+        group: Kind of group. The program's score is the mean over the mean scores of these groups. If None, it is the
+            mean over all counted items.
+        among: Names of the groups that are included in the mean. Empty if all groups are included.
+        conventions: Coordinate conventions that the program can read. Empty if it can read all conventions.
     """
 
     name: str
@@ -49,10 +49,10 @@ class UpstreamScore:
         value: Score that the program gives, or None if it stops with an error or scores no item.
         scored: Number of items in the program's denominator.
         total: Number of items in the benchmark.
-        differs: Number of items whose score differs from our score (for values that our parser has read).
+        differs: Number of items whose score differs from betterbench's score in the column "parsed".
         stopped_at: Identifier of the item at which the program stops with an error, or None.
-        moved: Score that the program gives, minus our score.
-        note: Why there is no score. Empty if there is one.
+        moved: Score that the program gives, minus betterbench's score in the column "parsed".
+        note: Reason why there is no score. Empty if there is a score.
     """
 
     name: str

@@ -33,8 +33,8 @@ class Prompt:
         source: Where the wording comes from.
         option: Template for one option, with ``{letter}`` and ``{text}``.
         frame: Template for the line about one image, with ``{number}`` and ``<image>``.
-        coordinates: Coordinate convention that the wording states. None if it states none, or leaves this to
-            ``{request}``.
+        coordinates: Coordinate convention that the wording states. None if the wording states none, or if ``{request}``
+            states it.
     """
 
     id: str
@@ -48,7 +48,7 @@ class Prompt:
     def text(self, item: Item, convention: Convention) -> str:
         """Return the prompt for an item.
 
-        The strings of the item are inserted verbatim, except that image markers in them are replaced.
+        The strings of the item are inserted verbatim, except that image markers in these strings are replaced.
         """
         letters = ((chr(ord("A") + i), option) for i, option in enumerate(item.options))
         options = [_filled(self.option, {"letter": a, "text": _plain(option)}) for a, option in letters]

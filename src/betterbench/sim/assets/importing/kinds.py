@@ -1,4 +1,4 @@
-"""Usual size, mass and use of each kind of object. They determine the scale, mass and pose of imported meshes."""
+"""Usual size, mass and use of each kind of object, which determine the scale, mass and pose of imported meshes."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ class Kind:
     """A kind of object, such as a mug or a fork.
 
     Attributes:
-        low_m: Longest side of the smallest usual object [m].
-        high_m: Longest side of the largest usual object [m].
-        mass_kg: Mass of a medium-sized object.
+        low_m: Length of the longest side of a small object of this kind [m].
+        high_m: Length of the longest side of a large object of this kind [m].
+        mass_kg: Mass of a medium-sized object of this kind.
         is_open: Whether an object of this kind is hollow and open at the top when in use.
-        is_tall: Whether it stands with its longest side up.
-        is_flat: Whether it lies on its broadest side.
-        is_round: Whether it is often round about the vertical axis, but never about a horizontal axis.
-        names: All names of the kind, each as words separated by spaces.
+        is_tall: Whether such an object stands with its longest side vertical.
+        is_flat: Whether such an object lies on its broadest side.
+        is_round: Whether such objects are often round about the vertical axis, and never about a horizontal axis.
+        names: All names of the kind. The words of a name are separated by spaces.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Kind:
 
     @property
     def middle_m(self) -> float:
-        """Longest side of a medium-sized object [m]."""
+        """Longest side of a medium-sized object of this kind [m]."""
         return float((self.low_m * self.high_m) ** 0.5)
 
     def mass_at(self, longest_m: float) -> float:
@@ -86,8 +86,8 @@ def _kind(line: str) -> Kind:
 def kind_of(text: str) -> Kind | None:
     """Return the kind of object that a name or description mentions, or None if it mentions no known kind.
 
-    If several kinds match, the one with the longest name wins. Among names of equal length the last one wins, because
-    in English the noun comes last ("coffee mug").
+    If several kinds are mentioned, the one with the longest name is returned. Among names of equal length, the last one
+    counts, because in English the noun comes last ("coffee mug").
     """
     words = words_of(text)
     best: tuple[int, int, Kind] | None = None
@@ -106,7 +106,7 @@ def _kinds_by_first_word() -> dict[str, list[tuple[tuple[str, ...], Kind]]]:
     """Index all names of all kinds by the singular and plural forms of their first word.
 
     Returns:
-        For each form, the words of each name that begins with it and the kind with that name.
+        For each form of a first word, the words of each name that begins with it, and the kind with that name.
     """
     found: dict[str, list[tuple[tuple[str, ...], Kind]]] = {}
     for kind in kinds():

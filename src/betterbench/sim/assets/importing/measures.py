@@ -1,4 +1,4 @@
-"""Measurements of a finished asset, such as gaps between its parts or the visible fraction of back-facing surface."""
+"""Measurements of a finished asset, such as gaps between its parts, or the visible fraction of back-facing surface."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Distances:
             collide with visibly empty space.
         inside_m: Distance of points on the visible surface from the collision parts. If it is large, other objects pass
             through visible parts.
-        bare_share: Size of the largest connected patch of visible points that are far from all collision parts: the
-            volume of its convex hull, as a fraction of that of the whole object.
+        bare_share: Size of the largest connected patch of visible points that are far from all collision parts. The
+            size is the volume of the patch's convex hull, as a fraction of the convex hull of the whole object.
     """
 
     outside_m: float
@@ -120,7 +120,8 @@ def collision_distances(
         hulls: Corners of each collision part, (n, 3) [m].
         solid: Solid of the visible surface.
         near_m: Distance from the collision parts above which a visible point counts as far from them [m].
-        filled: Hollow that collision parts are allowed to fill because no task puts anything into the object, or None.
+        filled: Hollow that the collision parts may fill, because no task puts anything into the object. None if there
+            is no such hollow.
     """
     size = float(np.ptp(solid.points, axis=0).max())
     touched = surface_points(hulls, size / 60.0)
@@ -175,8 +176,8 @@ def depth_in_hull(point: Sequence[float] | np.ndarray, points: np.ndarray) -> fl
 def largest_gap(vertices: np.ndarray, faces: np.ndarray, *, spacing: float) -> float:
     """Return the largest gap [m] between separate parts of a surface, or zero if the surface is connected.
 
-    The gap is the longest edge of the minimum spanning tree of the parts, measured between points that are ``spacing``
-    apart [m].
+    Distances between parts are measured between points on their surfaces that are ``spacing`` apart [m]. The largest
+    gap is the longest edge of the minimum spanning tree of the parts.
     """
     points, owners, _ = spread(vertices, faces, spacing)
     _, merged = np.unique(np.round(vertices / 1e-6), axis=0, return_inverse=True)
@@ -217,8 +218,8 @@ def _between(one: cKDTree, other: cKDTree) -> float:
 def share_from_behind(vertices: np.ndarray, faces: np.ndarray) -> float:
     """Return the fraction of an object's image that shows back-facing surface, which a renderer would not draw.
 
-    The fraction is a mean over eight views around the object from 35 degrees above the horizon, since cameras see a
-    table from similar angles.
+    The fraction is the mean over eight views around the object, from 35 degrees above the horizon. Cameras usually see
+    objects on a table from similar angles.
     """
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     points, owners, _ = spread(vertices, faces, size / (2.5 * _RAYS))
@@ -251,7 +252,7 @@ def share_from_behind(vertices: np.ndarray, faces: np.ndarray) -> float:
 def degenerate_share(vertices: np.ndarray, faces: np.ndarray) -> float:
     """Return the fraction of triangles that have practically no area.
 
-    These are triangles with equal corners, and triangles thinner than a thousandth of their length.
+    These are triangles with two equal corners, and triangles that are thinner than a thousandth of their length.
     """
     corners = vertices[faces]
     if not np.isfinite(corners).all():

@@ -70,7 +70,7 @@ _READABLE_EXTENSIONS = frozenset(
 class FolderResolver(trimesh.resolvers.Resolver):
     """Resolver that opens the files to which a mesh file refers. It only opens files in the folder of the mesh file.
 
-    trimesh silently drops a material whose file it cannot read, so the first error is kept in ``problem``.
+    The first error is kept in ``problem``, because trimesh silently drops a material whose file it cannot read.
 
     Attributes:
         problem: The first error, or None if there was no error.
@@ -84,8 +84,8 @@ class FolderResolver(trimesh.resolvers.Resolver):
             folder: The folder. Files outside it are not opened.
             where: Name of the mesh file, for messages.
             at: Subfolder of ``folder`` to which the file names are relative.
-            above: Resolver of the file that refers to the mesh file. It records the files read and their total size.
-                None if no file refers to the mesh file.
+            above: Resolver of a URDF or MJCF file that refers to the mesh file. It records all files that are read, and
+                their total size. None if no file refers to the mesh file.
         """
         self._folder, self._where, self._at = folder.resolve(), where, at
         self._above = above
@@ -141,36 +141,36 @@ class FolderResolver(trimesh.resolvers.Resolver):
         self._read_bytes += size
 
     def below(self, name: str, where: str) -> FolderResolver:
-        """Return a resolver for the references in one of the folder's files. They are relative to that file."""
+        """Return a resolver for the references in one of the folder's files, which are relative to that file."""
         at = os.path.normpath(PurePosixPath(self._at) / PurePosixPath(name).parent)
         return FolderResolver(self._folder, where, at="" if at == "." else at, above=self)
 
     def using(self, materials: frozenset[str]) -> FolderResolver:
-        """Return a resolver that hides the textures of all other materials.
+        """Return a resolver that only reads the textures of the given materials.
 
-        Without it, trimesh would read textures that are not used.
+        Without it, trimesh would also read the textures of materials that are not used.
         """
         resolver = FolderResolver(self._folder, self._where, at=self._at, above=self)
         resolver._used = materials
         return resolver
 
     def keys(self) -> list[str]:
-        """Return an empty list. trimesh would use the names to search for files by pattern, which is not supported."""
+        """Return an empty list. trimesh uses the names only to search for files by pattern, which is not supported."""
         return []
 
     def write(self, name: str, data: bytes) -> None:  # noqa: ARG002 - of the base class
-        """Raise an error. trimesh only writes through a resolver when it exports, which never happens here."""
+        """Raise an error. trimesh writes through a resolver only when it exports a mesh, which never happens here."""
         raise InvalidInputError(
             self._where, f"the import must not write files, but {one_line(name, most=120)} was to be written", _CURE
         )
 
     def namespaced(self, namespace: str) -> FolderResolver:  # noqa: ARG002 - of the base class
-        """Return this resolver, because file names already include their subfolder."""
+        """Return this resolver, because the file names that trimesh requests already include the subfolder."""
         return self
 
 
 def check_picture(data: bytes, name: str, where: str) -> None:
-    """Check that an image can be decoded, because trimesh silently drops a texture that it cannot decode.
+    """Check that an image can be decoded, since trimesh silently drops a texture that it cannot decode.
 
     Raises:
         InvalidInputError: If the image is damaged or has too many pixels.
@@ -214,7 +214,7 @@ def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
 def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawMesh:
     """Read a mesh from the content of a file.
 
-    The extension of the file name determines the format. The errors are those of :func:`read_mesh_file`.
+    The extension of the file name determines the format. The function raises the same errors as :func:`read_mesh_file`.
     """
     kind = FORMATS.get(PurePosixPath(name).suffix.lower())
     if kind is None:
@@ -308,7 +308,7 @@ def _texture_file(name: str, where: str) -> str:
 
 
 def _stated_triangles(data: bytes) -> int:
-    """Return the number of triangles that a binary STL file announces in its header, or 0 for a text file."""
+    """Return the number of triangles that the header of a binary STL file states, or 0 for any other file."""
     header = 84
     if len(data) < header:
         return 0
@@ -448,7 +448,7 @@ def _parts(scene: Any, where: str) -> list[RawPart]:  # noqa: ANN401 - a scene o
 
 
 def _look(mesh: Any) -> tuple[Rgba, np.ndarray | None, np.ndarray | None, np.ndarray | None]:  # noqa: ANN401
-    """Return the color, the texture, the texture coordinates and the vertex colors of a trimesh mesh."""
+    """Return the color, the texture, the texture coordinates and the vertex colors of a mesh loaded by trimesh."""
     visual = mesh.visual
     if visual.kind == "texture":
         material = visual.material
@@ -485,7 +485,10 @@ def _opacity(alpha: float, material: Any) -> float:  # noqa: ANN401 - a material
 
 
 def _tint(mesh: Any) -> np.ndarray | None:  # noqa: ANN401 - a mesh of trimesh
-    """Return the (n, 3) vertex colors in [0, 1] by which a glTF file multiplies a material, or None if it has none."""
+    """Return the (n, 3) vertex colors in [0, 1] of a mesh from a glTF file, or None if the mesh has no vertex colors.
+
+    The color of the material is multiplied by them.
+    """
     colors = np.asarray(mesh.visual.vertex_attributes.get("color", ()))
     if colors.shape[:1] != (len(mesh.vertices),) or colors.ndim != 2 or colors.shape[1] < 3:
         return None

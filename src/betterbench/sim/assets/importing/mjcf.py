@@ -1,8 +1,8 @@
 """Reader of MJCF files. MuJoCo compiles the file, and all bodies in it are merged into one rigid body.
 
-The document is checked before MuJoCo sees it. It is then passed to MuJoCo without file names, and the resolver supplies
-the meshes and textures as bytes. A malicious file can crash or hang MuJoCo's parser and compiler, which are written in
-C++. Therefore an untrusted file is only read in a process with limited time and memory (``child``).
+The XML document is checked before MuJoCo parses it. File names are then replaced in it, and MuJoCo gets the meshes and
+textures as bytes that the resolver has read. A malicious file can crash or hang MuJoCo's parser and compiler, which are
+written in C++. Therefore an untrusted file is only read in a process with limited time and memory (``child``).
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ _CURE = "Export the object again, or import its mesh instead"
 def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bool = False) -> RawMesh:
     """Merge the bodies of an MJCF file into one rigid body, in the world frame of the file.
 
-    Planes are left out. If the file has bodies, geoms of the world body are left out as well. The geoms without
-    contacts are the visual shape; if every geom has contacts, all geoms are.
+    Planes are left out. If the file has bodies, geoms of the world body are left out as well. The visual shape consists
+    of the geoms without contacts, or of all geoms if every geom has contacts.
 
     Args:
         root: The ``mujoco`` element of the file.
@@ -77,9 +77,9 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
 
 
 def _with_weightless_regions(text: str, assets: dict[str, bytes]) -> Any:  # noqa: ANN401 - of MuJoCo
-    """Compile an MJCF file without the mass that MuJoCo would give to regions.
+    """Compile an MJCF file, but set the mass of geoms that only mark a region to zero.
 
-    Regions are invisible geoms without contacts and without a stated mass. If a moving body would be left without any
+    Such geoms are invisible, have no contacts, and have no stated mass. If a moving body would be left without any
     mass, all masses stay as MuJoCo computed them.
     """
     spec = mujoco.MjSpec.from_string(text, assets=assets)
@@ -94,10 +94,7 @@ def _with_weightless_regions(text: str, assets: dict[str, bytes]) -> Any:  # noq
 
 
 def _is_seen_or_felt(model: Any, geom: int) -> bool:  # noqa: ANN401 - of MuJoCo
-    """Return whether a geom is visible or has contacts.
-
-    Geoms that are neither visible nor touchable only mark regions.
-    """
+    """Return whether a geom is visible or has contacts. If neither is the case, the geom only marks a region."""
     touches = model.geom_contype[geom] or model.geom_conaffinity[geom]
     return bool(touches or _rgba(model, geom)[3] > 0.0)
 
@@ -112,7 +109,7 @@ def _rgba(model: Any, geom: int) -> Rgba:  # noqa: ANN401 - of MuJoCo
 
 
 def _checked(root: ET.Element, where: str) -> bool:
-    """Raise an error if the file has unsupported elements. Return whether the file states masses."""
+    """Raise an error if the MJCF file has unsupported elements. Return whether the file states any masses."""
     bodies = shapes = 0
     for element in root.iter():
         if element.tag in _REFUSED:
@@ -129,9 +126,9 @@ def _checked(root: ET.Element, where: str) -> bool:
 
 
 def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str, bytes]:
-    """Read all files to which the document refers.
+    """Read all files to which an MJCF document refers, and return their contents, keyed by new file names.
 
-    In the document, replace each file name by a name for the bytes read.
+    In the document, the file names are replaced by the new ones.
     """
     folders = {"mesh": "", "texture": ""}
     strips = False
@@ -171,9 +168,9 @@ def _png(data: bytes, name: str, where: str) -> bytes:
 
 
 def _require_rigid(model: Any, where: str, *, freeze: bool) -> tuple[str, ...]:  # noqa: ANN401 - of MuJoCo
-    """Return a note for each joint that is fixed.
+    """Require that a model is one rigid object, and return a note for each joint that was fixed in place.
 
-    Raise an error for separate objects, and for moving joints if not frozen.
+    Raises InvalidInputError if the model has separate objects, or if it has movable joints and ``freeze`` is False.
     """
     free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == _FREE]
     if len(free) > 1:
@@ -237,7 +234,7 @@ class _Compiled:
             yield PointMass(float(m.body_mass[body]), d.xipos[body].copy(), inertia)
 
     def _shape(self, geom: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return the vertices, the faces, and the texture coordinates of the corners of a geom, in the geom's frame."""
+        """Return the vertices (in the geom's frame) and the faces of a geom, and its texture coordinates per corner."""
         m = self._model
         kind, size = _GEOM(int(m.geom_type[geom])), m.geom_size[geom]
         if kind == _GEOM.mjGEOM_MESH:
@@ -287,7 +284,7 @@ class _Compiled:
         yield RawPart(name, vertices[faces.ravel()], own, rgba, image, corners)
 
     def _image(self, geom: int) -> tuple[np.ndarray | None, bool]:
-        """Return the texture image of a geom, and whether it is a flat image rather than a cube map.
+        """Return the texture image of a geom, and whether the texture is a flat image rather than a cube map.
 
         The image is None if the geom has no texture.
         """

@@ -49,7 +49,7 @@ def read_object(path: Path, files: FolderResolver, *, freeze: bool = False) -> R
 
 
 def _require_plain(root: ET.Element, where: str) -> None:
-    """Raise an error if the file has macros, or elements that would load code or further files."""
+    """Raise an error if a URDF or MJCF file has macros, or elements that would load code or further files."""
     for element in root.iter():
         tag = element.tag
         if tag in _REFUSED:

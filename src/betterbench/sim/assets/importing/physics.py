@@ -1,4 +1,4 @@
-"""Physical properties that a URDF or MJCF file states. They are only used if they fit the visual shape."""
+"""Physical properties that a URDF or MJCF file states, which are only used if they fit the visual shape."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ class Body:
 def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, tuple[str, ...]]:
     """Return the mass, center of mass and inertia that the file states, with notes.
 
-    If the mass is missing or implausible, None is returned instead of a body. If the center of mass is outside the
-    object or not above its base, the center and inertia of a solid body are used. The inertia of a solid body is also
-    used if the stated inertia does not fit the shape.
+    If the mass is missing or implausible, None is returned instead of mass properties. If the stated center of mass is
+    outside the object or not above its base, the center and the inertia are those of a solid body of this shape. The
+    inertia of a solid body is also used if only the stated inertia does not fit the shape.
 
     Args:
         placed: The object.
@@ -96,10 +96,10 @@ def _is_plausible(inertia: np.ndarray, of_solid: np.ndarray) -> bool:
 
 
 def stated_hulls(placed: Placed) -> tuple[list[np.ndarray], tuple[str, ...]]:
-    """Return the corners of the stated collision shapes [m], with notes.
+    """Return the corners of the collision shapes that the file states [m], and notes about them.
 
-    The list is empty if the shapes cannot be used. The collision shapes are used if they and the visible surface are
-    within 3 mm, or 3 % of the object's size, of each other, and if they leave the hollow of the object open.
+    The list is empty if the collision shapes do not fit the object. They fit if their distance from the visible surface
+    is at most 3 mm or 3 % of the object's size, and if they leave the hollow of the object open.
     """
     stated = placed.mesh.stated
     if stated is None or not stated.hulls:

@@ -1,9 +1,9 @@
 """Rewriting of glTF features that trimesh would drop without a message.
 
-The features are expressed by plain nodes, triangles and texture coordinates. This covers skins in their rest pose,
-triangle fans, quantized positions and texture coordinates, texture transforms, additional sets of texture coordinates,
-glossy materials, and files without a scene. Shape keys in use, posed skeletons and instances cannot be rewritten and
-raise an error.
+The features are replaced by plain nodes, triangles and texture coordinates that look the same. This is done for skins
+in their rest pose, triangle fans, quantized positions and texture coordinates, texture transforms, additional sets of
+texture coordinates, glossy materials, and files without a scene. Shape keys in use, posed skeletons and instances
+cannot be rewritten and raise an error.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def plain(data: bytes, form: Form, read: Callable[[str], bytes], where: str) -> 
         where: Name of the file, for messages.
 
     Returns:
-        The rewritten file, or None if the file has no such feature and can be used unchanged.
+        The rewritten file, or None if the file has none of these features and can be used unchanged.
 
     Raises:
         InvalidInputError: If the file has a feature that cannot be rewritten.
@@ -65,7 +65,7 @@ def _surfaces(form: Form) -> Iterator[Form]:
 
 
 def _require_shape(form: Form, where: str) -> None:
-    """Raise an error if a glTF file has instances, or shape keys that are in use."""
+    """Raise an error if a glTF file has instances, or shape keys (morph targets) that are in use."""
     meshes = form.get("meshes", [])
     for node in form.get("nodes", []):
         if _INSTANCES in node.get("extensions", {}):
@@ -80,7 +80,7 @@ def _require_shape(form: Form, where: str) -> None:
 
 
 def _with_a_scene(form: Form) -> bool:
-    """Add a scene with all root nodes to a file that has no scene. Return whether a scene was added."""
+    """Add a scene with all root nodes to a glTF file that has no scene. Return whether a scene was added."""
     if form.get("scenes") or not form.get("nodes"):
         return False
     below = {child for node in form["nodes"] for child in node.get("children", [])}
@@ -91,8 +91,9 @@ def _with_a_scene(form: Form) -> bool:
 def _without_gloss(form: Form) -> bool:
     """Use the diffuse color of glossy materials as their base color. Return whether the file has glossy materials.
 
-    In a glossy material, an extension of glTF replaces the metallic values. trimesh does not read the color factor of
-    that extension, nor its texture, if it stands alone.
+    A glossy material uses an extension of glTF (specular-glossiness) in place of the usual metallic material. trimesh
+    does not read the color factor in this extension. If the extension contains only a texture, trimesh does not read it
+    either.
     """
     glossy = [material for material in form.get("materials", []) if _GLOSS in material.get("extensions", {})]
     for material in glossy:
@@ -107,8 +108,8 @@ def _without_gloss(form: Form) -> bool:
 def _without_skins(document: _Document, where: str) -> bool:
     """Replace each mesh that has a skin by a plain mesh at the pose of the skin's joints.
 
-    Return whether the file has skins. The pose of the mesh's own node is ignored, as glTF requires for a mesh with a
-    skin (glTF 2.0, section 3.7.3.3).
+    Return whether the file has skins. The pose of the node that contains the mesh is ignored, as glTF requires for a
+    mesh with a skin (glTF 2.0, section 3.7.3.3).
     """
     form = document.form
     skinned = [node for node in form.get("nodes", []) if "mesh" in node and "skin" in node]
@@ -124,7 +125,7 @@ def _without_skins(document: _Document, where: str) -> bool:
 
 
 def _rest_pose(document: _Document, skin: Form, poses: list[np.ndarray], where: str) -> np.ndarray:
-    """Return the (4, 4) transform that all joints of a skin share. Raises InvalidInputError if the joints differ."""
+    """Return the (4, 4) transform that all joints of a skin share. Raises InvalidInputError if they differ."""
     joints = np.array([poses[joint] for joint in skin["joints"]])
     if "inverseBindMatrices" in skin:
         bound = document.values(skin["inverseBindMatrices"]).reshape(-1, 4, 4)[: len(joints)]
@@ -187,7 +188,7 @@ def _plain_surface(document: _Document, surface: Form) -> bool:
 
 
 def _plain_coordinates(document: _Document, surface: Form) -> bool:
-    """Make the texture coordinates of the base color the first set of the surface, and apply their transform.
+    """Apply the texture transform of the base color, and store its texture coordinates as the first set of the surface.
 
     Returns:
         Whether the surface has changed.
@@ -209,7 +210,7 @@ def _plain_coordinates(document: _Document, surface: Form) -> bool:
 
 
 class _Document:
-    """A glTF file whose buffers are joined into one sequence of bytes, so that values can be added."""
+    """A glTF file whose buffers are joined into one sequence of bytes, to which new values can be appended."""
 
     def __init__(self, form: Form, data: bytes, read: Callable[[str], bytes]) -> None:
         self.form = form
@@ -252,7 +253,7 @@ class _Document:
     def _buffer(self) -> bytearray:
         """Return the joined bytes of all buffers.
 
-        They are joined on the first call, and all buffer views are adapted to this.
+        The buffers are joined on the first call. All buffer views are then changed to refer to the joined buffer.
         """
         if self._joined is None:
             self._joined, starts = bytearray(), []

@@ -33,7 +33,7 @@ class RawPart:
     colors: np.ndarray | None = None
 
     def moved(self, transform: np.ndarray) -> RawPart:
-        """Return the part after a (4, 4) transform. Triangles still face outward after a reflection."""
+        """Return the part after a (4, 4) transform. Its triangles face outward even after a reflection."""
         vertices = self.vertices @ transform[:3, :3].T + transform[:3, 3]
         faces = self.faces[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0.0 else self.faces
         return RawPart(self.name, vertices, np.ascontiguousarray(faces), self.rgba, self.image, self.uv, self.colors)
@@ -71,8 +71,8 @@ class Stated:
         mass_kg: Mass, or None if the file does not state it.
         center: (3,) float64 center of mass.
         inertia: (3, 3) float64 inertia tensor about the center of mass [kg unit^2].
-        hulls: For each collision shape, the points (n, 3) whose convex hull it is. Empty if there are no collision
-            shapes.
+        hulls: Points (n, 3) of each collision shape, which is the convex hull of its points. Empty if there are no
+            collision shapes.
         name: Name of the model. Empty if the model has no name.
         notes: What the reader decided about the file.
     """
@@ -98,9 +98,9 @@ class RawMesh:
     """All surfaces of one object, as read from its file.
 
     Attributes:
-        up: Axis that points up according to the file format, or None if the format does not define it.
-        unit_m: Length of one unit [m] according to the file format, or None if the format does not define it.
-        stated: Physical properties that the file states, or None for a plain mesh.
+        up: Axis that points up according to the file format. None if the format does not define one.
+        unit_m: Length of one unit [m] according to the file format. None if the format does not define it.
+        stated: Physical properties that a URDF or MJCF file states, or None for a file that contains only a mesh.
     """
 
     parts: tuple[RawPart, ...]

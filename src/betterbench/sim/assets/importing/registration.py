@@ -54,18 +54,20 @@ def imported(
 ) -> None:
     """Register the object in a file as a category of assets. The file is imported when the category is first built.
 
-    All variants of the category are this one object. In a task file, a relative path starts at the folder of the task
-    file.
+    All variants of the category are this one object. In a task file, a relative path is relative to the folder of the
+    task file.
 
     Args:
         category: Unique name by which tasks refer to the asset.
         path: File of the object: GLB, glTF, OBJ, STL, PLY, URDF or MJCF.
         color: Color word of the object.
         name: Name or description that determines the kind of object ("coffee mug"). If None, the category is used.
-        size_m: Longest side [m]. If None, it follows from the unit of the format and the usual sizes of this kind.
+        size_m: Longest side [m]. If None, it is determined from the unit of the file format and the usual sizes of this
+            kind of object.
         mass_kg: Mass [kg]. If None, it is the mass that the file states, or else the usual mass of this kind at this
             size.
-        up: Axis of the file that points up. If None, it follows from the file format or the most stable pose.
+        up: Axis of the file's frame that points up. If None, it is determined from the file format or from the most
+            stable pose.
         license: License of the mesh, shown in lists of sources.
         source: Where the mesh comes from, shown in lists of sources. If None, the name of the file is shown.
         author: Author of the mesh, shown in lists of sources.

@@ -35,9 +35,9 @@ class PointMass:
 
 
 def combined(parts: Sequence[PointMass]) -> PointMass | None:
-    """Combine the mass properties of rigidly connected parts (parallel axis theorem).
+    """Combine the mass properties of rigidly connected parts, using the parallel axis theorem.
 
-    None if the parts have no mass.
+    Returns None if the parts have no mass.
     """
     total = sum(part.mass_kg for part in parts)
     if total <= 0.0:
@@ -77,7 +77,7 @@ def pose(xyz: np.ndarray, rotation: np.ndarray) -> np.ndarray:
 
 
 def rotation_of_rpy(rpy: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) rotation by roll, pitch and yaw [rad] about the fixed axes x, y and z, in this order."""
+    """Return the (3, 3) rotation for roll, pitch and yaw [rad] about the fixed axes x, y and z, in this order."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
         [

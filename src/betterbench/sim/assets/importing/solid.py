@@ -1,9 +1,9 @@
-"""Volume that an object occupies, on a grid of small cells.
+"""Volume that an object occupies, represented by a grid of small cells.
 
-It is defined even if the surface of the object is not closed. Object meshes are seldom closed: their parts intersect,
-their bottoms are missing, or their walls are single sheets. Therefore a cell is solid if the surface passes through it,
-or if no path of empty cells leads from it to the outside. As a result, a mug is hollow, a closed bottle is full, and a
-sheet is one cell thick.
+The volume is defined even if the surface of the object is not closed. Object meshes are seldom closed: their parts
+intersect, their bottoms are missing, or their walls are single sheets. Therefore a cell is solid if the surface passes
+through it, or if no path of empty cells leads from it to the outside. As a result, a mug is hollow, a closed bottle is
+full, and a sheet is one cell thick.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Solid:
 
 
 def spread(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Spread points over triangles in a regular pattern. The result is deterministic.
+    """Spread points over triangles in a regular pattern, without random numbers.
 
     Args:
         vertices: (n, 3) positions.
@@ -99,8 +99,8 @@ def _patterns(corners: np.ndarray, spacing: float) -> Iterator[tuple[np.ndarray,
 def _columns(corners: np.ndarray, spacing: float, *, most: int | None = None) -> list[np.ndarray]:
     """Return the x, y and z coordinates of points on triangles with corners (m, 3, 3), each as a (k,) array.
 
-    Multiplying and adding whole columns takes a quarter of the time of numpy.einsum. It also gives the same bits on
-    every CPU, which a matrix product does not.
+    The columns are multiplied and added one by one. This takes a quarter of the time of numpy.einsum, and gives the
+    same bits on every CPU, unlike a matrix product.
     """
     patterns = list(_patterns(corners, spacing))
     count = sum(len(which) * len(w) for which, w in patterns)
@@ -167,7 +167,7 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> So
 def _first_of_each(keys: np.ndarray, count: int) -> np.ndarray:
     """Return the ascending indices (m,) of the first occurrence of each key in ``keys`` (n,).
 
-    All keys are below ``count``.
+    The keys must be integers below ``count``.
     """
     first = np.full(count, len(keys), dtype=np.int32)
     # If keys are equal, the value that is written last stays.
@@ -178,8 +178,8 @@ def _first_of_each(keys: np.ndarray, count: int) -> np.ndarray:
 def mass_of_cells(solid: Solid, mass_kg: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the center of mass and the inertia of a body of uniform density that fills the cells of a solid.
 
-    The center is a (3,) array [m]. The inertia is a (3, 3) tensor about the center of mass [kg m^2]. Cells on the
-    surface count half.
+    The center is a (3,) array [m]. The inertia is a (3, 3) tensor about the center of mass [kg m^2]. A cell that the
+    surface passes through counts as half full.
     """
     centers = solid.centers(solid.cells)
     weights = np.where(solid.surface[solid.cells], 0.5, 1.0)

@@ -80,7 +80,7 @@ def to_bytes(imported: Imported) -> bytes:
 
 
 def _archive(arrays: dict[str, np.ndarray]) -> bytes:
-    """Write arrays to an archive with reproducible bytes, unlike np.savez, which stores the current time in it."""
+    """Write arrays to an archive with reproducible bytes. np.savez would also store the current time in it."""
     written = io.BytesIO()
     with zipfile.ZipFile(written, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(arrays):

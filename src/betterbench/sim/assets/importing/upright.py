@@ -1,4 +1,4 @@
-"""Size and orientation of an imported mesh: its up axis, the length of its unit, and its origin."""
+"""Scale and orientation of an imported mesh: its up axis, the length of its unit, and its origin."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def place(
 
 
 def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tuple[str, ...]]:
-    """Return the axis of the file that points up, and notes that explain the choice."""
+    """Return the axis of the file's frame that points up, and notes that explain the choice."""
     if up is not None:
         return up, ()
     axis, cavity, notes = _by_rule_or_hollow(sized, kind)
@@ -106,9 +106,9 @@ def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tu
 
 
 def _axis_of_kind(sized: RawMesh, kind: Kind | None, axis: str) -> str | None:
-    """Return the axis that has to point up for a tall kind to stand, or for a flat kind to lie flat.
+    """Return the axis that must point up so that an object of a tall kind stands, or one of a flat kind lies flat.
 
-    None if the given axis already fulfills this, or if the kind is neither tall nor flat.
+    Returns None if this is already the case with the given axis, or if the kind is neither tall nor flat.
     """
     if kind is None or not (kind.is_tall or kind.is_flat):
         return None
@@ -133,12 +133,10 @@ def _axis_of_kind(sized: RawMesh, kind: Kind | None, axis: str) -> str | None:
 
 
 def _by_rule_or_hollow(sized: RawMesh, kind: Kind | None) -> tuple[str, Cavity | None, tuple[str, ...]]:
-    """Find the axis that points up.
-
-    It follows from the rule of the file format, or from the hollow of an object that is open at the top.
+    """Find the axis that points up from the file format, or from the hollow of an object that is open at the top.
 
     Returns:
-        The axis, the hollow (None if there is none or it does not matter), and notes that explain the choice.
+        The axis, the hollow (None if the object has none, or if it does not matter), and notes that explain the choice.
     """
     axes = [mesh_up] if (mesh_up := sized.up) is not None else ["z", "y"]
     may_turn = kind is not None and kind.is_open
@@ -169,11 +167,11 @@ def _turn(rotation: np.ndarray) -> np.ndarray:
 def _at_rest(
     mesh: RawMesh, solid: Solid, cavity: Cavity | None, most: float
 ) -> tuple[RawMesh, Solid, Cavity | None, float]:
-    """Turn an object into the nearest stable pose, if it is at most ``most`` [rad] away.
+    """Turn an object to the nearest stable pose, if it is at most ``most`` [rad] away from the current pose.
 
-    Scanned fruit comes in the pose in which it was held, and would roll in every scene. If no stable pose is near
-    enough, the pose stays unchanged. The search is repeated, because a simplified hull has different corners after a
-    rotation.
+    If it is farther away, the pose stays unchanged. Scanned fruit, for example, has the pose in which it was held, and
+    would roll in every scene if it was not turned. The search is repeated after each rotation, because the simplified
+    hull of the object then has different corners.
 
     Returns:
         The turned mesh, its solid, its hollow, and the angle by which it was turned [rad].
@@ -198,7 +196,8 @@ def _nearest_face(solid: Solid, most: float) -> tuple[float, np.ndarray] | None:
     """Find the nearest face of the convex hull on which the object could stand without tipping over.
 
     Returns:
-        The angle [rad] and the rotation that put this face on the table, or None if no such face is near enough.
+        The angle [rad] and the matrix of the rotation that turns this face down to the table, or None if no such face
+        is near enough.
     """
     middle, _ = mass_of_cells(solid, 1.0)
     corners = hull_corners(solid.points)
@@ -218,7 +217,7 @@ def _nearest_face(solid: Solid, most: float) -> tuple[float, np.ndarray] | None:
 
 
 def _is_over(foot: np.ndarray, base: np.ndarray, normal: np.ndarray) -> bool:
-    """Return whether a point is well inside the hull of coplanar points (k, 3), seen along their normal."""
+    """Return whether a point is well inside the convex hull of coplanar points (k, 3), when seen along the normal."""
     first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     axes = np.stack([first / np.linalg.norm(first), np.cross(normal, first / np.linalg.norm(first))], axis=1)
     return depth_in_hull(foot @ axes, base @ axes) >= _LEAST_MARGIN_M
@@ -260,7 +259,7 @@ def _scale(mesh: RawMesh, kind: Kind | None, where: str, size_m: float | None) -
 
 
 def _standing(moved: RawMesh, *, grid: int = GRID) -> tuple[RawMesh, Solid, Cavity | None]:
-    """Put the origin of a rotated mesh in the middle of its bottom. Return the mesh, its solid and its hollow."""
+    """Move the origin of a rotated mesh to the middle of its bottom. Return the mesh, its solid and its hollow."""
     low, high = moved.bounds()
     shift = np.eye(4)
     shift[:3, 3] = [-0.5 * (low[0] + high[0]), -0.5 * (low[1] + high[1]), -low[2]]
@@ -270,9 +269,10 @@ def _standing(moved: RawMesh, *, grid: int = GRID) -> tuple[RawMesh, Solid, Cavi
 
 
 def _rank(solid: Solid, cavity: Cavity | None, kind: Kind | None, order: int) -> tuple[float, ...]:
-    """Return a sort key for poses.
+    """Return a sort key for poses, which is largest for the pose that is most likely to be upright.
 
-    Poses with an opening at the top (if the kind has one) rank first, then a broad base.
+    If objects of this kind have an opening at the top, the size of the hollow counts first. The stability of the pose
+    counts next.
     """
     water = 0.0
     if kind is not None and kind.is_open and cavity is not None:
@@ -297,7 +297,7 @@ def footing(solid: Solid, *, upside_down: bool = False) -> float:
 
 
 def end_areas(solid: Solid, share: float) -> tuple[float, float]:
-    """Return the mean cross-sections of the lower and the upper end of an object [m^2]. Hollows count as filled.
+    """Return the mean cross-sectional areas of the lower and the upper end of an object [m^2]. Hollows count as filled.
 
     Args:
         solid: The object.

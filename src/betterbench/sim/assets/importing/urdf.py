@@ -51,7 +51,7 @@ def read_urdf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
 
 
 class _Reader:
-    """State of the reader while it reads one URDF file."""
+    """State of the URDF reader while it reads one file."""
 
     def __init__(self, root: ET.Element, files: FolderResolver, where: str) -> None:
         self._root, self._files, self._where = root, files, where
@@ -215,7 +215,7 @@ class _Reader:
         return self._meshes[name].moved(np.diag([*scale, 1.0])).parts
 
     def _inside(self, name: str) -> str:
-        """Return the path, relative to the folder of the URDF file, for a file name in the URDF file."""
+        """Return the path for a file name in the URDF file, relative to the folder of the URDF file."""
         scheme, separator, rest = name.partition("://")
         if not separator:
             return name

@@ -1,4 +1,4 @@
-"""Generators of painted wooden blocks: toy blocks, and blocks with the size of a different object."""
+"""Generators of painted wooden blocks: toy blocks, and blocks that have the size of another object."""
 
 import math
 from collections.abc import Sequence
@@ -184,7 +184,7 @@ def round_block(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _round_face(rng: np.random.Generator, shade: Rgb, sign: str) -> Canvas:
-    """Draw the face of a round toy block: bare wood with grain, and a sign in dark ink."""
+    """Draw the face of a round toy block, which shows bare wood with grain and a sign in dark ink."""
     canvas = Canvas(1.0, 1.0, (96, 96), mixed(shade, _BARE, 0.85))
     ink = mixed(shaded(shade, 0.22), (0.10, 0.05, 0.02), 0.5)
     wave = np.sin(2.0 * math.pi * (4.0 * canvas.y + 0.25 * np.sin(4.0 * canvas.x)))

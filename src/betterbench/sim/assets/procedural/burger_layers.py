@@ -1,10 +1,9 @@
 """Generators of the layers of a cheeseburger, and of a kitchen sponge that looks like the cheese.
 
-Each layer has a flat top and a round or square body, and stands on four fixed corners that are a fraction of a
-millimeter lower than the body. A stack of layers therefore has few contacts and stays still. The layers are thicker
-than real food: the gripper reaches 12 mm below the center of its pads, so it cannot grasp objects lower than 10 mm from
-a table. The visual shape may extend beyond the collision shape, because the corners of cheese and the edges of a leaf
-are soft.
+Each layer has a flat top and a round or square body, and stands on four corners that are a fraction of a millimeter
+lower than the body. A stack of layers therefore has few contacts and stays still. The layers are thicker than real
+food: the gripper reaches 12 mm below the center of its pads, so it cannot grasp objects lower than 10 mm from a table.
+The visual shape may extend beyond the collision shape, because the corners of cheese and the edges of a leaf are soft.
 """
 
 import math

@@ -62,7 +62,7 @@ def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _outline(half_x: float, half_y: float, power: float, waist: float) -> np.ndarray:
-    """Return (n, 2) points on a super-ellipse with the given half extents, whose sides are drawn in [m]."""
+    """Return (n, 2) points on a super-ellipse with the given half extents [m], which narrows toward -x."""
     angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
     c, s = np.cos(angle), np.sin(angle)
     x = half_x * np.sign(c) * np.abs(c) ** (2.0 / power)
@@ -172,7 +172,7 @@ def soap_bar(rng: np.random.Generator, color: str) -> Draft:
 def _lather(rng: np.random.Generator, length: float, width: float, height: float, *, count: int) -> Mesh:
     """Return a heap of lather on one end of the bar.
 
-    It runs from the top over the edge, away from where the bar is grasped.
+    The lather runs from the top over the edge of the bar, at a distance from the point where the bar is grasped.
     """
     end, side = float(rng.choice([-1.0, 1.0])), float(rng.choice([-1.0, 1.0]))
     lumps = []

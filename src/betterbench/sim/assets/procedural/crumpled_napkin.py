@@ -147,7 +147,8 @@ def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, rou
 def _paper(rng: np.random.Generator, paper: Rgb, *, ink: Rgb | None) -> Canvas:
     """Draw the paper.
 
-    The row of the texture is the depth in the fold: gray at the bottom of a crease, bright on a ridge.
+    The rows of the texture correspond to the depth in a fold: it is gray at the bottom of a crease and bright on a
+    ridge.
     """
     canvas = Canvas(1.0, 1.0, (64, 64), paper)
     canvas.grain(rng, cells=(20, 20), amount=0.015)

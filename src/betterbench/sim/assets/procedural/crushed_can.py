@@ -20,7 +20,7 @@ _CAN = can_shell(_RADIUS, 0.115, 0.0115)  # before it was crushed
 
 @dataclass(frozen=True, slots=True)
 class _Crush:
-    """How a can was squeezed while its axis was along x. Lengths are in meters and angles in radians.
+    """Shape of a can that was squeezed while its axis was along x. Lengths are in meters and angles in radians.
 
     Attributes:
         length, height: Extents of the crushed can.
@@ -139,7 +139,7 @@ def _squeezed(rng: np.random.Generator, crush: _Crush) -> Mesh:
 
 
 def _wear(rng: np.random.Generator, canvas: Canvas, *, at: float) -> None:
-    """Darken the dents where the can was pressed, show bare metal along the folds, and draw the opened lid."""
+    """Darken the dents in the can, show bare metal along the folds, and draw the opened lid."""
     low, high, lid, end = _CAN.rows[2], _CAN.rows[3], _CAN.rows[7], _CAN.rows[8]
     middle = low + (at - 0.07) / 0.80 * (high - low)
     slant = 0.010 * np.sin(80.0 * canvas.x + rng.uniform(0.0, 6.0))

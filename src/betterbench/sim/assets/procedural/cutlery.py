@@ -104,8 +104,9 @@ def _piece(
         head: Visual parts of the head.
         reach: Half the width with which the head rests on the table [m].
         head_end: Position along x at which the head leaves the table [m].
-        sizes: Parameters of the head that the asset stores.
-        rim: Wider part of the head that is above its contact with the table, or None.
+        sizes: Parameters of the head, which are stored in the asset.
+        rim: Collision shape of the part of the head that is above the table and wider than the part on the table. None
+            if there is no such part.
     """
     style = str(rng.choice(list(_HANDLES)))
     material, paints = _HANDLES[style]

@@ -203,13 +203,13 @@ def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
 
 @generator("upper_drawer", colors=_COLORS, family="drawers")
 def upper_drawer(rng: np.random.Generator, color: str) -> Draft:
-    """Make the upper drawer of the cabinet (see :func:`_drawer`). Its handle is at -y."""
+    """Make the upper drawer of the cabinet, with its handle at -y (see :func:`_drawer`)."""
     return _drawer(rng, color, side=-1.0, place="upper")
 
 
 @generator("lower_drawer", colors=_COLORS, family="drawers")
 def lower_drawer(rng: np.random.Generator, color: str) -> Draft:
-    """Make the lower drawer of the cabinet (see :func:`_drawer`). Its handle is at +y."""
+    """Make the lower drawer of the cabinet, with its handle at +y (see :func:`_drawer`)."""
     return _drawer(rng, color, side=1.0, place="lower")
 
 
@@ -307,7 +307,7 @@ def _panel_mapped(mesh: Mesh) -> Mesh:
 
 
 def _front(s: _Style, width: float, height: float) -> Canvas:
-    """Draw the front panel with its grain, its pattern, and a dark edge that sets it off from the other panel."""
+    """Draw the front panel with its grain and its pattern. A dark edge separates it from the other panel."""
     canvas = s.surface(width, height, (256, 88), s.fronts)
     x, y = canvas.x, canvas.y
     edge = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))

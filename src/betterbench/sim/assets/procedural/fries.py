@@ -53,9 +53,9 @@ def fries_box(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
-    """Return the carton, which is narrower at the bottom and filled.
+    """Return the mesh of the filled carton, which is narrower at the bottom.
 
-    Its front is scooped and its back is straight.
+    The upper edge of its front is scooped, and that of its back is straight.
     """
     n = 9  # points along each wide face
     y = np.linspace(-1.0, 1.0, n)

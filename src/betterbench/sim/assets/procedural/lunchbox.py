@@ -68,7 +68,7 @@ def lunchbox(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _shell_of(half_x: float, half_y: float, corner: float, steps: list[tuple[float, float]]) -> list[np.ndarray]:
-    """Return rounded rectangles, given their insets from the outline and their heights [m]."""
+    """Return rounded rectangles, given the height of each and its inset from the outline of the box [m]."""
     return [rectangle(half_x - e, half_y - e, z, corner=max(corner - e, 0.006), steps=3) for e, z in steps]
 
 

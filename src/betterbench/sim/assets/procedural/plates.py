@@ -64,9 +64,9 @@ def _plate(
         color: Color word.
         radii: Smallest and largest radius [m].
         density: Density of the material [kg/m^3].
-        solid: Fraction of the radius up to which the floor has a collision shape. The rest, up to the rim, is free for
-            the fingers that pinch the rim. It must be narrower than the edge of any object that could be put down there
-            upside down.
+        solid: Fraction of the radius up to which the floor has a collision shape. The ring between it and the rim has
+            none, so that a finger that pinches the rim can enter it. The ring must be so narrow that the edge of an
+            object that is put down upside down does not fit into it.
         name: Name of the plate, for its description.
     """
     radius, foot_share, well = uniforms(rng, radii, (0.46, 0.56), (0.60, 0.76))
@@ -157,7 +157,8 @@ def _lip(radius: float, low: float, high: float) -> list[CollisionPart]:
 def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
     """Return eight grasps that pinch the rim from above, one every 45 degrees. The fingers open along the radius.
 
-    All grasps have the name "rim". A search by this name gives the grasp at +x, and a planner can choose any of them.
+    All eight grasps have the name "rim". A search by this name finds the grasp at +x, but a planner can use any of
+    them.
     """
     away, height = radius - 0.5 * _LIP, rim + _GRIP_ABOVE_RIM
     angles = [k * math.pi / 4.0 for k in range(8)]

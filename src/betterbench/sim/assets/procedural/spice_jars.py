@@ -137,14 +137,14 @@ class _Wrap(Canvas):
 
     Attributes:
         solid: The turned body.
-        height_on_wall: (height, 1) height of each row of samples above the foot [m]. It is valid where the wall is
-            upright.
+        height_on_wall: (height, 1) height above the foot of each row of texture samples [m]. It is only valid for rows
+            on the upright wall.
     """
 
     def __init__(self, radii: Sequence[float], heights: Sequence[float], color: Rgb, *, sides: int = _SIDES) -> None:
         """Create the texture of a body, given the radii and heights of its profile [m].
 
-        With few ``sides``, it has flat faces.
+        If there are few ``sides``, the faces of the body are drawn as flat faces.
         """
         self.solid, self._sides = Turned(radii, heights), sides
         super().__init__(math.pi * max(radii), self.solid.rows[-1], (160, 192), color)
@@ -153,7 +153,7 @@ class _Wrap(Canvas):
     def mesh(self) -> Mesh:
         """Return the creased mesh.
 
-        Each half begins with a seam, the first at -y. Therefore +x is in the middle of a half.
+        The texture covers each half of the mesh. The first half begins at -y, so the middle of the texture faces +x.
         """
         half = self._sides // 2
         turn = np.concatenate([np.arange(half + 1), half + np.arange(half + 1)]) * (math.pi / half) - 0.5 * math.pi
@@ -166,7 +166,8 @@ class _Wrap(Canvas):
 class _Shape:
     """Shape of one variant.
 
-    The base is the same for all variants, so that it fits the hole. Above it, the shapes differ.
+    The base is the same for all variants, so that every jar fits the holes of the spice rack. The shapes differ above
+    the base.
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
@@ -223,8 +224,8 @@ def _bottle(
     """Return a jar or the pill bottle, given its visual parts.
 
     A jar of mean size has 70 g of glass and cap and 50 g of content. The mass of other sizes is in proportion. The
-    collision shape is a cylinder on a square foot. The finger pads reach 12 mm below the grasp, and thus stay above a
-    hole that is 35 mm deep.
+    collision shape is a cylinder on a square foot. The finger pads reach 12 mm below the grasp, and therefore stay
+    above the rack while the jar stands in a hole that is 35 mm deep.
     """
     r, height, touched = shape.radius, shape.height, shape.touched
     if material == "plastic":
@@ -246,7 +247,7 @@ def _bottle(
 
 @dataclass(frozen=True, slots=True)
 class _Print:
-    """Colors of a label: those of letters and lines, and those of the drawing of a pepper pod."""
+    """Colors of the print on a label: the color of letters and lines, and the colors of the drawing of a pepper pod."""
 
     ink: Rgb
     pod: Rgb

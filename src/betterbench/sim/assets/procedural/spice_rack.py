@@ -44,9 +44,9 @@ _WOOD: dict[str, Rgb] = {"brown": (0.60, 0.38, 0.19), "gray": (0.52, 0.51, 0.49)
 def spice_rack(rng: np.random.Generator, color: str) -> Draft:
     """Make a solid wooden rack with octagonal holes 1, 2 and 3 along y. Hole 1 is at -y.
 
-    A block of hardwood (650 kg/m^3) of 0.073 x 0.27 x 0.041 m minus the three holes weighs 0.38 kg. It is meant to be
-    fixed in place. All variants have the same holes, because these determine the tolerance of the task. The variants
-    differ in width, length, edges, wood, grain, finish and marks.
+    A block of hardwood (650 kg/m^3) of 0.073 x 0.27 x 0.041 m minus the three holes weighs 0.38 kg. The rack is meant
+    to be fixed in place. All variants have the same holes, because these determine the tolerance of the task. The
+    variants differ in width, length, edges, wood, grain, finish and marks.
     """
     half_x, half_y = uniforms(rng, (0.0345, 0.0400), (0.1290, 0.1370))
     edge = rng.uniform(0.0012, 0.0045)  # chamfer of the outer edges, visual only

@@ -11,8 +11,9 @@ from betterbench.sim.assets.authoring.mesh import box
 def stapler_size(rng: np.random.Generator) -> tuple[float, float, float]:
     """Draw the length, width and height [m] of a stapler or of the block that looks like it.
 
-    A generator must call this function before it draws any other random number, so that both get equal sizes. Desk
-    staplers are 110 to 150 mm long, 30 to 40 mm wide and 50 to 65 mm high. The sizes here fit into a drawer.
+    A generator must call this function before it draws any other random number, so that a stapler and its block get
+    equal sizes. Desk staplers are 110 to 150 mm long, 30 to 40 mm wide and 50 to 65 mm high. The sizes here fit into a
+    drawer.
     """
     length, width, height = uniforms(rng, (0.112, 0.132), (0.0330, 0.0380), (0.0500, 0.0575))
     return length, width, height
@@ -36,7 +37,7 @@ def cover_outline(style: str, arm: float, t: float) -> tuple[Sequence[float], Se
 
 
 def on_top(badge: str, arm: float, width: float, t: float) -> Mesh:
-    """Return the badge on top of the cover: a plate, a pad or a stripe. It is level and relative to the hinge [m]."""
+    """Return the mesh of the badge on top of the level cover, a plate, a pad or a stripe, relative to the hinge [m]."""
     sizes = {"plate": (0.026, 0.42, 0.56), "pad": (0.034, 0.80, 0.70), "stripe": (0.050, 0.16, 0.52)}
     long, share, at = sizes[badge]
     return box((long, share * width, 0.0018), (at * arm, 0.0, 0.0032 + 0.975 * t), bevel=0.0004)

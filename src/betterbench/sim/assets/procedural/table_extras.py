@@ -54,7 +54,7 @@ def napkin_stack(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _print_napkin(canvas: Canvas, kind: str, ink: Rgb) -> None:
-    """Print a pattern on a napkin, whose texture is 2 by 2 around (1, 1)."""
+    """Print a pattern on the texture of a napkin. The texture is 2 units wide and high, and its center is at (1, 1)."""
     x, y = canvas.x - 1.0, canvas.y - 1.0
     reach = np.maximum(np.abs(x), np.abs(y))
     if kind == "frame":

@@ -74,7 +74,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _corners() -> np.ndarray:
-    """Return the factor by which each side of a round body must move outward to make it a square with round corners."""
+    """Return the factor by which to move each side of a round body outward to get a square with round corners."""
     angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
     share: np.ndarray = (np.abs(np.cos(angle)) ** 6 + np.abs(np.sin(angle)) ** 6) ** (-1.0 / 6.0)
     return share
@@ -174,9 +174,9 @@ def _pattern(
 
 
 def _symbol_height(finish: str, *, bag: bool) -> float:
-    """Return the height of the recycling sign, relative to that of the wall. The sign is below the hem of a bag.
+    """Return the height of the recycling sign's center, as a fraction of the wall's height. 0 if there is no sign.
 
-    Returns 0 if there is no sign.
+    If the bin has a bag, the sign is below the hem of the bag.
     """
     if finish == "mesh" or (bag and finish == "slots"):
         return 0.0
@@ -184,7 +184,7 @@ def _symbol_height(finish: str, *, bag: bool) -> float:
 
 
 def _arrows(canvas: Canvas, center: tuple[float, float], radius: float, ink: Rgb, where: np.ndarray) -> None:
-    """Draw the sign for recycling: three arrows that follow each other around a triangle."""
+    """Draw the recycling sign: three arrows that follow each other around a triangle."""
     dx, dy = canvas.x - center[0], canvas.y - center[1]
     for k in range(3):
         turn = 2.0 * math.pi * k / 3.0

@@ -1,4 +1,6 @@
-"""Human reviews of imported objects. This package stores and replays them; it does not contain the browser page.
+"""Human reviews of imported objects: storage of the decisions, and their application to the objects.
+
+The browser page is in a different package.
 
 - ``changes``: one change to an object, with the values before and after.
 - ``content``: hash of the reviewed mesh file.

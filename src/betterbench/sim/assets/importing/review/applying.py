@@ -1,6 +1,6 @@
 """Application of the changes made in a review to an imported object.
 
-The result depends only on the object and the changes.
+The result depends only on the imported object and on the changes.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class ReviewState:
 def apply(imported: Imported, changes: Iterable[Change], *, where: str = "review") -> Imported:
     """Apply changes to an object, in order.
 
-    The result is deterministic: the same object and changes always give the same bytes
+    The same object and the same changes always give the same bytes
     (:func:`~betterbench.sim.assets.importing.stored.to_bytes`).
 
     Args:
@@ -99,8 +99,8 @@ def apply(imported: Imported, changes: Iterable[Change], *, where: str = "review
         where: Name of the object, for messages.
 
     Raises:
-        InvalidInputError: If the object does not have the value that a change recorded as its value before, or if a
-            change makes the object unusable.
+        InvalidInputError: If a value of the object differs from the value before the change that the review has
+            recorded, or if a change makes the object unusable.
     """
     state = ReviewState(imported)
     for change in changes:
@@ -109,7 +109,7 @@ def apply(imported: Imported, changes: Iterable[Change], *, where: str = "review
 
 
 def changed(state: ReviewState, change: Change, *, where: str = "review") -> ReviewState:
-    """Apply one change to an object. The arguments and errors are those of :func:`apply`."""
+    """Apply one change to an object. The arguments and the errors are the same as for :func:`apply`."""
     draft, turned = state.imported.draft, state.turned
     match change:
         case PoseChange():
@@ -172,7 +172,7 @@ def _placed(draft: Draft, place: Callable[[np.ndarray], np.ndarray]) -> Draft:
 
 
 def _moved(draft: Draft, turn: Quaternion, *, to_bottom: bool = False, lower_m: float = 0.0) -> Draft:
-    """Rotate a draft and then lower it [m], with its origin in the middle of its bounding box."""
+    """Rotate a draft, center it above the origin, and lower it by ``lower_m`` [m] or until its bottom is at z = 0."""
     matrix = np.array([rotate(turn, axis) for axis in np.eye(3).tolist()])
     points = np.concatenate([part.vertices for part in _visual(draft)]).astype(float) @ matrix
     low, high = points.min(axis=0), points.max(axis=0)
@@ -185,7 +185,7 @@ def _scaled(draft: Draft, factor: float) -> Draft:
 
 
 def _leveling(change: SupportChange, where: str) -> Quaternion:
-    """Return the smallest rotation after which the normal of the new support plane points up."""
+    """Return the smallest rotation that turns the normal of the new support plane upward."""
     if distance(change.before.normal, Plane().normal) > SAME_RAD or abs(change.before.height_m) > SAME_M:
         raise _other(where, "support plane", f"{change.before}", f"{Plane()}")
     x, y, z = change.after.normal
@@ -255,7 +255,7 @@ def _replaced(
     *,
     where: str,
 ) -> tuple[ItemT, ...]:
-    """Move, add or remove one of several named items."""
+    """Move, add or remove one of several named items, i.e. one of the grasps or regions of an object."""
     named = {item.name: item for item in items}
     before, after = before_after
     if before is None and after is None:

@@ -1,4 +1,4 @@
-"""Decisions about an imported object: changes with their values before and after, verdicts, and undo.
+"""Decisions about an imported object: changes (with the values before and after each change), verdicts, and undo.
 
 Poses, planes, grasps and regions are given in the object's frame at the time of the change. Its origin is in the middle
 of the bottom of the bounding box, with z up.
@@ -37,7 +37,7 @@ class Plane:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PoseChange:
-    """A rotation of the object. ``before`` and ``after`` are rotations (w, x, y, z) relative to the imported pose.
+    """Rotation of the object. ``before`` and ``after`` are rotations (w, x, y, z) relative to the imported pose.
 
     After the rotation, the collision shape, grasps and regions are computed again.
     """
@@ -50,9 +50,9 @@ class PoseChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ScaleChange:
-    """A new size of the object. ``before`` and ``after`` are the longest side of its bounding box [m].
+    """New size of the object. ``before`` and ``after`` are lengths of the longest side of its bounding box [m].
 
-    The mass stays the same. The collision shape, grasps and regions are computed again.
+    The mass stays the same. The collision shape, grasps and regions are computed again after the change.
     """
 
     before: _Length
@@ -63,7 +63,7 @@ class ScaleChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SupportChange:
-    """A new plane on which the object rests. ``before`` is the bottom of the bounding box.
+    """New plane on which the object rests. ``before`` is always the bottom of the bounding box.
 
     The object is turned by the smallest rotation that makes the plane horizontal. Parts below the plane do not touch
     the table. The collision shape, grasps and regions are computed again.
@@ -77,7 +77,7 @@ class SupportChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class GraspChange:
-    """A grasp that was moved, added (``before`` is None) or removed (``after`` is None)."""
+    """Change to a grasp, which was moved, added (``before`` is None) or removed (``after`` is None)."""
 
     before: Grasp | None
     after: Grasp | None
@@ -87,7 +87,7 @@ class GraspChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RegionChange:
-    """A placement frame (opening, floor, base or top) that was moved, added or removed.
+    """Change to a placement frame (opening, floor, base or top), which was moved, added or removed.
 
     As in :class:`GraspChange`, ``before`` is None for an added frame, and ``after`` is None for a removed frame.
     """
@@ -128,7 +128,7 @@ AS_IMPORTED: Quaternion = IDENTITY_QUATERNION
 
 
 def said(change: Change) -> str:
-    """Describe a change by a short English phrase."""
+    """Describe a change to an object by a short English phrase."""
     match change:
         case PoseChange():
             return "turned"

@@ -1,6 +1,7 @@
-"""Review file, which contains one JSON line per decision, and the history of each object in the file.
+"""Review file with one JSON line per decision, and the history of decisions about each object.
 
-This module defines the lines about imported objects. The general mechanism is in :mod:`betterbench.jobs.decisions`.
+This module defines the lines of a review of imported objects. The general mechanism is in
+:mod:`betterbench.jobs.decisions`.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class Review:
         return self.asset
 
     def misfit(self, changes: int) -> str:
-        """Check that a verdict matches the number of changes made to the object.
+        """Check that a verdict matches the number of changes to the object: "accept" for none, and "fix" for any.
 
         Returns:
             The reason why the verdict does not match, or "" if it does.
@@ -74,7 +75,7 @@ History = DecisionHistory[Review]
 
 
 class ReviewJournal(DecisionJournal[Review]):
-    """Review file for objects. One process opens it and appends decisions to it.
+    """Review file for objects. The process that opens the file appends its decisions to it.
 
     An unfinished last line is cut off when the file is opened.
 
@@ -94,7 +95,7 @@ class ReviewJournal(DecisionJournal[Review]):
 
 
 def asset_name(mesh: Path) -> str:
-    """Return the name of an object in reviews: its file name, preceded by the folder if the file name is generic."""
+    """Return the name of an object in reviews: its file name, preceded by its folder if the file name is generic."""
     return one_line(shown_name(mesh), most=100)
 
 
@@ -117,8 +118,8 @@ def history_of(path: Path, content: str, asset: str) -> History:
 
     Raises:
         RecordError: If the review file cannot be read (see :func:`read_reviews`).
-        InvalidInputError: If the review file has no decision about this content. If it has one about an object with the
-            same name, the message shows the content hash that was reviewed.
+        InvalidInputError: If the review file has no decision about this content. If there is a decision about an object
+            with the same name, the message shows the content hash that was reviewed.
     """
     reviews = read_reviews(path)
     found = histories(reviews, str(path)).get(content)

@@ -1,6 +1,6 @@
-"""Imported objects to which the accepted changes of a review file are applied.
+"""Application of the accepted changes in a review file to imported objects.
 
-The results are kept in the import cache.
+The changed objects are stored in the import cache.
 """
 
 from __future__ import annotations
