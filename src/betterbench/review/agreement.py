@@ -63,7 +63,7 @@ def agreement(first: Path, second: Path) -> ReviewAgreement:
     what = "scenes" if kinds[0] else "objects"
     if kinds[0] != kinds[1]:
         problem = f"{first} is a review of {what}, but {second} is not"
-        raise InvalidInputError(f"{first}, {second}", problem, "Give two reviews of objects, or two of scenes")
+        raise InvalidInputError(f"{first}, {second}", problem, "Use two reviews of objects, or two reviews of scenes")
     a, b = (_verdicts(path, of_scenes=kinds[0]) for path in (first, second))
     both = [content for content in a if content in b]
     if not both:

@@ -82,16 +82,18 @@ def mesh_files(given: Sequence[Path]) -> list[Path]:
             inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in FORMATS and p.is_file())
             found.update(dict.fromkeys(inside))
         elif not path.exists():
-            raise InvalidInputError(str(path), "it does not exist", "Give mesh files or folders with mesh files")
+            raise InvalidInputError(
+                str(path), "it does not exist", "Pass mesh files, or folders that contain mesh files"
+            )
         elif path.suffix.lower() not in FORMATS:
             raise InvalidInputError(
-                str(path), "its format is not known", f"Give files of the formats {', '.join(FORMATS)}"
+                str(path), "its format is not known", f"Pass files in one of these formats: {', '.join(FORMATS)}"
             )
         else:
             found[path] = None
     if not found:
         raise InvalidInputError(
-            "DIR_OR_FILES", "no mesh file was found", f"Give files of the formats {', '.join(FORMATS)}"
+            "DIR_OR_FILES", "no mesh file was found", f"Pass files in one of these formats: {', '.join(FORMATS)}"
         )
     if len(found) > MOST_FILES:
         raise InvalidInputError(

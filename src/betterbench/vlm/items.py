@@ -148,12 +148,12 @@ class ItemSet:
     def __post_init__(self) -> None:
         """Raise InvalidInputError if there are no items, or if two items have the same identifier."""
         if not self.items:
-            raise InvalidInputError(self.benchmark, "has no items", "Give the folder with its data")
+            raise InvalidInputError(self.benchmark, "has no items", "Pass the folder that contains its data")
         seen = set[str]()
         for item in self.items:
             if item.id in seen:
                 raise InvalidInputError(
-                    self.benchmark, f"the identifier {item.id!r} occurs twice", "Give data with one row per item"
+                    self.benchmark, f"the identifier {item.id!r} occurs twice", "Use data with one row per item"
                 )
             seen.add(item.id)
 

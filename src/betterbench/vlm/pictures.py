@@ -117,7 +117,7 @@ def file_in(folder: Path, place: str, *, where: str) -> Path:
     pure = PurePosixPath(place)
     if not place or pure.is_absolute() or ".." in pure.parts or not place.isprintable():
         raise InvalidInputError(
-            where, f"{one_line(place, most=80)!r} is outside the data folder", "Give a relative path"
+            where, f"{one_line(place, most=80)!r} is outside the data folder", "Use a path relative to the data folder"
         )
     path = folder / place
     require_inside(path, folder)
@@ -151,5 +151,5 @@ def embedded(value: Any, where: str) -> bytes:  # noqa: ANN401 - a cell of JSON 
             return base64.b64decode("".join(text.split()), validate=True)
         except (binascii.Error, ValueError) as error:
             problem = f"is not base64 ({one_line(error)})"
-            raise InvalidInputError(where, problem, "Give the image as base64 or bytes") from error
-    raise InvalidInputError(where, "contains no image", "Give the image as base64, bytes, or a struct with bytes")
+            raise InvalidInputError(where, problem, "Store the image as base64 or bytes") from error
+    raise InvalidInputError(where, "contains no image", "Store the image as base64, bytes, or a struct with bytes")

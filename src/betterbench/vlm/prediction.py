@@ -123,7 +123,7 @@ def predictions_of(policies: Sequence[PolicyPoint], *, alpha: float = 0.05) -> t
     """
     if len(policies) < 2:
         raise InvalidInputError(
-            "better compare", "a single policy cannot be ranked", "Give the runs of several policies"
+            "better compare", "a single policy cannot be ranked", "Pass the runs of several policies"
         )
     gaps = [policy.gap for policy in policies]
     predictors = {"static score": [policy.score for policy in policies]}
@@ -159,7 +159,7 @@ def prediction_table(
     benchmarks = {run.benchmark.title: run for _, run, _ in policies}
     if len(benchmarks) > 1:
         names = " and ".join(f"{run.path} ({title})" for title, run in benchmarks.items())
-        raise RunConflictError(f"{names} are runs on different benchmarks. Give runs on the same benchmark.")
+        raise RunConflictError(f"{names} are runs on different benchmarks. Use runs on the same benchmark.")
     points = [_point(name or diagnosis.policy, run, diagnosis, column) for name, run, diagnosis in policies]
     double = next((p.name for i, p in enumerate(points) if p.name in {q.name for q in points[:i]}), None)
     if double is not None:

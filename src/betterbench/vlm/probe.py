@@ -206,7 +206,7 @@ class Finding:
             return
         there, said = CONVENTIONS[self.found], CONVENTIONS[declared]
         if (there.order, there.side) != (said.order, said.side):
-            cure = f"Give --coordinates {self.found}, or --no-probe if the declaration is right"
+            cure = f"Use --coordinates {self.found}, or use --no-probe if the declared convention is right"
             raise InvalidInputError("--coordinates", problem, cure)
 
     def to_json(self) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from betterbench.records.parquet_rows import ParquetRows
 
 MOST_BYTES = 2 << 30
 """Maximum size of a JSON file that is read [byte]. The largest published file has 1.2 GB."""
-_CURE = "Give the file as published, or the row in that form"
+_CURE = "Use the published file, or write the row in the published form"
 _FOLDERS = ("", "data", "default", "annotations")
 Span = tuple[int, int]
 """Start and end of a row in a file [byte]."""
@@ -170,7 +170,7 @@ def read_rows(file: Path, *, large: Sequence[str]) -> list[Row]:
 
 def _parsed_rows(file: Path) -> list[Row]:
     """Return the rows of a JSON document with any of the supported structures. The whole document is loaded."""
-    raw = read_bounded(file, max_bytes=MOST_BYTES, cure="Give the file as published")
+    raw = read_bounded(file, max_bytes=MOST_BYTES, cure="Use the published file")
     try:
         if file.suffix.lower() == ".jsonl":
             forms: object = [parse_json(line) for line in raw.splitlines() if line.strip()]
@@ -181,7 +181,7 @@ def _parsed_rows(file: Path) -> list[Row]:
     if isinstance(forms, dict):  # some mirrors wrap the rows
         forms = next((v for v in forms.values() if isinstance(v, list)), forms)
     if not isinstance(forms, list) or not forms:
-        raise InvalidInputError(str(file), "is not a list of rows", "Give the file as published")
+        raise InvalidInputError(str(file), "is not a list of rows", "Use the published file")
     rows = []
     for number, form in enumerate(forms, start=1):
         if not isinstance(form, dict):

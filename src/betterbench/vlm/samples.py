@@ -39,7 +39,9 @@ def write_samples(path: Path, out: Path, *, overwrite: bool = False) -> tuple[Pa
         RecordError: If the run is not finished, was changed, or was written by an earlier version.
     """
     if not is_static_run(path):
-        raise InvalidInputError(str(path), "is not a run of better vlm", "Give the folder that better vlm --out wrote")
+        raise InvalidInputError(
+            str(path), "is not a run of better vlm", "Pass a folder that better vlm --out has written"
+        )
     run = read_static_run(path)
     texts = read_stored_answers(path / ANSWERS_NAME).answers
     date = datetime.fromisoformat(str(run.head["begun"])).strftime("%Y%m%d_%H%M%S")
@@ -47,7 +49,7 @@ def write_samples(path: Path, out: Path, *, overwrite: bool = False) -> tuple[Pa
     model = re.sub(r"[\"<>:/|\\?*\[\]]+", "__", str(run.head["model"]))
     file = out / model / f"{date}_samples_{task}.jsonl"
     if file.exists() and not overwrite:
-        raise InvalidInputError(str(file), "already exists", "Give --overwrite or a different --out")
+        raise InvalidInputError(str(file), "already exists", "Use --overwrite or a different --out")
     lines = [_sample(run, number, item, texts.get(item.id)) for number, item in enumerate(run.items.values())]
     file.parent.mkdir(parents=True, exist_ok=True)
     write_durably(file, "".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines).encode())

@@ -200,8 +200,8 @@ def step_table(
             data.
     """
     if names and len(names) != len(paths):
-        problem = f"{len(names)} names for {len(paths)} runs"
-        raise InvalidInputError("--name", problem, "Give one name per run, or none")
+        problem = f"{len(names)} names are given for {len(paths)} runs"
+        raise InvalidInputError("--name", problem, "Use --name once for each run, or not at all")
     rows: dict[str, dict[str, StoredRun]] = {}
     runs = [read_static_run(path) for path in paths]
     for path, run, name in zip(paths, runs, names or _names(runs), strict=True):

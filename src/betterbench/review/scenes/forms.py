@@ -17,7 +17,7 @@ from betterbench.tasks import Condition, Task
 
 SAME_M, SAME_RAD = 1e-6, 1e-6
 """Tolerances when a value is compared with the rounded value that the reviewer saw."""
-_OTHER_CURE = "Restore the reviewed task file, or review the present one"
+_OTHER_CURE = "Restore the task file that was reviewed, or review the current task file"
 
 
 def task_content(form: Mapping[str, Any]) -> str:

@@ -109,7 +109,7 @@ def scene_queue(given: Iterable[str]) -> list[QueuedScene]:
             raise UnknownNameError(f"condition of {task}", condition, known)
         names.update(dict.fromkeys((task, name) for name in ([condition] if slash else known)))
     if not names:
-        cure = "Name tasks or conditions (my_lunch/L1), or give --suite or --task-file"
+        cure = "Pass tasks or conditions, for example my_lunch/L1, or use --suite or --task-file"
         raise InvalidInputError("review scenes", "no task is given", cure)
     if len(names) > MOST_SCENES:
         raise InvalidInputError(

@@ -67,7 +67,9 @@ def reviewed_form(form: Mapping[str, Any], history: SceneHistory) -> ReviewedFor
     trained = [condition for condition in rejected if condition in {c.name for c in task.changed(()).training}]
     if trained:
         problem = f"the training condition {trained[0]} was rejected: {rejected[trained[0]]}"
-        raise InvalidInputError(name, problem, "Its variations are derived from it, so write a new task")
+        raise InvalidInputError(
+            name, problem, "Write a new task, because all variations are derived from the training condition"
+        )
     new = patched(form, changes, where=name)
     new["variations"] = [variation for variation in new["variations"] if variation["name"] not in rejected]
     if rejected and new["version"] == form["version"]:
@@ -97,10 +99,14 @@ def reviewed_forms(path: Path) -> dict[str, ReviewedForm]:
         here = task_content(form)
         if here != content:
             problem = f"it was reviewed with the content {content[:SHOWN]}, but its content is now {here[:SHOWN]}"
-            raise InvalidInputError(name, problem, "Restore the reviewed task file, or review the present one")
+            raise InvalidInputError(
+                name, problem, "Restore the task file that was reviewed, or review the current task file"
+            )
         found[name] = reviewed_form(form, history)
     if not found:
-        raise InvalidInputError(str(path), "it contains no decision that was not undone", "Review scenes first")
+        raise InvalidInputError(
+            str(path), "it contains no decisions, or all of them were undone", "Review the scenes of a task first"
+        )
     return found
 
 
@@ -138,5 +144,7 @@ def write_moved_frames(found: Mapping[str, ReviewedForm], folders: Sequence[Path
             paths[-1].mkdir(parents=True, exist_ok=True)
             write_reviewed_folder(folder, paths[-1], changes)
     if moves:
-        raise InvalidInputError(next(iter(moves)), "it is not in an asset folder", "Give its folder with --asset-dir")
+        raise InvalidInputError(
+            next(iter(moves)), "it is not in an asset folder", "Pass the folder that contains it with --asset-dir"
+        )
     return paths

@@ -78,7 +78,7 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
     """
     if not given:
         raise InvalidInputError(
-            "assets check", "no asset is given", "Give assets, mesh files, or folders of mesh files"
+            "assets check", "no asset is given", "Pass the names of assets, mesh files, or folders of mesh files"
         )
     found: list[Target] = []
     for text in given:
@@ -87,7 +87,9 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
             files = sorted(f for f in path.rglob("*") if f.suffix.lower() in MESH_FORMATS and f.is_file())
             if not files:
                 raise InvalidInputError(
-                    text, "this folder contains no mesh file", f"Give files of {', '.join(MESH_FORMATS)}"
+                    text,
+                    "this folder contains no mesh file",
+                    f"Use a folder with files in one of these formats: {', '.join(MESH_FORMATS)}",
                 )
             found += [Target(str(file.relative_to(path)), file, wishes, color) for file in files]
         elif path.is_file() or path.suffix.lower() in FORMATS:
@@ -95,7 +97,7 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
         else:
             found.append(_registered(text, wishes, color))
     if len(found) > 1 and (wishes.name or wishes.size_m or wishes.mass_kg):
-        problem = f"{len(found)} assets are given with one name, size or mass"
+        problem = f"one name, size or mass is given for {len(found)} assets"
         raise InvalidInputError("assets check", problem, "Check the assets one by one")
     return found
 

@@ -28,7 +28,7 @@ def parse_xml(text: bytes, where: str) -> ET.Element:
         InvalidInputError: If the text is not XML, declares a document type or entities, or exceeds a limit.
     """
     if len(text) > MAX_XML_BYTES:
-        raise InvalidInputError(where, f"it has more than {MAX_XML_BYTES >> 20} MB", "Keep meshes in separate files")
+        raise InvalidInputError(where, f"it has more than {MAX_XML_BYTES >> 20} MB", "Store meshes in separate files")
     builder = ET.TreeBuilder()
     parser = expat.ParserCreate(namespace_separator=None)
     parser.buffer_text = True

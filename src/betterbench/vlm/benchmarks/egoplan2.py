@@ -86,7 +86,7 @@ def _pictures_of(row: Row) -> list[Callable[[], bytes]]:
             numbers = tuple(map(int, np.linspace(first, last, FRAMES, endpoint=True, dtype=int)))
             return [partial(_of_video, video, numbers, i) for i in range(FRAMES)]
     problem = f"{identifier} has no images"
-    cure = f"Put them into {folder / 'keyframes' / identifier} or the video into {folder / 'videos'}"
+    cure = f"Put its images into {folder / 'keyframes' / identifier}, or its video into {folder / 'videos'}"
     raise InvalidInputError(row.where("sample_id"), problem, cure)
 
 

@@ -128,7 +128,7 @@ class InternVl:
             with torch.inference_mode():
                 ids = self._model.generate(**inputs, max_new_tokens=self._max_tokens, do_sample=False)
         except RuntimeError as error:  # includes torch.OutOfMemoryError
-            cure = "Give fewer --max-tiles, or serve the model and give its address"
+            cure = "Use a smaller --max-tiles, or serve the model and pass its address"
             raise ModelError(f"{self.name}: the model failed ({one_line(error, most=200)}). {cure}.") from error
         answer = self._tokenizer.decode(ids[0, inputs["input_ids"].shape[1] :], skip_special_tokens=True)
         return str(answer)
@@ -193,7 +193,7 @@ def _read_config(folder: Path) -> PretrainedConfig:
     """
     import transformers  # noqa: PLC0415 - an optional part
 
-    cure = f"Give the folder of an InternVL checkpoint in the Hugging Face format (its name ends in -HF). {_SERVE}"
+    cure = f"Pass the folder of an InternVL checkpoint in the Hugging Face format (its name ends in -HF). {_SERVE}"
     if not (folder / "config.json").is_file():
         raise InvalidInputError(str(folder), "contains no config.json", cure)
     try:

@@ -56,8 +56,8 @@ class ModelOptions:
 def require_no_records(options: ModelOptions) -> None:
     """Raise InvalidInputError if ``--records`` is given, because a model that receives images does not use it."""
     if options.records is not None:
-        cure = "Leave it out, or give learned:CHECKPOINT"
-        raise InvalidInputError("--records", "applies only to a learner", cure)
+        cure = "Leave it out, or use the model learned:CHECKPOINT"
+        raise InvalidInputError("--records", "applies only to a learned policy", cure)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -73,11 +73,11 @@ class Prompt:
             return declared or "pixels"
         if self.coordinates is not None and declared not in (None, self.coordinates):
             problem = f"the prompt {self.id} asks for {self.coordinates}, but {declared} is declared"
-            cure = f"Give --coordinates {self.coordinates}, or a different --prompt"
+            cure = f"Use --coordinates {self.coordinates}, or a different --prompt"
             raise InvalidInputError("--coordinates", problem, cure)
         if declared is None and self.coordinates is None and "{request}" not in self.template:
             problem = f"is missing, and the prompt {self.id} does not state a coordinate convention"
-            raise InvalidInputError("--coordinates", problem, f"Declare one of {', '.join(CONVENTIONS)}")
+            raise InvalidInputError("--coordinates", problem, f"Set it to one of {', '.join(CONVENTIONS)}")
         return declared or self.coordinates or usual
 
 

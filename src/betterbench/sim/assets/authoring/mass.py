@@ -72,7 +72,7 @@ def mass_properties(
     if densities is not None:
         weights = weights * [*densities, *[0.0] * (len(parts) - len(densities))]
     if weights.sum() <= 0.0:
-        raise InvalidInputError("densities", "all densities are zero", "Give at least one positive density")
+        raise InvalidInputError("densities", "all densities are zero", "Set at least one positive density")
     masses = mass_kg * weights / weights.sum()
     centers = np.array([p.position for p in parts])
     center = masses @ centers / mass_kg

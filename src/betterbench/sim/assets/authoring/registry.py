@@ -88,7 +88,7 @@ def generator(
     if not category or not colors or looks < 1 or unseen_looks < 1:
         problem = "a category needs a name, and at least one color, one look and one unseen look"
         raise InvalidInputError(
-            f"asset category {category!r}", problem, 'Write it like @generator("kite", colors=("red",))'
+            f"asset category {category!r}", problem, 'Write, for example, @generator("kite", colors=("red",))'
         )
 
     def register(make: Generator) -> Generator:
@@ -282,7 +282,9 @@ def asset_of(draft: Draft, category: str, *, look: int = 0, color: str, keeps_up
     if draft.material is not None:
         collision = surfaced(collision, draft.material, only_plain=True)
     if not visual or not collision:
-        raise InvalidInputError(f"asset {category!r}", "it has no visual part or no collision part", "Add a part")
+        raise InvalidInputError(
+            f"asset {category!r}", "it has no visual part or no collision part", "Add the missing part"
+        )
     points = np.concatenate([part.vertices for part in visual]).astype(float)
     x, y, z = (round(float(e), 6) for e in np.ptp(points, axis=0))
     body = draft.body or mass_properties(collision, draft.mass_kg, densities=draft.densities)

@@ -59,13 +59,13 @@ def mesh_picture(path: Path, *, pixels: int) -> np.ndarray:
     Raises:
         InvalidInputError: If the file is too large, damaged or empty, or if trimesh cannot read it.
     """
-    data = read_bounded(path, max_bytes=MAX_BYTES, cure="Give a smaller mesh")
+    data = read_bounded(path, max_bytes=MAX_BYTES, cure="Use a smaller mesh")
     try:
         kind = path.suffix.lower().removeprefix(".")
         loaded: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=_SameFolder(path.parent))
         points, normals, colors = _surface(loaded.dump())
     except Exception as error:  # mesh readers may raise any exception for damaged files
-        raise InvalidInputError(str(path), f"cannot be drawn ({error})", "Check it in a mesh editor") from error
+        raise InvalidInputError(str(path), f"cannot be drawn ({error})", "Check the file in a mesh editor") from error
     if kind in ("glb", "gltf"):
         points, normals = (values[:, [2, 0, 1]] for values in (points, normals))
     return _drawn(points, normals, colors, pixels)
@@ -75,10 +75,10 @@ def _surface(geometry: Sequence[object]) -> tuple[np.ndarray, np.ndarray, np.nda
     """Return (n, 3) points on the surface, their (n, 3) normals, and their (n, 3) colors in [0, 1]."""
     meshes = [mesh for mesh in geometry if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
     if not meshes or sum(len(mesh.faces) for mesh in meshes) > MAX_FACES:
-        raise ValueError(f"it has no triangles, or more than {MAX_FACES}")
+        raise ValueError(f"the mesh has no triangles, or more than {MAX_FACES}")
     whole = sum(float(mesh.area) for mesh in meshes)
     if not np.isfinite(whole) or whole <= 0.0:
-        raise ValueError("its surface is empty or not finite")
+        raise ValueError("the surface of the mesh is empty or not finite")
     rng = np.random.default_rng(0)
     points, normals, colors = [], [], []
     for mesh in meshes:

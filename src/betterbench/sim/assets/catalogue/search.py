@@ -217,7 +217,7 @@ class Catalogue:
         """
         if not query.strip() or len(query) > LONGEST_QUERY:
             raise InvalidInputError(
-                "query", f"has {len(query.strip())} characters", f"Use 1 to {LONGEST_QUERY} characters"
+                "query", f"has {len(query.strip())} characters", f"Use a query of 1 to {LONGEST_QUERY} characters"
             )
         admitted = filters or Filters()
         if admitted.source and admitted.source not in self._numbers:

@@ -57,11 +57,11 @@ def choose_different(
         InvalidInputError: If the number is out of range, or too few assets in the catalogue fit the description.
     """
     if not 1 <= count <= MOST:
-        raise InvalidInputError("num", f"{count} is out of range", f"Give a number from 1 to {MOST}")
+        raise InvalidInputError("num", f"{count} is out of range", f"Use a number from 1 to {MOST}")
     hits = _of_one_kind(catalogue.search(description, limit=_SEARCHED, filters=filters), description)
     left = [Chosen(one, hit) for hit in hits for one in _looks(hit.entry)]
     if not left:
-        problem = f"no asset of the catalogue fits {description!r}"
+        problem = f"no asset in the catalogue fits {description!r}"
         raise InvalidInputError(
             "query", problem, "Use other words, allow more licenses with --license any, or index more sources"
         )

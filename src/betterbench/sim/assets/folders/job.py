@@ -28,7 +28,7 @@ from betterbench.tasks.user_files import ASSET_MANIFEST
 
 VERB = "assets"
 """Command that writes asset folders."""
-LICENSE_OPTIONS = "Give its license with --license, or add --any-license to import it anyway"
+LICENSE_OPTIONS = "Use --license to state its license, or add --any-license to import it anyway"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -30,7 +30,9 @@ def stored_asset(folder: Path, name: str) -> Imported:
     """
     assets = manifest_of(folder).assets
     if name not in assets:
-        raise InvalidInputError(str(folder), f"it has no asset {name!r}", f"Known: {', '.join(assets) or 'none'}")
+        raise InvalidInputError(
+            str(folder), f"it has no asset {name!r}", f"Known assets: {', '.join(assets) or 'none'}"
+        )
     path = folder / assets[name].file
     data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure=CURE)
     if hashlib.sha256(data).hexdigest() != assets[name].sha256:

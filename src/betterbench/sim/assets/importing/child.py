@@ -98,7 +98,7 @@ def _digest(path: Path, where: str) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         problem = f"it cannot be read ({error.strerror or error})"
-        raise InvalidInputError(where, problem, "Give the path of a file") from error
+        raise InvalidInputError(where, problem, "Pass the path of a readable file") from error
 
 
 def cache_folder() -> Path:

@@ -112,7 +112,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
     longest = float(size.max())
     if not LEAST_M <= longest <= MOST_M:
         problem = f"its longest side is {100.0 * longest:.3g} cm, expected {100 * LEAST_M:g} to {100 * MOST_M:g} cm"
-        raise InvalidInputError(where, problem, "Give its longest side with --size-m")
+        raise InvalidInputError(where, problem, "Set its longest side with --size-m")
     body, said = _body(placed, kind, longest, wishes)
     hulls, by_file = stated_hulls(placed)
     if hulls:

@@ -191,7 +191,7 @@ def check_picture(data: bytes, name: str, where: str) -> None:
         raise InvalidInputError(where, problem, "Save the texture as a PNG file again") from error
     if large:
         problem = f"its texture {name} has more than {MAX_IMAGE_PIXELS:,} pixels"
-        raise InvalidInputError(where, problem, f"Reduce the texture to {LARGEST_IMAGE} pixels per side")
+        raise InvalidInputError(where, problem, f"Reduce the texture to at most {LARGEST_IMAGE} pixels per side")
 
 
 def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
@@ -263,7 +263,7 @@ def _plain_obj(data: bytes, where: str) -> bytes:
     if len(names) > 1:
         first, second = (one_line(repr(name.decode(errors="replace")), most=60) for name in list(names)[:2])
         problem = f"its materials are in several files ({first}, {second}), expected one"
-        raise InvalidInputError(where, problem, "Export the object again, or join the material files")
+        raise InvalidInputError(where, problem, "Export the object with one material file, or join the material files")
     return _COMMENTED_MATERIALS.sub(b"#", data.removeprefix(codecs.BOM_UTF8))
 
 

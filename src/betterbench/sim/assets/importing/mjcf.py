@@ -181,7 +181,7 @@ def _require_rigid(model: Any, where: str, *, freeze: bool) -> tuple[str, ...]: 
     moving = [j for j in range(model.njnt) if j not in free]
     said = [_joint_name(model, j) for j in moving]
     if moving and not freeze:
-        cure = "Fix all joints at their reference with --freeze, or import one body"
+        cure = "Use --freeze to fix all joints at their reference position, or import a single body"
         raise InvalidInputError(where, f"its joint {said[0]} is movable", cure)
     return tuple(f"joint {name} is fixed at its reference" for name in said)
 

@@ -36,10 +36,10 @@ def read_object(path: Path, files: FolderResolver, *, freeze: bool = False) -> R
     if path.suffix.lower() not in XML_FORMATS:
         return read_mesh_file(path, files)
     where = one_line(path.name, most=120)
-    root = parse_xml(read_bounded(path, max_bytes=MAX_XML_BYTES, cure="Keep meshes in separate files"), where)
+    root = parse_xml(read_bounded(path, max_bytes=MAX_XML_BYTES, cure="Store meshes in separate files"), where)
     if root.tag not in ("robot", "mujoco"):
         problem = f"its first element is {one_line(repr(root.tag), most=60)}, expected robot (URDF) or mujoco (MJCF)"
-        raise InvalidInputError(where, problem, "Give a URDF or MJCF file")
+        raise InvalidInputError(where, problem, "Use a URDF or MJCF file")
     _require_plain(root, where)
     if root.tag == "robot":
         return checked(read_urdf(root, files, where, freeze=freeze), where)
@@ -54,7 +54,7 @@ def _require_plain(root: ET.Element, where: str) -> None:
         tag = element.tag
         if tag in _REFUSED:
             problem = f"it has the element {tag}, which would load code or another file"
-            raise InvalidInputError(where, problem, f"Remove {tag}; a prop does not need it")
+            raise InvalidInputError(where, problem, f"Remove the element {tag}, which a passive object does not need")
         if ":" in tag:
             problem = f"it has the macro {one_line(tag, most=60)}"
             raise InvalidInputError(where, problem, "Expand it first, with xacro FILE > object.urdf")

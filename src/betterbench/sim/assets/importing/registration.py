@@ -85,7 +85,7 @@ def imported(
         f"asset category {category!r}",
         license,
         any_license=any_license,
-        option='Give license="CC BY 4.0" or another name, or any_license=True to use it all the same',
+        option='Set license="CC BY 4.0" or the name of another license, or set any_license=True to use it anyway',
     )
     folder = loading_folder() or Path.cwd()
     file = (folder / Path(path).expanduser()).absolute()

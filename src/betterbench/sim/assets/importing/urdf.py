@@ -78,7 +78,9 @@ class _Reader:
         moving = [joint for joint in joints if joint.kind in _MOVABLE]
         if moving and not freeze:
             problem = f"its joint {moving[0].name!r} ({moving[0].kind}) is movable"
-            raise InvalidInputError(self._where, problem, "Fix all joints at 0 with --freeze, or import one link")
+            raise InvalidInputError(
+                self._where, problem, "Use --freeze to fix all joints at position 0, or import a single link"
+            )
         poses = self._poses(links, joints)
         visual = [part for name, link in links.items() for part in self._parts(link, "visual", poses[name])]
         collision = [part for name, link in links.items() for part in self._parts(link, "collision", poses[name])]
@@ -220,7 +222,7 @@ class _Reader:
         if not separator:
             return name
         if scheme != "package":
-            raise self._wrong(f"it refers to {one_line(repr(name), most=120)}, which is not a file of its folder")
+            raise self._wrong(f"it refers to {one_line(repr(name), most=120)}, which is not a file in its folder")
         below = rest.partition("/")[2]
         return rest if not self._files.holds(below) and self._files.holds(rest) else below
 

@@ -193,7 +193,9 @@ def find_files() -> tuple[Path, Path] | None:
 
 def _open(target: str) -> MiniLm:
     if target:
-        raise InvalidInputError("encoder", f"{NAME} does not take a model name, got {target!r}", f"Write {NAME}")
+        raise InvalidInputError(
+            "encoder", f"{NAME} does not take a model name, got {target!r}", f"Use the name {NAME} alone"
+        )
     files = find_files()
     if files is None:
         raise missing_extra("The encoder minilm needs the extra assets, which is not installed", "assets")

@@ -28,14 +28,16 @@ class SentenceEncoder:
         found = np.asarray(self._model.encode(list(texts), convert_to_numpy=True, show_progress_bar=False), np.float32)
         if found.ndim != 2 or len(found) != len(texts) or not np.isfinite(found).all():
             problem = f"returned an array of shape {found.shape} for {len(texts)} texts, or values that are not finite"
-            raise InvalidInputError(self.name, problem, "Give a text embedding model")
+            raise InvalidInputError(self.name, problem, "Use a text embedding model")
         return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), np.float32(1e-12)))
 
 
 def _open(target: str) -> SentenceEncoder:
     if not target:
         raise InvalidInputError(
-            "encoder", "the model name is missing", f"Write {NAME}:all-mpnet-base-v2, or {NAME}:clip-ViT-B-32"
+            "encoder",
+            "the model name is missing",
+            f"Write, for example, {NAME}:all-mpnet-base-v2 or {NAME}:clip-ViT-B-32",
         )
     try:
         package = importlib.import_module("sentence_transformers")
@@ -45,7 +47,9 @@ def _open(target: str) -> SentenceEncoder:
         return SentenceEncoder(target, package.SentenceTransformer(target))
     except (OSError, ValueError, RuntimeError) as error:
         problem = f"could not be loaded ({described(error)})"
-        raise InvalidInputError(f"{NAME}:{target}", problem, "Check the name and the network") from error
+        raise InvalidInputError(
+            f"{NAME}:{target}", problem, "Check the name of the model and the network connection"
+        ) from error
 
 
 register(

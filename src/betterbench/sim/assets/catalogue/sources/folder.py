@@ -182,13 +182,15 @@ def _csv_rows(path: Path, data: bytes) -> tuple[_Described, ...]:
 def _open(target: str, options: SourceOptions) -> _Folder:
     root = Path(target).absolute()
     if not target or not root.is_dir():
-        raise InvalidInputError(target or "folder:", "is not a folder", "Give a folder of mesh files as folder:PATH")
+        raise InvalidInputError(
+            target or "folder:", "is not a folder", "Write the path of a folder of mesh files as folder:PATH"
+        )
     name = options.name or "_".join(words_of(root.name)) or "folder"
     if "/" in name or not name.isprintable() or name in ("procedural", "objaverse"):
         raise InvalidInputError(
             "name",
             f"{one_line(name)!r} is not a valid source name",
-            "Give a printable name without slashes with --name",
+            "Use --name with a printable name that contains no slashes",
         )
     return _Folder(root, name, options)
 

@@ -103,7 +103,7 @@ class _GltfScene:
             number, above = stack.pop()
             self._visited += 1
             if self._visited > _MOST_NODES:
-                raise ValueError(f"it has more than {_MOST_NODES} nodes, or its nodes form a cycle")
+                raise ValueError(f"the scene has more than {_MOST_NODES} nodes, or its nodes form a cycle")
             node = self._nodes[_index(number, len(self._nodes))]
             pose = above @ _node_matrix(node)
             if "mesh" in node:

@@ -134,12 +134,16 @@ def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
 
 def _open(target: str, options: SourceOptions) -> _Objaverse:
     if options.license or options.author or options.name:
-        raise InvalidInputError(NAME, "each model has its own license and author", "Leave these options out")
+        raise InvalidInputError(
+            NAME, "each model has its own license and author", "Leave out --license, --author and --name"
+        )
     if not target:
         return _Objaverse(_downloaded())
     root = Path(target).absolute()
     if not (root / "metadata").is_dir():
-        raise InvalidInputError(target, "has no folder metadata", f"Give the folder hf-objaverse-v1 of {NAME}. {_CURE}")
+        raise InvalidInputError(
+            target, "has no folder metadata", f"Pass the folder hf-objaverse-v1 of the package {NAME}. {_CURE}"
+        )
     return _Objaverse(root)
 
 
@@ -149,14 +153,16 @@ def _downloaded() -> Path:
         package = importlib.import_module(NAME)
     except ImportError as error:
         problem = "The source objaverse needs the package objaverse, which is not installed"
-        raise missing_packages(problem, NAME, otherwise="or give a folder with its files: objaverse:FOLDER") from error
+        raise missing_packages(problem, NAME, otherwise="or read its files from a folder: objaverse:FOLDER") from error
     try:
         package.load_annotations()
         package.load_lvis_annotations()
         root = Path(package._VERSIONED_PATH)
     except Exception as error:  # any error of the package
         problem = f"its annotations could not be downloaded ({described(error)})"
-        raise InvalidInputError(NAME, problem, "Check the network, or give a folder: objaverse:FOLDER") from error
+        raise InvalidInputError(
+            NAME, problem, "Check the network connection, or read the files from a folder: objaverse:FOLDER"
+        ) from error
     return root
 
 

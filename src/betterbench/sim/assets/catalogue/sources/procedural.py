@@ -31,7 +31,7 @@ def asset_address(entry_id: str) -> tuple[str, str, int]:
     category, _, color = rest.rpartition("-")
     if not entry_id.startswith(f"{NAME}/") or not category or not (look or "0").isdecimal():
         raise InvalidInputError(
-            "id", f"{entry_id!r} is not an asset of the procedural library", "Write it like procedural/mug-red#3"
+            "id", f"{entry_id!r} is not an asset of the procedural library", "Write an id such as procedural/mug-red#3"
         )
     return category, color, int(look or "0")
 
@@ -74,7 +74,9 @@ def _reader(category: str, color: str) -> Callable[[], CatalogueEntry]:
 
 def _open(target: str, options: SourceOptions) -> _Procedural:
     if target or options.license or options.author or options.name:
-        raise InvalidInputError(NAME, "it does not take a target, license, author or name", f"Write {NAME}")
+        raise InvalidInputError(
+            NAME, "it does not take a target, license, author or name", f"Use the address {NAME} alone"
+        )
     return _Procedural()
 
 

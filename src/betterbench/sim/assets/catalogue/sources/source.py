@@ -106,5 +106,5 @@ def open_source(address: str, options: SourceOptions | None = None) -> AssetSour
     if Path(address).is_dir():
         return SOURCES["folder"].open(address, chosen)
     if not colon and ("/" in address or address.startswith(".")):
-        raise InvalidInputError(address, "the folder does not exist", "Give a folder of mesh files")
+        raise InvalidInputError(address, "the folder does not exist", "Pass the path of a folder of mesh files")
     raise UnknownNameError("source of assets", scheme, SOURCES)

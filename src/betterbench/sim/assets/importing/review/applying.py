@@ -192,7 +192,7 @@ def _leveling(change: SupportChange, where: str) -> Quaternion:
     length = math.sqrt(x * x + y * y + z * z)
     if abs(length - 1.0) > 1e-3:
         problem = f"the normal of its support plane has the length {length:g}"
-        raise InvalidInputError(where, problem, "Give a normal of length 1")
+        raise InvalidInputError(where, problem, "Use a normal of length 1")
     across = math.hypot(x, y)
     angle = math.atan2(across, z)
     axis = (y / across, -x / across, 0.0) if across > 1e-9 else (1.0, 0.0, 0.0)
@@ -260,7 +260,7 @@ def _replaced(
     before, after = before_after
     if before is None and after is None:
         raise InvalidInputError(
-            where, f"a change to a {what} has no frame", "Give the frame before the change, after it, or both"
+            where, f"a change to a {what} has no frame", "Add the frame before the change, the frame after it, or both"
         )
     if before is not None:
         if before.name not in named:
@@ -286,7 +286,7 @@ def _is_same_region(a: Region, b: Region) -> bool:
     return apart < SAME_M and angle_between(a.quaternion, b.quaternion) < SAME_RAD
 
 
-_OTHER_CURE = "Import it with the options of the review (name, size_m, up), or review it again"
+_OTHER_CURE = "Import it with the same options as in the review (name, size_m, up), or review it again"
 
 
 def _other(where: str, what: str, found: str, here: str) -> InvalidInputError:

@@ -152,16 +152,16 @@ def accepted(imported: Imported, history: History, *, asset: str, content: str) 
     for _, review in history.reviews:
         if review.content != content:
             problem = f"a decision is about the content {review.content[:SHOWN]}, but the file has {content[:SHOWN]}"
-            raise InvalidInputError(asset, problem, "Restore the reviewed file, or review this one")
+            raise InvalidInputError(asset, problem, "Restore the file that was reviewed, or review the current file")
     last = history.last[1]
     if verdict.verdict == "reject":
         problem = f"{last.author} rejected it on {last.time[:10]}: {verdict.reason}"
-        raise InvalidInputError(asset, problem, "Use another object, or review this one again")
+        raise InvalidInputError(asset, problem, "Use a different object, or review this object again")
     made = apply(imported, history.changes, where=asset)
     size = size_of(made.draft)
     if any(abs(a - b) > SAME_SHARE * max(size) for a, b in zip(size, last.size_m, strict=True)):
         problem = f"it was accepted with a size of {_centimeters(last.size_m)}, but is {_centimeters(size)} here"
-        raise InvalidInputError(asset, problem, "Import it with the options of the review (name, size_m, up)")
+        raise InvalidInputError(asset, problem, "Import it with the same options as in the review (name, size_m, up)")
     return made
 
 
