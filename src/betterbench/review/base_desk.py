@@ -72,7 +72,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         raise NotImplementedError
 
     def keep(self) -> bool:
-        """Save the edit in progress as a change. If this fails, return False and put the reason into ``message``."""
+        """Save the edit in progress as a change. If this fails, store the reason in ``message`` and return False."""
         raise NotImplementedError
 
     def drag(self, pose: Pose) -> None:

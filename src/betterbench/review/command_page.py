@@ -36,7 +36,7 @@ class CommandPage(Generic[DeskT]):
     """
 
     def __init__(self, desk: DeskT, taps: Mapping[str, str], *, host: str, port: int) -> None:
-        """Start to serve the page.
+        """Start the web server of the page.
 
         Args:
             desk: State of the review.
@@ -177,7 +177,7 @@ class CommandPage(Generic[DeskT]):
         return gui
 
     def _listen(self) -> None:
-        """Add the script that listens to keys to the page."""
+        """Add to the page the script that reports pressed keys."""
         gui = self._viser.gui
         text = gui.add_text("", MARK + "{}")
         text.on_update(self._typed)

@@ -104,7 +104,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def grasp(self) -> Grasp | None:
-        """The selected grasp, including the edit in progress. None if the object has no grasp."""
+        """The selected grasp, with the edit in progress applied. None if the object has no grasp."""
         if isinstance(self.edit, GraspChange):
             return self.edit.after
         grasps = () if self.state is None else self.state.imported.draft.grasps
@@ -112,7 +112,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def region(self) -> Region | None:
-        """The selected placement frame, including the edit in progress. None if the object has no placement frame."""
+        """The selected placement frame, with the edit in progress applied. None if the object has no such frame."""
         if isinstance(self.edit, RegionChange):
             return self.edit.after
         regions = () if self.state is None else self.state.imported.draft.regions
@@ -120,7 +120,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def plane(self) -> Plane:
-        """Plane on which the object rests, including the edit in progress."""
+        """Plane on which the object rests, with the edit in progress applied."""
         return self.edit.after if isinstance(self.edit, SupportChange) else Plane()
 
     @property
@@ -227,7 +227,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
         self.keep()
 
     def keep(self) -> bool:
-        """Save the edit in progress as a change. If this fails, return False and put the reason into ``message``."""
+        """Save the edit in progress as a change. If this fails, store the reason in ``message`` and return False."""
         edit, state, item = self.edit, self.state, self.at_hand
         if edit is None or state is None:
             return True

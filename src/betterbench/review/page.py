@@ -90,7 +90,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
     """Web page for one review of objects."""
 
     def __init__(self, desk: ReviewDesk, *, host: str, port: int) -> None:
-        """Start to serve the page, and build its content.
+        """Start the web server of the page, and build the page.
 
         Raises:
             MissingDependencyError: If viser is not installed.

@@ -93,7 +93,7 @@ def panel_foot(
 
 
 def decision_sign(decision: object) -> str:
-    """Return the symbol for a decision: a symbol for each verdict, or a dot for a change."""
+    """Return the symbol for a decision: the symbol of the verdict, or a dot for any other decision."""
     return SIGNS[decision.verdict] if isinstance(decision, Verdict) else "·"
 
 

@@ -53,7 +53,7 @@ class QueuedObject:
         return self.states[-1] if self.states else None
 
     def load(self, history: History) -> None:
-        """Import the object and apply its changes. If this fails, put the reason into ``problem``."""
+        """Import the object and apply its changes. If this fails, store the reason in ``problem``."""
         if self.states or self.problem:
             return
         try:

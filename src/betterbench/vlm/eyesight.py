@@ -41,11 +41,11 @@ def readings_of(items: ItemSet, score: StaticScore, eyes: Eyes, column: str) -> 
 
 
 class Grouped(Protocol):
-    """Item of a benchmark, read either from the data or from a stored run."""
+    """Item of a benchmark with its groups, read either from the data of the benchmark or from a stored run."""
 
     @property
     def groups(self) -> Mapping[str, str]:
-        """Groups of the item: the name of its group for each kind of group."""
+        """Name of the item's group for each kind of group."""
 
     @property
     def cluster(self) -> str:
@@ -125,7 +125,7 @@ class EyesightComparison:
 
     @property
     def sentence(self) -> str:
-        """Result of the comparison in words."""
+        """Result of the comparison, described in words."""
         where = f"{self.name}, {self.benchmark}"
         if self.one.value is None:
             unknown = "it cannot be concluded whether one size explains the scores with all eyes"

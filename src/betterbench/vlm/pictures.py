@@ -45,7 +45,7 @@ def size_of(data: bytes, where: str) -> tuple[int, int]:
 
 
 def not_a_picture(where: str, error: Exception) -> InvalidInputError:
-    """Return the error for a file that Pillow cannot read."""
+    """Return the error for an image file that Pillow cannot read."""
     why = "" if isinstance(error, UnidentifiedImageError) else f" ({one_line(error).rstrip('.')})"
     return InvalidInputError(where, f"is not an image{why}", _CURE)
 

@@ -57,7 +57,7 @@ class Prediction:
 
     Attributes:
         predictor: "static score" or "static gap".
-        correlation: The correlation.
+        correlation: Rank correlation over the policies.
         adjusted: p-value of the correlation after Holm's correction over the predictors.
         is_supported: Whether the correlation is significant and based on at least :data:`LEAST_POLICIES` policies.
     """

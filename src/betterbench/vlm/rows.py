@@ -153,7 +153,8 @@ def read_rows(file: Path, *, large: Sequence[str]) -> list[Row]:
 
     Args:
         file: The file.
-        large: Columns whose cells are only read when they are needed, such as embedded images.
+        large: Names of columns with large cells, such as embedded images. These cells are only read when they are
+            needed.
 
     Raises:
         InvalidInputError: If the file cannot be read, or a row is not an object.
@@ -191,7 +192,7 @@ def _parsed_rows(file: Path) -> list[Row]:
 
 
 def _spans_of(file: Path) -> list[Span] | None:
-    """Return the byte range of each row in a JSON list or a JSON lines file.
+    """Return the byte range of each row in a JSON file that contains a list, or in a JSON lines file.
 
     Returns None if the file has a different structure.
     """

@@ -133,7 +133,7 @@ class StaticRun:
 
     @property
     def refusal(self) -> str:
-        """Most frequent reason for which requests were rejected. Empty if none was rejected."""
+        """Most frequent reason why requests were rejected. Empty if no request was rejected."""
         reasons = Counter(answer.error for answer in self.answers.answers.values() if answer.error is not None)
         return reasons.most_common(1)[0][0] if reasons else ""
 

@@ -37,7 +37,7 @@ _ABOUT_THE_MODEL = ("model", "eyes", "tiles")
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """Headline number in one row and column of the table.
+    """Cell of the table, with the headline number of one model on one benchmark.
 
     Attributes:
         value: Headline number of the benchmark, as a fraction.
@@ -68,7 +68,8 @@ class Step:
         upper: Name of the upper row.
         lower: Name of the lower row.
         benchmark: Name of the benchmark.
-        difference: Paired difference of the mean scores over the counted items, upper minus lower, as a fraction.
+        difference: Paired difference of the mean scores (upper minus lower row), as a fraction. It is based on the
+            items that the headline number counts.
         p: p-value of the paired test.
         adjusted: p-value after Holm's correction over all steps in the table.
         test: Name of the test.
@@ -120,7 +121,7 @@ class GroupStep:
         kind: Kind of group, such as "relation".
         name: Name of the group, such as "left".
         n: Number of items in the group.
-        difference: Paired difference of the mean scores, upper minus lower, as a fraction.
+        difference: Paired difference of the mean scores (upper minus lower row), as a fraction.
         p: p-value of the paired test.
         adjusted: p-value after Holm's correction over all groups of this kind in the table.
         is_supported: Whether the adjusted p-value is below the level of the tests.

@@ -101,7 +101,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def slots(self) -> tuple[Slot, ...]:
-        """Slots that the condition uses, including the edit in progress."""
+        """Slots that the condition uses, with the edit in progress applied."""
         used = dict.fromkeys(self.condition.layout.values())
         return tuple(self._edited(self.task.slot(name)) for name in used)
 
@@ -113,13 +113,13 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def slot(self) -> Slot | None:
-        """The selected slot, including the edit in progress. None if the condition uses no slots."""
+        """The selected slot, with the edit in progress applied. None if the condition uses no slots."""
         slots = self.slots
         return slots[self.selected % len(slots)] if slots else None
 
     @property
     def frames(self) -> tuple[tuple[Placement, Region], ...]:
-        """Placement frames of all objects on or in which the task places others, including the edit in progress."""
+        """Placement frames of all objects on or in which the task places others, with the edit in progress applied."""
         if self.scene is None:
             return ()
         edit = self.edit
@@ -141,12 +141,12 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def frame(self) -> tuple[Placement, Region] | None:
-        """The selected placement frame and its object, including the edit in progress. None if there are no frames."""
+        """The selected placement frame and its object, with the edit in progress applied. None if there is no frame."""
         frames = self.frames
         return frames[self.selected % len(frames)] if frames else None
 
     def poses(self) -> dict[str, Pose]:
-        """Return the initial pose ``T_world_object`` of each object, including the edit in progress."""
+        """Return the initial pose ``T_world_object`` of each object, with the edit in progress applied."""
         if self.scene is None:
             return {}
         poses = {p.spec.name: p.pose for p in self.scene.placements}
@@ -172,7 +172,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     # -------------------------------------------------------------------------------------------------------- moving
 
     def step_seed(self) -> None:
-        """Show the scene with the next seed. The edit in progress is saved first."""
+        """Show the current scene with the next seed. The edit in progress is saved first."""
         if self.keep():
             self.seed = (self.seed + 1) % SEEDS
             self._open()
@@ -239,7 +239,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
         self.edit = FrameChange(category, kept, replace(kept, position=(x, y, z), quaternion=(w, i, j, k)))
 
     def keep(self) -> bool:
-        """Save the edit in progress as a change. If this fails, return False and put the reason into ``message``."""
+        """Save the edit in progress as a change. If this fails, store the reason in ``message`` and return False."""
         edit = self.edit
         if edit is None:
             return True

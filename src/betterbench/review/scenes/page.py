@@ -73,7 +73,7 @@ class ScenePage(CommandPage[SceneDesk]):
     """Web page for one review of scenes."""
 
     def __init__(self, desk: SceneDesk, *, host: str, port: int) -> None:
-        """Start to serve the page, and build its content.
+        """Start the web server of the page, and build the page.
 
         Raises:
             MissingDependencyError: If viser is not installed.

@@ -145,7 +145,7 @@ class Asset:
 
     @property
     def identity(self) -> str:
-        """Name that is the same for equal assets, such as "mug-red#3"."""
+        """Name that identifies an asset by its category, color and variant number, such as "mug-red#3"."""
         return f"{self.category}-{self.color}#{self.look}"
 
     @property

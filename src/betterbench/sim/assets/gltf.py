@@ -16,7 +16,7 @@ _CURE = "Export the object again, or leave out this file"
 
 
 def description_of(file: BinaryIO, where: str, *, binary: bool) -> dict[str, Any]:
-    """Read the JSON description in an open glTF file.
+    """Read the JSON description of a scene from an open glTF file.
 
     Args:
         file: The open file.

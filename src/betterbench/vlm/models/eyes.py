@@ -111,7 +111,7 @@ def size_in_detail(size: tuple[float, float], picture: tuple[int, int], eyes: Ey
     Args:
         size: Width and height of the object in the original image [pixel].
         picture: Width and height of the original image [pixel].
-        eyes: The resolution.
+        eyes: The resolution at which the model is shown the image.
 
     Returns:
         The geometric mean of the object's width and height.

@@ -1,4 +1,4 @@
-"""Interface of upstream scorers, and the comparison of their scores with ours."""
+"""Interface of upstream scorers, and comparison of their scores with those of betterbench."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class Prompt:
         """Return the coordinate convention for the answers.
 
         Args:
-            declared: Convention that the user has declared, or None.
+            declared: Convention that the user has declared, or None if the user has declared none.
             usual: Default convention for a prompt with ``{request}``. None for items without points and boxes.
 
         Raises:

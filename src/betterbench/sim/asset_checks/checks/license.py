@@ -1,4 +1,4 @@
-"""Check of the license of an asset."""
+"""Check that the license of an asset is stated."""
 
 from betterbench.sim.asset_checks.check import Finding, check
 from betterbench.sim.asset_checks.subject import Subject

@@ -107,7 +107,7 @@ def _leaning(subject: Subject) -> Finding:
 
 
 def _uneven(points: np.ndarray, axis: np.ndarray) -> float:
-    """Return the ratio between the largest and the smallest width across an axis, over twelve directions."""
+    """Return the ratio of the largest to the smallest width of an object, over twelve directions across an axis."""
     first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     first = first / np.linalg.norm(first)
     second = np.cross(axis, first)

@@ -142,12 +142,12 @@ class Canvas:
         self.paint((self.y >= low) & (self.y < high), color)
 
     def ellipse(self, center: tuple[float, float], radii: tuple[float, float], color: Rgb, turn: float = 0) -> None:
-        """Paint a filled ellipse, which is rotated by ``turn`` [rad]."""
+        """Paint a filled ellipse that is rotated by ``turn`` [rad]."""
         window = self._window(center, max(radii), max(radii))
         self._fill(window, self._in_ellipse(window, center, radii, turn), color)
 
     def inside_ellipse(self, center: tuple[float, float], radii: tuple[float, float], turn: float = 0.0) -> np.ndarray:
-        """Return a mask of the samples inside an ellipse, which is rotated by ``turn`` [rad]."""
+        """Return a mask of the samples inside an ellipse that is rotated by ``turn`` [rad]."""
         return self._in_ellipse((slice(None), slice(None)), center, radii, turn)
 
     def _in_ellipse(
@@ -211,7 +211,7 @@ class Canvas:
             self.ellipse((u * self.width, rows[0] + v * (rows[1] - rows[0])), (stretch * r, r), color)
 
     def pixels(self) -> np.ndarray:
-        """Return the finished texture as a (height, width, 3) uint8 array. Its first row is the top row."""
+        """Return the finished texture as a (height, width, 3) uint8 array, in which the first row is the top row."""
         height, width = (side // _OVERSAMPLING for side in self._planes.shape[1:])
         pixels = np.empty((height, width, 3), dtype=np.uint8)
         for channel, plane in enumerate(self._planes):

@@ -154,7 +154,7 @@ def colors(category: str) -> tuple[str, ...]:
 
 
 def looks(category: str) -> range:
-    """Return the numbers of the variants of a category's objects that occur in both training and test.
+    """Return the numbers of a category's variants that are used both for training and for test.
 
     The held-out variants are returned by :func:`unseen_looks`.
 
@@ -165,7 +165,7 @@ def looks(category: str) -> range:
 
 
 def unseen_looks(category: str) -> range:
-    """Return the numbers of the held-out variants of a category's objects. They do not occur in demonstrations.
+    """Return the numbers of a category's held-out variants, which do not occur in demonstrations.
 
     Raises:
         UnknownNameError: If there is no such category.
@@ -201,7 +201,8 @@ def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
 def build_unpainted(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     """Make an asset without textures, for measurements. This takes about a third of the time of :func:`build`.
 
-    Shape, mass, grasps and regions are the same as with :func:`build`. The asset must not be put into a scene.
+    Shape, mass, grasps and regions are the same as with :func:`build`. The asset must not be used in a scene, because
+    it would be drawn without its textures.
 
     Raises:
         UnknownNameError: If the category or the color is not known.
@@ -272,7 +273,7 @@ def _forget_built() -> None:
 
 
 def asset_of(draft: Draft, category: str, *, look: int = 0, color: str, keeps_upright: bool = False) -> Asset:
-    """Make an asset from a draft.
+    """Make an asset from the draft that a generator has returned.
 
     Raises:
         InvalidInputError: If the draft has no visual part or no collision part.

@@ -1,6 +1,6 @@
 """Preview images of mesh files, drawn from surface points without a simulator or graphics library.
 
-Meshes are loaded with trimesh. It reads additional files through a resolver that only opens files in the mesh's folder.
+Meshes are loaded with trimesh. Files to which a mesh refers are only read if they are in the mesh's folder.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The type of a catalogue row."""
+"""Type of a row in the asset catalogue."""
 
 from __future__ import annotations
 

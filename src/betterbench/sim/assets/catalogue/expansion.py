@@ -216,7 +216,7 @@ def _without_request(text: str) -> str:
 
 
 def _affirmed(text: str) -> tuple[str, tuple[str, ...]]:
-    """Split a description into what the object has and what it lacks.
+    """Split a description into what the object is and has, and what it lacks.
 
     "A jar without a label" gives "a jar" and the word "label".
     """
@@ -229,7 +229,7 @@ def _affirmed(text: str) -> tuple[str, tuple[str, ...]]:
 
 @functools.cache
 def _listed_words() -> frozenset[str]:
-    """Return all words that occur in the word lists. They are considered correctly spelled."""
+    """Return all words that occur in the word lists. All of these words count as correctly spelled."""
     files = ("kinds.txt", "uses.txt", "words.txt", "varieties.txt", "hypernyms.txt")
     return frozenset(word for file in files for line in list_lines(file) for word in terms(line)) | SAYS_LITTLE
 
@@ -292,7 +292,7 @@ def understood(text: str, *, expander: Expander | None = None, is_word: Callable
 
     Args:
         text: Description of the object in plain words.
-        expander: Function that returns alternative descriptions, or None.
+        expander: Function that returns alternative descriptions of the object. None if only the query is used.
         is_word: Function that returns whether a word is spelled correctly. If None, misspelled words are not corrected.
     """
     written, lacks = _affirmed(_without_request(text))
@@ -389,8 +389,9 @@ def _names_nothing(text: str) -> bool:
 def role_of(words: Sequence[str]) -> str:
     """Return the role of an object in a use: "tool" for "eat soup with it", "vessel" for "eat soup from it".
 
-    The role follows from the preposition before "it" or at the end of the query. Without such a preposition, it follows
-    from the noun before the use ("a tool for cutting"). If there is no such noun either, the role is empty.
+    The role is determined from the preposition before "it" or at the end of the query. If there is no such preposition,
+    it is determined from the noun before the use ("a tool for cutting"). If there is no such noun either, the role is
+    empty.
     """
     for at, word in enumerate(words):
         last = at + 1 == len(words) and word != "inside"  # "green outside and red inside"

@@ -167,7 +167,7 @@ class _Vectors:
         self._handle: int | None = None
 
     def take_index(self, index: VectorIndex) -> None:
-        """Add all vectors of an existing catalogue."""
+        """Add all vectors of an existing catalogue to the known vectors."""
         self._index = index
         for place, digest in enumerate(np.asarray(index.digests)):
             self._places.setdefault(digest.tobytes(), (-1, place))
@@ -177,7 +177,7 @@ class _Vectors:
         self._take(lines)
 
     def open_journal(self) -> None:
-        """Load the vectors that a killed job has already computed. An unfinished last entry is dropped."""
+        """Load the vectors that a killed job has already computed. An incomplete last entry is dropped."""
         self._handle = open_in_place(self._path)
         whole = os.fstat(self._handle).st_size // self._line.itemsize
         os.ftruncate(self._handle, whole * self._line.itemsize)
@@ -238,7 +238,7 @@ class _Vectors:
 
 
 def _known_vectors(folder: Path, store: Store, encoder: TextEncoder | None) -> _Vectors:
-    """Return the vectors that can be reused, i.e. those computed with the same encoder."""
+    """Return the vectors of the previous catalogue that can be reused, i.e. those from the same encoder."""
     known = _Vectors(folder, 0 if encoder is None else encoder.dimension)
     if encoder is None:
         return known

@@ -148,7 +148,7 @@ class KindIndex:
         return found
 
     def members(self, query: Query) -> list[int]:
-        """Return the kinds that a query means by a broader word for the object, such as forks and knives for "cutlery".
+        """Return the kinds that a broader word in a query includes, such as forks and knives for "cutlery".
 
         Kinds without rows in the catalogue are left out.
         """
@@ -222,7 +222,7 @@ def _texts_of(table: np.ndarray) -> list[str]:
 
 
 def _stems_of(kinds: np.ndarray, owners: np.ndarray, texts: Sequence[str]) -> list[frozenset[str]]:
-    """Return the stems of all words in the texts of each kind."""
+    """Return the word stems that occur in the texts of each kind."""
     words = {int(kind): set[str]() for kind in kinds}
     for kind, text in zip(owners.tolist(), texts, strict=True):
         words[kind] |= {_stem(term) for term in terms(text) if term not in SAYS_LITTLE}

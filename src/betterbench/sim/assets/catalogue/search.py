@@ -55,8 +55,8 @@ class Filters:
         license: "free" for licenses that allow commercial use and changes, "any" for all licenses.
         source: Name of a source. Empty if all sources are searched.
         max_faces: Maximum number of triangles. Assets with an unknown number of triangles do not pass.
-        max_size_m: Maximum of the largest extent [m]. Assets of unknown size do not pass.
-        min_size_m: Minimum of the largest extent [m]. Assets of unknown size do not pass.
+        max_size_m: Maximum length of the longest side [m]. Assets of unknown size do not pass.
+        min_size_m: Minimum length of the longest side [m]. Assets of unknown size do not pass.
     """
 
     license: LicenseFilter = "free"
@@ -187,7 +187,7 @@ class Catalogue:
         return [entry for _, _, entry in self._store.entries() if entry.source == source]
 
     def licenses(self) -> list[tuple[str, str, int]]:
-        """Return the number of assets for each source and license, as (source, license, number)."""
+        """Return the number of assets for each source and license, as tuples (source, license, number)."""
         return self._store.licenses()
 
     def search(
@@ -312,7 +312,7 @@ class Catalogue:
         return {int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in ranked.tolist()}
 
     def _opened(self) -> TextEncoder:
-        """Return the encoder of the catalogue. It is loaded at the first call."""
+        """Return the text encoder of the catalogue, which is loaded at the first call."""
         if self._encoder is None:
             if self._open_encoder is None:
                 raise ValueError("the catalogue was opened without an encoder")

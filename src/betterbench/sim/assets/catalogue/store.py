@@ -44,7 +44,7 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class WordMatch:
-    """A row whose words match a query, with its columns for filters.
+    """A row whose words match a query, with the values that are used to filter it.
 
     Attributes:
         row: Row number.
@@ -139,7 +139,7 @@ class Store:
         return "" if found is None else str(found[0])
 
     def note(self, **facts: str) -> None:
-        """Store facts about the catalogue, and commit."""
+        """Store facts about the catalogue, and commit the transaction."""
         with self.checked():
             self._database.executemany("INSERT OR REPLACE INTO facts VALUES (?, ?)", facts.items())
             self._database.commit()
@@ -183,7 +183,7 @@ class Store:
             return dict(found.fetchall())
 
     def write(self, source: int, rows: Iterable[tuple[str, CatalogueEntry]]) -> None:
-        """Write rows with their fingerprints, and commit. Existing rows with the same id are replaced."""
+        """Write rows with their fingerprints, and commit the transaction. Rows with the same ids are replaced."""
         with self.checked():
             for fingerprint, entry in rows:
                 self._remove(entry.id)
@@ -206,7 +206,7 @@ class Store:
             self._database.commit()
 
     def remove(self, ids: Iterable[str]) -> None:
-        """Remove the rows with the given ids, and commit."""
+        """Remove the rows with the given ids, and commit the transaction."""
         with self.checked():
             for one in ids:
                 self._remove(one)
@@ -256,7 +256,7 @@ class Store:
         return [line[0] for line in found]
 
     def licenses(self) -> list[tuple[str, str, int]]:
-        """Return the number of assets for each source and license, as (source, license, number).
+        """Return the number of assets for each source and license, as tuples (source, license, number).
 
         For each source, the most frequent license comes first.
         """

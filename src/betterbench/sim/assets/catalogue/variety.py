@@ -26,7 +26,7 @@ class Chosen:
 
     Attributes:
         id: Id of the asset. It includes the variant ("procedural/mug-red#3") if the row represents several variants.
-        hit: Row of the catalogue with its score.
+        hit: Search result for the asset, with its catalogue row and its score.
     """
 
     id: str
@@ -87,7 +87,7 @@ def _looks(entry: CatalogueEntry) -> list[str]:
 
 
 def _of_one_kind(hits: Sequence[Hit], description: str) -> list[Hit]:
-    """Return the hits of the same kind as the best hit, in the color that the description names."""
+    """Return the search results of the same kind as the best one, in the color that the description names."""
     if not hits:
         return []
     asked = understood(description).colors

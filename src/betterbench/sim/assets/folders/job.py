@@ -38,8 +38,8 @@ class ImportRequest:
     Attributes:
         path: The file.
         wishes: Options of the import.
-        name: Name by which tasks refer to the asset. If None, it is derived from the name of the file.
-        color: Color word. If None, it is the color that covers most of the surface.
+        name: Name by which tasks refer to the asset. If None, a name is derived from the name of the file.
+        color: Color word for the asset. If None, it is the color that covers most of the surface.
         any_license: Whether restricted and unknown licenses are allowed.
     """
 

@@ -36,7 +36,7 @@ class FolderAsset:
         file: Name of the asset's file in the folder.
         sha256: SHA-256 of the file.
         color: Color word.
-        kind: Kind of object that determined size and mass. Empty if the kind is unknown.
+        kind: Kind of object, from which the size and the mass were determined. Empty if the kind is unknown.
         size_m: Extents of the bounding box [m].
         mass_kg: Mass.
         license: License of the mesh.

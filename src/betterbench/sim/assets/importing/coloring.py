@@ -1,4 +1,4 @@
-"""Color word of an object. It names the color of the largest part of the visible surface."""
+"""Color word of an object, i.e. the name of the color that covers most of its visible surface."""
 
 from __future__ import annotations
 

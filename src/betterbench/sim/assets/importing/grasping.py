@@ -1,4 +1,4 @@
-"""Proposal of top-down grasps for a parallel-jaw gripper, from the cells that an object occupies."""
+"""Search for top-down grasps with a parallel-jaw gripper, based on the grid cells that an object occupies."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _STEEPEST = math.tan(math.radians(35.0))
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A proposed grasp and its cost. Grasps with a lower cost are better."""
+    """A possible grasp and its cost. Grasps with a lower cost are better."""
 
     grasp: Grasp
     cost: float
@@ -247,7 +247,7 @@ def _free_to_turn(grasp: Grasp) -> Grasp:
 def _different(found: list[Proposal], count: int) -> list[Proposal]:
     """Return the best grasp of each group of similar grasps.
 
-    The returned grasps have distinct names and preferences.
+    Each returned grasp gets its own name and its own rank of preference.
     """
     kept: list[Proposal] = []
     for proposal in found:

@@ -64,7 +64,7 @@ class Fit:
 def convex_hulls(
     solid: Solid, surface: tuple[np.ndarray, np.ndarray], cavity: Cavity | None
 ) -> tuple[list[np.ndarray], Fit]:
-    """Return convex shapes that together approximate the object, and how well they fit its surface.
+    """Return convex shapes that together approximate the object, and a measure of how well they fit its surface.
 
     Args:
         solid: Cells of the object and points on its surface.
@@ -239,7 +239,7 @@ def _walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
 
 
 def _base_and_walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
-    """Return one hull of everything below the floor of the hollow, and one hull per sector of the wall above it."""
+    """Return one hull for everything below the floor of the hollow, and one for each sector of the wall above it."""
     level = float(np.median(cavity.tops[cavity.mask]))
     heights = body.points[:, 2]
     hollow = ndimage.binary_fill_holes(cavity.mask)

@@ -57,7 +57,7 @@ def visual_surface(asset: Asset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def corners_of(part: CollisionPart) -> np.ndarray:
-    """Return (n, 3) points in the object's frame [m] whose convex hull is (nearly) the given collision part."""
+    """Return (n, 3) points in the object's frame [m] whose convex hull is (approximately) the given collision part."""
     a, b, c = part.size
     if part.shape == "hull":
         if part.vertices is None:
@@ -100,7 +100,7 @@ def convex_surface(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def surface_solid(hulls: Sequence[np.ndarray]) -> Solid:
-    """Return the solid that is filled by convex parts.
+    """Return the volume that convex parts occupy, as a grid of cells.
 
     Args:
         hulls: Corners of each convex part, (n, 3) [m].

@@ -141,7 +141,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
         self._read_bytes += size
 
     def below(self, name: str, where: str) -> FolderResolver:
-        """Return a resolver for the references in one of the folder's files, which are relative to that file."""
+        """Return a resolver for the references in the given file. They are relative to the folder of the file."""
         at = os.path.normpath(PurePosixPath(self._at) / PurePosixPath(name).parent)
         return FolderResolver(self._folder, where, at="" if at == "." else at, above=self)
 

@@ -19,7 +19,7 @@ from betterbench.tasks.user_files import loading_folder
 
 @dataclass(frozen=True, slots=True)
 class MeshImport:
-    """A mesh file that is registered as a category of assets, and its import options."""
+    """Mesh file that is registered as a category of assets, with the options of its import."""
 
     category: str
     path: Path

@@ -243,7 +243,7 @@ class _Reader:
 
 
 def _components(parts: list[RawPart]) -> Iterator[np.ndarray]:
-    """Yield the points of each connected component of the collision shapes.
+    """Yield the points of each connected piece of the collision shapes.
 
     A file may store several convex pieces as one mesh.
     """

@@ -20,8 +20,8 @@ def _painted_wood(
 ) -> Canvas:
     """Draw painted wood with wavy annual rings and grain.
 
-    ``waves`` gives the number of annual rings, and the height and the number of their waves. ``rings`` and ``amount``
-    are the strengths of the rings and of the grain. ``cells`` is the number of fibers.
+    ``waves`` gives the number of annual rings, and the height and the number of the waves in each ring. ``rings`` is
+    the strength of the rings, ``amount`` that of the grain, and ``cells`` the number of fibers.
     """
     canvas = Canvas(1.0, 1.0, (64, 64), shade)
     count, height, number = waves

@@ -83,7 +83,7 @@ def _bent(crush: _Crush, along: float) -> tuple[float, float, float]:
 
 
 def _solids(crush: _Crush, heading: float, shift: tuple[float, float]) -> tuple[CollisionPart, ...]:
-    """Return three boxes, for the waist and the two ends of the can. Between them is room for the finger pads."""
+    """Return collision boxes for the waist and the two ends of the can. Between them is room for the finger pads."""
     turn, wide = 0.5 * abs(crush.bend), 0.86 * _RADIUS
     # The inner corner of an end, turned toward the waist, stays clear of a finger 22 mm wide.
     free = (0.0165 + wide * math.sin(turn)) / math.cos(turn)
@@ -102,7 +102,10 @@ def _solids(crush: _Crush, heading: float, shift: tuple[float, float]) -> tuple[
 
 
 def _squeezed(rng: np.random.Generator, crush: _Crush) -> Mesh:
-    """Return the shell of the crushed can along x, with its lid at +x. Its texture rows are those of the full can."""
+    """Return the mesh of the crushed can, which lies along x with its lid at +x.
+
+    It uses the same texture rows as the full can.
+    """
     rows = [row / _CAN.rows[-1] for row in _CAN.rows]
     body = [(_RADIUS, t, rows[2] + t * (rows[3] - rows[2])) for t in (0.0, 0.17, 0.34, 0.5, 0.66, 0.83, 1.0)]
     # Each station has a radius [m], a fraction of the length, and a texture row. They run from the bottom to the lid,

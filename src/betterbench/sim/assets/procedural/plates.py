@@ -216,7 +216,9 @@ class _Glaze:
         return canvas
 
     def inside_out(self, piece: Turned, *, rim: int, floor: int) -> Canvas:
-        """Draw a bowl from its foot over the rim to the floor. The inside becomes darker toward the floor.
+        """Draw the texture of a bowl, which runs from the foot over the rim to the floor inside.
+
+        The inside becomes darker toward the floor.
 
         ``rim`` and ``floor`` are the indices of the profile points at which the rim and the floor begin.
         """

@@ -196,7 +196,7 @@ class _Shape:
         self.cap = Turned(radii, heights)
 
     def wrap(self, color: Rgb) -> _Wrap:
-        """Create the texture of the body."""
+        """Create the texture of the jar's body."""
         return _Wrap(self._radii, self._heights, color, sides=self.sides)
 
 
@@ -256,7 +256,7 @@ class _Print:
 
 
 def _label(canvas: _Wrap, rng: np.random.Generator, name: str, colors: _Print, *, height: float) -> None:
-    """Print the initial of salt or pepper, or a pepper pod for paprika, as large as possible."""
+    """Print the contents of the jar on its label: an S for salt, a P for pepper, or a pepper pod for paprika."""
     design, up, ink = str(rng.choice(["plain", "bands", "round", "frame"])), canvas.height_on_wall, colors.ink
     middle, across = 0.50 * height, 0.5 * canvas.width
     base = float(np.interp(middle, up[::-1, 0], canvas.y[::-1, 0]))

@@ -137,7 +137,7 @@ def _bag(
 def _pattern(
     rng: np.random.Generator, shell: Turned, shade: Rgb, *, finish: str, metal_rim: bool, symbol: float
 ) -> Canvas:
-    """Draw the bin from its bottom over the wall and the rim to the floor inside."""
+    """Draw the texture of the bin, which runs from its bottom over the wall and the rim to the floor inside."""
     foot, top, lip, floor = (shell.rows[k] for k in (2, 3, 6, 7))
     half = math.pi * 0.5 * (shell.radii[2] + shell.radii[3])
     canvas = shell.canvas(shade, (256, 256), width=half)

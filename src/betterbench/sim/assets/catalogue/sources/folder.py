@@ -139,9 +139,9 @@ def _preference(file: Path) -> tuple[int, str]:
 
 
 def _object_of(file: Path, root: Path) -> tuple[Path, str]:
-    """Return a key that all files of the same object share.
+    """Return a key that is the same for all files of one object.
 
-    The key consists of the folder and, unless the folder names the object, the stem of the file.
+    If the folder names the object, the key is the folder. Otherwise, it is the folder and the file name without suffix.
     """
     place, stem = named_by(file, root)
     return (place, "") if stem is None else (file.parent, stem)

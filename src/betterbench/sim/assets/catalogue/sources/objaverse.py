@@ -45,7 +45,7 @@ class _Objaverse:
         return f"{NAME}:{self.root}"
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
-        """Yield one item for each annotated model. If an annotation file cannot be read, all its models are skipped."""
+        """Yield one item for each annotated model. If an annotation file cannot be read, its models are skipped."""
         categories = _categories(self.root, on_skip)
         places = _object(self.root / "object-paths.json.gz", on_skip)
         for shard in sorted((self.root / "metadata").glob("*.json.gz")):

@@ -1,6 +1,6 @@
 """The procedural library as an asset source.
 
-One row for each category and color represents all variants of an object.
+The catalogue has one row for each category and color, which represents all variants of the object.
 """
 
 from __future__ import annotations

@@ -200,7 +200,7 @@ def _leveling(change: SupportChange, where: str) -> Quaternion:
 
 
 def _refound(imported: Imported, draft: Draft, where: str) -> Imported:
-    """Compute the collision shape, inertia, grasps and regions of an object again after its visual parts were moved."""
+    """Compute the collision shape, inertia, grasps and regions again, after the visual parts were moved."""
     raw = [
         RawPart(p.name, np.maximum(p.vertices.astype(float), (-np.inf, -np.inf, 0.0)), p.faces.astype(np.int64))
         for p in _visual(draft)

@@ -100,7 +100,7 @@ class RegionChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class MassChange:
-    """A new mass of the object [kg]. The inertia changes in proportion to the mass."""
+    """Change to the mass of the object [kg]. The inertia changes in proportion to the mass."""
 
     before: _Mass
     after: _Mass
@@ -110,7 +110,7 @@ class MassChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class NameChange:
-    """A new name of the object. The name determines the description and the tags."""
+    """Change to the name of the object, which determines the description and the tags of the object."""
 
     before: _Name
     after: _Name

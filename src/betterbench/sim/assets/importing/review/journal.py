@@ -88,7 +88,7 @@ class ReviewJournal(DecisionJournal[Review]):
 
     @staticmethod
     def form(review: Review) -> dict[str, Any]:
-        """Return the JSON form of a line."""
+        """Return the JSON form of a line in the review file."""
         form = DecisionJournal.form(review)
         form["size_m"] = [round(float(v), 6) for v in review.size_m]
         return form
