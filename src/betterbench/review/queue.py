@@ -141,7 +141,7 @@ def apply_to_folder(reviews: Path, folder: Path, out: Path) -> tuple[list[str], 
     """Write the accepted assets of a folder to a new folder, and apply the changes made in a review to them.
 
     Returns:
-        The names of the written assets, and the reasons for which assets were rejected, keyed by the asset's name.
+        The names of the written assets, and the reason for the rejection of each rejected asset, keyed by its name.
 
     Raises:
         RecordError: If the review file cannot be read.
@@ -154,7 +154,9 @@ def apply_to_folder(reviews: Path, folder: Path, out: Path) -> tuple[list[str], 
         verdict = history.verdict
         if verdict is None:
             problem = f"it has {len(history.changes)} changes and no verdict"
-            raise InvalidInputError(name, problem, "Accept or reject it with better review assets --asset-dir")
+            raise InvalidInputError(
+                name, problem, "Run better review assets --asset-dir, and accept or reject the asset"
+            )
         if verdict.verdict == "reject":
             rejected[name] = verdict.reason
         changes[name] = history.changes

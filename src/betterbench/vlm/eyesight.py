@@ -4,8 +4,8 @@ Eyesight is estimated from the answers of the model. The items of question sets 
 their objects in the image. A psychometric function is fitted to the scores of one run, and gives the size at which the
 model can answer half of the questions (:mod:`betterbench.statistics.threshold`). If the function is fitted to several
 runs of the same model with different image resolutions ("eyes"), it shows whether a single size explains all scores. In
-this case, a lower resolution only hides small objects. All sizes are measured at the effective resolution of the eyes
-(:func:`~betterbench.vlm.models.eyes.size_in_detail`). They are geometric means of width and height in pixels.
+this case, a lower resolution only hides small objects. All sizes are measured at the effective resolution of the shown
+images (:func:`~betterbench.vlm.models.eyes.size_in_detail`). They are geometric means of width and height in pixels.
 """
 
 from __future__ import annotations

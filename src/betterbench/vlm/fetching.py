@@ -76,7 +76,7 @@ def _download(benchmark: Benchmark, file: DataFile, path: Path, on_progress: OnC
     url = f"{hub}/datasets/{benchmark.source.repository}/resolve/main/{quote(file.path)}"
     if not url.startswith(("http://", "https://")):
         raise InvalidInputError(
-            HUB_VARIABLE, f"{one_line(hub, most=80)!r} is not an HTTP address", "Correct the address"
+            HUB_VARIABLE, f"{one_line(hub, most=80)!r} is not an HTTP address", "Set it to an HTTP address"
         )
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.part")

@@ -62,7 +62,7 @@ class Detail:
     Attributes:
         width: Width of the object's box in the original image [pixel].
         height: Height of the object's box in the original image [pixel].
-        picture: Width and height of the original image [pixel].
+        picture: Width and height of the original image as a whole [pixel].
     """
 
     width: float

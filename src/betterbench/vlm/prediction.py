@@ -147,8 +147,8 @@ def prediction_table(
     """Compare several policies in the static benchmark and in simulation.
 
     Args:
-        policies: For each policy, its name (None to use the name in the diagnosis), its run of ``better vlm``, and the
-            diagnosis of its trials.
+        policies: For each policy, its name, its run of ``better vlm``, and the diagnosis of its trials. If the name is
+            None, the name in the diagnosis is used.
         column: Column of the scores: "strict", "parsed" or "extracted".
         alpha: Level of the tests.
 

@@ -257,7 +257,7 @@ def ask_targets(
 ) -> list[ModelAnswer]:
     """Ask a model for the positions of known shapes, and return its answer for each image.
 
-    The arguments and errors are those of :func:`probe_model`.
+    The arguments and errors are the same as those of :func:`probe_model`.
     """
     requests = {str(i): request_for(target, declared, eyes) for i, target in enumerate(targets)}
     head = AnswersHead(model.name, f"probe-{declared}-{eyes.value}-{len(targets)}", declared or "pixels")
@@ -317,7 +317,7 @@ def _fit(read: Sequence[tuple[Target, list[Fraction]]], order: Order, side: int 
 
 
 def _convention(fit: Fit, texts: Sequence[str]) -> Coordinates | None:
-    """Return the convention that has the given order and scale, and whose notation is the most frequent in the replies.
+    """Return the convention with the given order and scale that matches the notation of most replies.
 
     Returns None if betterbench has no convention with this order and scale.
     """

@@ -105,9 +105,9 @@ class StaticScore:
         parts: Scores of the whole benchmark and of each group. The first is that of the whole benchmark ("all").
         macro: Unweighted mean over the groups of each kind, in each column.
         headline: Headline number of the benchmark in each column.
-        rule: How the headline number is computed, in words.
+        rule: Description of how the headline number is computed.
         changed: Number of items whose score the extractor changed.
-        outside: Number of items that were answered with a point or box outside the image.
+        outside: Number of items that were answered with a point or box that is partly outside the image.
         items: Scores of the items, in order.
         gaps: Static illusion gaps. None if no question has a twin, i.e. the same question about the training scene.
     """

@@ -2,8 +2,8 @@
 
 A row is a model with its image resolution and prompt, and a column is a benchmark. Each row is compared with the row
 above it on the same items. A step between two rows is only supported if its paired test is significant after Holm's
-correction over all steps in the table. The paper draws conclusions about such steps from single numbers. For example,
-EgoPlan-Bench2 falls from 33.38 to 31.95 after co-training.
+correction over all steps in the table. The paper itself draws conclusions about steps from single numbers, for example
+from a drop on EgoPlan-Bench2 from 33.38 to 31.95 after co-training.
 """
 
 from __future__ import annotations

@@ -140,7 +140,7 @@ def verdict_on(history: SceneHistory, condition: str, scene: str) -> Verdict | N
 
 
 def last_verdicts(reviews: Sequence[SceneReview], where: str) -> dict[tuple[str, str], tuple[str, str]]:
-    """Return the name and the last verdict of each scene that was judged, keyed by task content and condition."""
+    """Return the name and the last verdict of each judged scene, keyed by the hash of its task and by its condition."""
     found: dict[tuple[str, str], tuple[str, str]] = {}
     for content, history in histories(reviews, where).items():
         for _, review in history.reviews:

@@ -1,4 +1,4 @@
-"""Application of review changes to the JSON form of a task. The functions do not modify their arguments."""
+"""Functions that apply the changes of a review to the JSON form of a task. They do not modify their arguments."""
 
 from __future__ import annotations
 
@@ -83,8 +83,9 @@ def patched(form: Mapping[str, Any], changes: Sequence[SceneChange], *, where: s
 
     The same form and the same changes always give the same result.
 
-        Raises: InvalidInputError: If the task has no such slot, or the slot is not at the position from which the
-        reviewer moved it.
+    Raises:
+        InvalidInputError: If the task has no such slot, or the slot is not at the position from which the reviewer
+            moved it.
     """
     new = dict(form)
     for change in changes:

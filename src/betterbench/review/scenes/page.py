@@ -128,7 +128,7 @@ class ScenePage(CommandPage[SceneDesk]):
         self._gizmo.on_update(self._dragged)
 
     def show(self, *, is_dragging: bool = False) -> None:
-        """Update the page. While the user drags the gizmo, the pose of the gizmo is left to the browser."""
+        """Update the page. The gizmo is not moved while the user is dragging it."""
         desk = self._desk
         with self._viser.atomic():
             if desk.scene is not self._drawn:

@@ -1,7 +1,7 @@
 """Reproductions of upstream scorers, including their faults, for comparison with published numbers.
 
 Each scorer reproduces an upstream program at a fixed commit, and gives the same score for the same replies. The table
-"Official scoring" in ``docs/vlm.md`` lists how these scores differ from ours.
+"Official scoring" in ``docs/vlm.md`` lists how these scores differ from those of betterbench.
 """
 
 from __future__ import annotations

@@ -138,7 +138,7 @@ def _narrow_top(subject: Subject) -> Finding:
 def _hollow_top(subject: Subject) -> Finding:
     """Check that the hollow on the upper side of the object holds more than the hollow on its lower side.
 
-    The comparison of the two volumes also works for filled bowls and for plates without a rim.
+    Because it only compares the two volumes, the check also works for filled bowls and for plates without a rim.
     """
     vertices, faces = subject.surface
     above, below = subject.cavity, cavity_of(solid_of(vertices * (1.0, -1.0, -1.0), faces))

@@ -51,7 +51,7 @@ def glazed(
         rng: Random generator for the speckles.
         vessel: Profile of the vessel.
         shade: Color of the outside.
-        decoration: A key of ``bands``, "speckled" or "dots". Any other value gives no decoration.
+        decoration: Either a key of ``bands``, or "speckled", or "dots". Any other value gives no decoration.
         rows: Indices of five profile points: the end of the unglazed foot, and the beginnings of the wall, the rim, the
             inside and the inner floor.
         lining: Color of the inside. If None, the inside has the color of the outside.

@@ -58,13 +58,13 @@ class Canvas:
 
     @functools.cached_property
     def radius(self) -> np.ndarray:
-        """(height, width) distance of each sample from the center of the canvas."""
+        """Distance of each sample from the center of the canvas, as a (height, width) array."""
         away: np.ndarray = np.hypot(self.x - 0.5 * self.width, self.y - 0.5 * self.height)
         return away
 
     @functools.cached_property
     def angle(self) -> np.ndarray:
-        """(height, width) direction of each sample as seen from the center [rad], in [-pi, pi]. 0 is to the right."""
+        """Direction of each sample as seen from the center, as a (height, width) array [rad]. 0 is to the right."""
         turn: np.ndarray = np.arctan2(self.y - 0.5 * self.height, self.x - 0.5 * self.width)
         return turn
 

@@ -50,7 +50,7 @@ class _SameFolder(trimesh.resolvers.Resolver):
 
     def write(self, name: str, data: object) -> None:
         """Raise an error, because a preview must not write files."""
-        raise ValueError(f"a preview must not write files, but {name!r} ({type(data).__name__}) was to be written")
+        raise ValueError(f"a preview must not write files, but trimesh tried to write {name!r} ({type(data).__name__})")
 
 
 def mesh_picture(path: Path, *, pixels: int) -> np.ndarray:

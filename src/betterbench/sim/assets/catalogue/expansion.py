@@ -236,7 +236,7 @@ def _listed_words() -> frozenset[str]:
 
 @functools.cache
 def _by_spelling() -> dict[str, frozenset[str]]:
-    """Index the listed names of objects by their spellings, in which at most one letter is left out."""
+    """Index the listed names of objects by their spellings, including misspellings that lack one letter."""
     names = set[str]()
     for file in ("words.txt", "kinds.txt", "hypernyms.txt"):
         lines = (line.partition("~")[0].partition(">")[0] for line in list_lines(file) if not line[0].isspace())

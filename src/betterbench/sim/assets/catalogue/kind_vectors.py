@@ -57,11 +57,11 @@ def _line(dimension: int) -> np.dtype:
 def write_kinds(
     folder: Path, rows: Sequence[int], kinds: Sequence[int], digests: np.ndarray, vectors: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    """Write the files of a catalogue that store kinds.
+    """Write the files in which a catalogue stores the kinds of its objects.
 
     Args:
         folder: Folder of the catalogue.
-        rows: Index of the kind of each row, in the order of the rows. -1 if a row has no kind.
+        rows: Index of the kind of each row, in the order of the rows. It is -1 if a row has no kind.
         kinds: Index of the kind that each text belongs to, (m,).
         digests: Digests of the texts, (m, 16) uint8.
         vectors: Vectors of the texts, (m, dimension) int8, and their scales, (m,) float32.

@@ -36,7 +36,7 @@ class Kind:
 
 @functools.cache
 def listed_kinds() -> tuple[Kind, ...]:
-    """Return all kinds in the built-in list."""
+    """Return all kinds of objects in the built-in list."""
     blocks: list[tuple[list[str], list[str]]] = []
     for line in list_lines("kinds.txt"):
         if line[0].isspace():
@@ -54,7 +54,7 @@ def listed_kinds() -> tuple[Kind, ...]:
 
 @functools.cache
 def _numbers() -> dict[tuple[str, ...], int]:
-    """Return the index of the kind for each name (as terms). If several kinds share a name, the first kind gets it."""
+    """Return the index of the kind for each name. A name that several kinds share belongs to the first of them."""
     found: dict[tuple[str, ...], int] = {}
     for number, kind in enumerate(listed_kinds()):
         for name in kind.names:

@@ -346,7 +346,7 @@ class Catalogue:
 
 
 def _some(places: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
-    """Return the indices of at most ``_PER_MEMBER`` rows. They pass the filters and are evenly spread over the rows."""
+    """Return the indices of at most ``_PER_MEMBER`` rows that pass the filters, spread evenly over all such rows."""
     # if there are many rows, testing some of them is enough to find rows that pass
     places = places[:: max(1, len(places) // (16 * _PER_MEMBER))]
     passing = places if mask is None else places[mask[places]]

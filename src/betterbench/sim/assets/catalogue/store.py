@@ -219,7 +219,7 @@ class Store:
             self._database.execute("DELETE FROM assets WHERE row = ?", (found[0],))
 
     def entries(self, *, after: int = 0, limit: int = 1 << 62) -> list[tuple[int, int, CatalogueEntry]]:
-        """Return the rows after a given row number, in order, as (row number, source number, entry)."""
+        """Return the rows after a given row number, in order, as tuples (row number, source number, entry)."""
         with self.checked():
             found = self._database.execute(
                 f"SELECT {_COLUMNS}, source FROM assets JOIN sources ON sources.number = assets.source "  # noqa: S608

@@ -11,7 +11,7 @@
 - ``physics``: use the mass and the collision shapes that a file states, if they fit the visual shape.
 - ``importer``: run the complete import and return a draft of the asset. ``stored`` defines the file format of an
   imported object.
-- ``child``: run the import in a resource-limited process, and cache the result.
+- ``child``: run the import in a process with limited time and memory, and cache the result.
 - ``registration``: register a mesh as a category that tasks can name.
 """
 

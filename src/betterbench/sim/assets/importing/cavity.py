@@ -70,8 +70,8 @@ def cavity_of(solid: Solid, *, with_seams: bool = False) -> Cavity | None:
 
     Args:
         solid: The object.
-        with_seams: Whether gaps of up to two cells, such as the seams between convex collision parts, hold water. If
-            False, they are leaks.
+        with_seams: Whether gaps of up to two cells, such as the seams between convex collision parts, are watertight.
+            If False, water flows out through them.
     """
     tops = tops_of(solid)
     if with_seams:

@@ -63,7 +63,7 @@ def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B
 
 
 def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 - frozen
-    """Import the object in a file in a resource-limited process.
+    """Import the object in a file, using a separate process with limited time and memory.
 
     If the user's cache contains the result of this import, the cached result is returned.
 

@@ -74,7 +74,7 @@ def _heights(top: float) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Squares:
-    """Horizontal grid along the closing direction of the fingers, and the square that each cell falls into.
+    """Horizontal grid of squares, aligned with the closing direction of the fingers, and the square of each cell.
 
     Attributes:
         yaw: Angle of the gripper about the vertical [rad].
@@ -160,7 +160,7 @@ def _fitting(blocked: np.ndarray, touched: np.ndarray) -> Iterator[tuple[int, in
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ByColumn:
-    """Cells at the height of the pads, sorted by column, as columns (k,), rows (k,) and heights (k,) [m]."""
+    """Cells at the height of the pads, sorted by column: their columns (k,), rows (k,) and heights (k,) [m]."""
 
     columns: np.ndarray
     rows: np.ndarray

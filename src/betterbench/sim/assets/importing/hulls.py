@@ -126,9 +126,9 @@ def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
 
 
 def _misfit(fit: Fit) -> float:
-    """Return the cost of a fit [m].
+    """Return the cost of a fit [m], which is larger for a worse fit.
 
-    Missing collision geometry costs more than collision geometry outside the surface.
+    Missing collision geometry has a higher cost than collision geometry outside the surface.
     """
     return fit.outside_m + 3.0 * fit.inside_m
 
@@ -162,7 +162,7 @@ def with_thickness(points: np.ndarray) -> np.ndarray:
 
 
 def is_flat(points: np.ndarray) -> bool:
-    """Return whether points (n, 3) [m] lie in one plane, within the rounding of hull corners (a micrometer)."""
+    """Return whether points (n, 3) [m] lie in one plane, up to the rounding of hull corners (a micrometer)."""
     return _thinnest(points)[1] < 2e-6
 
 

@@ -120,7 +120,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
     else:
         hulls, fit = convex_hulls(placed.solid, placed.mesh.surface(), placed.cavity)
     if not hulls:
-        raise InvalidInputError(where, "it is flat and has no volume", "Give it a thickness in a mesh editor")
+        raise InvalidInputError(where, "it is flat and has no volume", "Use a mesh editor to give it a thickness")
     foot = foot_under(hulls, body.center)
     description, tags = described(named)
     grasps = tuple(p.grasp for p in proposals(placed.solid, body.center))
@@ -211,7 +211,7 @@ def described(named: str) -> tuple[str, tuple[str, ...]]:
 
 
 def mass_properties(mass: float, center: np.ndarray, inertia: np.ndarray) -> MassProperties:
-    """Return rounded mass properties.
+    """Round a mass, a center of mass and an inertia tensor, and return them as mass properties.
 
     Args:
         mass: Mass [kg].

@@ -114,7 +114,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
             raise InvalidInputError(self._where, problem, "Put the file next to the mesh and refer to it by name")
         path = (self._folder / inside).resolve()
         if not path.is_relative_to(self._folder):
-            raise InvalidInputError(self._where, problem, "Put the file itself next to the mesh, not a link")
+            raise InvalidInputError(self._where, problem, "Put the file itself next to the mesh, instead of a link")
         if not path.is_file():
             raise InvalidInputError(self._where, f"it refers to {shown}, which does not exist", _CURE)
         found = read_bounded(path, max_bytes=MAX_FILE_BYTES - self._total(), cure=_CURE)
@@ -161,7 +161,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
     def write(self, name: str, data: bytes) -> None:  # noqa: ARG002 - of the base class
         """Raise an error. trimesh writes through a resolver only when it exports a mesh, which never happens here."""
         raise InvalidInputError(
-            self._where, f"the import must not write files, but {one_line(name, most=120)} was to be written", _CURE
+            self._where, f"an import must not write files, but trimesh tried to write {one_line(name, most=120)}", _CURE
         )
 
     def namespaced(self, namespace: str) -> FolderResolver:  # noqa: ARG002 - of the base class
@@ -278,7 +278,7 @@ def _material_name(text: str) -> str:
 
 
 def _without_unused_textures(data: bytes, used: frozenset[str] | None) -> bytes:
-    """Remove the textures of unused materials from an MTL file. If ``used`` is None, all materials count as used."""
+    """Remove the textures of unused materials from an MTL file. If ``used`` is None, no texture is removed."""
     if used is None:
         return data
     kept, is_used = [], True

@@ -79,8 +79,8 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
 def _with_weightless_regions(text: str, assets: dict[str, bytes]) -> Any:  # noqa: ANN401 - of MuJoCo
     """Compile an MJCF file, but set the mass of geoms that only mark a region to zero.
 
-    Such geoms are invisible, have no contacts, and have no stated mass. If a moving body would be left without any
-    mass, all masses stay as MuJoCo computed them.
+    Such geoms are invisible, have no contacts, and have no stated mass. If a moving body would then have no mass at
+    all, all masses stay as MuJoCo has computed them.
     """
     spec = mujoco.MjSpec.from_string(text, assets=assets)
     model = spec.compile()

@@ -226,7 +226,7 @@ class _Document:
         form = self.form["accessors"][accessor]
         kind, width, count = np.dtype(_TYPES[form["componentType"]]), _WIDTHS[form["type"]], int(form["count"])
         if "bufferView" not in form:
-            raise ValueError("its compressed values cannot be changed. Export it without Draco")
+            raise ValueError("its compressed values cannot be changed. Export the object without Draco compression")
         buffer = self._buffer()
         view = self.form["bufferViews"][form["bufferView"]]
         start = int(view.get("byteOffset", 0)) + int(form.get("byteOffset", 0))

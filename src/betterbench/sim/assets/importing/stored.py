@@ -115,7 +115,7 @@ _UNREADABLE = (
 def _arrays(data: bytes) -> dict[str, np.ndarray]:
     """Return the arrays in an archive. The sizes that the archive states are checked before anything is unpacked."""
     if not data.startswith(b"PK\x03\x04"):  # zipfile would also accept an archive after other bytes
-        raise ValueError("the file does not begin like an archive")
+        raise ValueError("the file does not begin with the signature of an archive")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = archive.infolist()
         if len(members) > 8 * (_MOST_HULLS + 64) or sum(m.file_size for m in members) > MAX_UNPACKED_BYTES:
@@ -143,7 +143,7 @@ def _check(draft: Draft) -> None:
     visual = [part for part in draft.parts if isinstance(part, VisualPart)]
     hulls = [part for part in draft.parts if isinstance(part, CollisionPart)]
     if not visual or not hulls or len(hulls) > _MOST_HULLS or sum(len(p.faces) for p in visual) > _MOST_FACES:
-        raise ValueError("the object has too many parts, or none")
+        raise ValueError("the object has no parts or too many parts")
     for part in draft.parts:
         points = part.vertices
         if points is None or points.dtype != np.float32 or points.ndim != 2 or points.shape[1] != 3 or len(points) < 3:

@@ -74,10 +74,12 @@ def place(
         mesh: The mesh in the frame of its file.
         kind: Kind of the object, or None if the kind is not known.
         where: Name of the file, for messages.
-        up: Axis of the file that points up. If None, the axis follows from the file format, from the hollow of an open
-            object, from the use of its kind (bottles stand, forks lie), or from the most stable pose.
-        size_m: Longest side [m]. If None, the unit of the file format is used if it gives a plausible size for this
-            kind, or else another common unit that does. If no unit does, the object gets the typical size of its kind.
+        up: Axis of the file's frame that points up. If None, the axis is determined from the file format, from the
+            hollow of an open object, from the usual pose of its kind (bottles stand, forks lie), or from the most
+            stable pose.
+        size_m: Longest side [m]. If None, the unit of the file format is used if the resulting size is plausible for
+            this kind. Otherwise, another common unit with a plausible size is used. If there is none, the object gets
+            the typical size of its kind.
 
     Raises:
         InvalidInputError: If the size cannot be determined, or is not that of a tabletop object.

@@ -16,8 +16,9 @@ _GRAY_BLUE = mixed(PALETTE["blue"], PALETTE["gray"], 0.2)
 def cereal_bowl(rng: np.random.Generator, color: str) -> Draft:
     """Make a bowl of cereal with milk.
 
-    The smallest bowl weighs 0.25 kg and contains 0.2 kg of cereal and milk. The mass of larger bowls is in proportion.
-    The collision shape is solid, because the bowl is too wide for a gripper and filled to the rim.
+    The smallest bowl weighs 0.25 kg and contains 0.2 kg of cereal and milk. The mass of a larger bowl is increased in
+    proportion to its volume. The collision shape is solid, because the bowl is too wide for a gripper and filled to the
+    rim.
     """
     size, stand, height, below = uniforms(rng, (0.92, 1.0), (0.027, 0.036), (0.0440, 0.0540), (0.007, 0.011))
     radius, level = 0.060 * size, height - below
@@ -138,7 +139,7 @@ _LIDS: dict[str, Rgb] = {"gingham": (0.93, 0.92, 0.88), "gold": (0.80, 0.62, 0.2
 def jam_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a jar of jam with a screw lid and a label. The color word is the color of the jam.
 
-    A full 0.12 l jar weighs about 0.25 kg. The mass of other sizes is in proportion.
+    A full 0.12 l jar weighs about 0.25 kg. The mass of larger and smaller jars is in proportion to their volume.
     """
     size, height, lid_height = uniforms(rng, (0.86, 1.0), (0.060, 0.074), (0.012, 0.017))
     radius, low, kind = 0.030 * size, height - lid_height, str(rng.choice(list(_LIDS)))

@@ -365,7 +365,7 @@ def bun_top(rng: np.random.Generator, _color: str) -> Draft:
 
 
 def _sesame(rng: np.random.Generator, crust: Rgb, *, seeds: int) -> Canvas:
-    """Draw the crust from above, with sesame seeds. It is brown at the crown and pale toward the cut."""
+    """Draw the crust of a bun with sesame seeds, seen from above. It is brown at the top and pale at the edge."""
     canvas = Canvas(2.0, 2.0, (160, 160), crust)
     r = canvas.radius
     canvas.paint(np.clip((r - 0.72) / 0.28, 0.0, 1.0), mixed(crust, _CRUMB, 0.6))

@@ -30,7 +30,7 @@ def can(rng: np.random.Generator, color: str) -> Draft:
     scale = radius / 0.033
 
     def on_lid(a: float, b: float, x: float, thickness: float) -> Mesh:
-        """Return a flat ellipse on the lid. The sizes are given for a can of 66 mm and scaled to this can."""
+        """Return a flat ellipse on the lid. The given sizes are for a can of 66 mm and are scaled to this can."""
         outline = np.stack([x + a * np.cos(angle), b * np.sin(angle), np.zeros(10)], axis=1) * scale
         outline[:, 2] = top - 0.0004
         return prism([outline, outline + np.array([0.0, 0.0, 0.0004 + thickness])])
@@ -63,7 +63,7 @@ def can_shell(radius: float, height: float, shoulder: float) -> Turned:
 
 
 def draw_label(rng: np.random.Generator, shell: Turned, shade: Rgb, *, design: str) -> Canvas:
-    """Draw one half of a can from its bottom to its lid, with one of the prints in :data:`DESIGNS`."""
+    """Draw the texture for one half of a can from its bottom to its lid, with one of the prints in :data:`DESIGNS`."""
     bottom, low, high, rim, lid = (shell.rows[k] for k in (1, 2, 3, 5, 7))
     canvas = shell.canvas(CHROME)
     x, y, width = canvas.x, canvas.y, canvas.width

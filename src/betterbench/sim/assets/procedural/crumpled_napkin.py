@@ -61,7 +61,7 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _sphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the unit vectors (n, 3) and the faces (20 * parts**2, 3) of an icosahedron whose edges are divided."""
+    """Return the unit vectors (n, 3) and the faces (20 * parts**2, 3) of an icosahedron whose edges are subdivided."""
     golden = 0.5 * (1.0 + math.sqrt(5.0))
     points = []
     for a in (-1.0, 1.0):
@@ -114,7 +114,7 @@ def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: 
 
 
 def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, roughness: float) -> Mesh:
-    """Return the ball, which has flat areas between sharp folds, creases that cut in, and tips that stick out."""
+    """Return the mesh of the ball. It has flat areas between sharp folds, deep creases, and tips that stick out."""
     directions, faces = _sphere(5)
     n = len(directions)
     # Flat areas: the ball is cut off by randomly placed planes.

@@ -1,4 +1,4 @@
-"""Generator of crushed beverage cans. They are trash and look different from full cans."""
+"""Generator of crushed beverage cans, which are trash and look different from full cans."""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class _Crush:
     """Shape of a can that was squeezed while its axis was along x. Lengths are in meters and angles in radians.
 
     Attributes:
-        length, height: Extents of the crushed can.
+        length, height: Length and height of the crushed can.
         waist: Half the width of the can where it was pressed together.
         at: Position of the waist along x.
         bend: Angle between the two ends, about the vertical axis.

@@ -124,7 +124,7 @@ class _Style:
         return 0.5 * (_REAR + self.inside_x + _PANEL)
 
     def surface(self, width: float, height: float, pixels: tuple[int, int], shade: Rgb) -> Canvas:
-        """Return the texture of a board in this style. The grain runs along the width."""
+        """Return the texture of a board in this style, with the grain along the width of the board."""
         rng, wood = np.random.default_rng(self.grain_seed), shade[0] > 1.25 * shade[2]
         canvas = Canvas(width, height, pixels, shade)
         canvas.grain(rng, cells=(4, 26), amount=0.075 if wood else 0.008)
@@ -218,8 +218,8 @@ def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) ->
 
     The handle is at +y if ``side`` is 1, and at -y if it is -1. The origin is the center of the bottom face of the
     drawer's bounding box, without the handle. The front faces +x, the direction in which the drawer opens. The boards
-    are 6 to 12 mm thick and have a volume of 0.9 l. Of poplar plywood (450 kg/m^3), they weigh 0.5 kg with the handle,
-    or 13 kg per m^2 of floor.
+    are 6 to 12 mm thick and have a volume of 0.9 l. If they are made of poplar plywood (450 kg/m^3), they weigh 0.5 kg
+    with the handle, or 13 kg per m^2 of floor.
 
     The parameters describe the joint that a scene adds. The travel of 0.15 m is that of a three-quarter extension slide
     for a drawer 0.18 m long, of which 35 mm stay in the carcass. The friction of 1.5 N is 0.5 kg x 9.81 m/s^2 x 0.3, as

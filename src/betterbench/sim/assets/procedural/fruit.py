@@ -23,7 +23,7 @@ _APPLE_RADIUS = 0.035
 
 
 def _round_collision(radius: float, height: float) -> tuple[CollisionPart, ...]:
-    """Return the collision shape of a round fruit: a spheroid of its size on a flat foot.
+    """Return the collision shape of a round fruit: a spheroid with the size of the fruit, on a flat foot.
 
     The foot is wide enough for the fruit to return upright from a lean of 15 degrees, and narrow enough to be
     invisible.

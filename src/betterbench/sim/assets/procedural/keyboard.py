@@ -1,4 +1,4 @@
-"""Generator of computer keyboards, and the drawing of keys, which laptops use as well."""
+"""Generator of computer keyboards, and a function that draws keys, which the laptop generator also uses."""
 
 import math
 
@@ -99,8 +99,8 @@ def draw_keys(
     """Draw six rows of keys into a field of a texture, as the user sees them. The space bar is in the lowest row.
 
     The field is given by its lower left corner, and its width and depth [m]. ``accent`` is the color of the escape and
-    enter keys. ``edges`` is the color of the wide keys at the edges and of the farthest row, if it differs from the
-    others.
+    enter keys. ``edges`` is the color of the wide keys at the edges and of the keys in the farthest row. If it is None,
+    they have the same color as the other keys.
     """
     pitch = size_m[1] / len(ROWS)
     gap, last = 0.075 * pitch, len(ROWS) - 1

@@ -46,10 +46,10 @@ def dinner_plate(rng: np.random.Generator, color: str) -> Draft:
 def serving_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a plate like a dinner plate, but 190 to 202 mm in diameter.
 
-    Its rim extends 13 to 25 mm beyond a dinner plate on it. Service plates, on which other plates stand, are 25 to 35 %
-    wider than those. Foot, floor and rim are the same as for a dinner plate, so that stacks have equal heights. A
-    polypropylene plate (0.9 g/cm^3, 2.5 to 3 mm thick) weighs 0.09 to 0.12 kg. When it is held at its rim, it tilts no
-    more than a dinner plate of melamine.
+    If a dinner plate stands on it, its rim extends 13 to 25 mm beyond that plate. Service plates are 25 to 35 % wider
+    than the plates that stand on them. Foot, floor and rim are the same as for a dinner plate, so that stacks have
+    equal heights. A polypropylene plate (0.9 g/cm^3, 2.5 to 3 mm thick) weighs 0.09 to 0.12 kg. When it is held at its
+    rim, it tilts no more than a dinner plate of melamine.
     """
     return _plate(rng, color, radii=(0.0950, 0.1010), density=905.0, solid=0.95, name="serving plate")
 

@@ -223,9 +223,9 @@ def _bottle(
 ) -> Draft:
     """Return a jar or the pill bottle, given its visual parts.
 
-    A jar of mean size has 70 g of glass and cap and 50 g of content. The mass of other sizes is in proportion. The
-    collision shape is a cylinder on a square foot. The finger pads reach 12 mm below the grasp, and therefore stay
-    above the rack while the jar stands in a hole that is 35 mm deep.
+    A jar of mean size has 70 g of glass and cap and 50 g of content. The masses of larger and smaller jars are in
+    proportion to their volumes. The collision shape is a cylinder on a square foot. The finger pads reach 12 mm below
+    the grasp, and therefore stay above the rack while the jar stands in a hole that is 35 mm deep.
     """
     r, height, touched = shape.radius, shape.height, shape.touched
     if material == "plastic":
@@ -256,7 +256,7 @@ class _Print:
 
 
 def _label(canvas: _Wrap, rng: np.random.Generator, name: str, colors: _Print, *, height: float) -> None:
-    """Print the contents of the jar on its label: an S for salt, a P for pepper, or a pepper pod for paprika."""
+    """Print the contents of the jar on its label: S for salt, P for pepper, or a pepper pod for paprika."""
     design, up, ink = str(rng.choice(["plain", "bands", "round", "frame"])), canvas.height_on_wall, colors.ink
     middle, across = 0.50 * height, 0.5 * canvas.width
     base = float(np.interp(middle, up[::-1, 0], canvas.y[::-1, 0]))

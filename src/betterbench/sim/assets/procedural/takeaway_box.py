@@ -100,7 +100,7 @@ def _print(
     half_perimeter: float,
     front: float,
 ) -> Canvas:
-    """Draw one half of the box, from the center of the front to the center of the back."""
+    """Draw the texture for one half of the box, from the center of its front to the center of its back."""
     scale = height / _OUTSIDE  # meters per full height of the texture
     canvas = Canvas(half_perimeter, scale, (256, 128), kraft)
     x, y = canvas.x, canvas.y

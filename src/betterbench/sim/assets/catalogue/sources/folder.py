@@ -82,7 +82,9 @@ def _reader(folder: _Folder, file: Path, inside: str, told: _Described | None) -
     def read() -> CatalogueEntry:
         size = file.stat().st_size
         if size > MAX_FILE_BYTES:
-            raise InvalidInputError(inside, f"has {size} bytes, more than {MAX_FILE_BYTES}", "Reduce the mesh")
+            raise InvalidInputError(
+                inside, f"has {size} bytes, more than {MAX_FILE_BYTES}", "Reduce the number of triangles in the mesh"
+            )
         facts = mesh_facts(file)
         named = told or _Described(inside)
         return CatalogueEntry(

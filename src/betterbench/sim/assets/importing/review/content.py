@@ -58,7 +58,7 @@ def _references(suffix: str, data: bytes) -> list[str]:
 
 
 def _after(data: bytes, keywords: tuple[bytes, ...]) -> list[str]:
-    """Return the text after the keyword for each line that begins with one of the keywords."""
+    """Return the rest of each line that begins with one of the keywords, without the keyword."""
     found = []
     for line in data.splitlines():
         words = line.strip().split(None, 1)

@@ -54,7 +54,7 @@ class Review:
         return self.asset
 
     def misfit(self, changes: int) -> str:
-        """Check that a verdict matches the number of changes to the object: "accept" for none, and "fix" for any.
+        """Check that a verdict matches the number of changes to the object: "accept" for none, "fix" for some.
 
         Returns:
             The reason why the verdict does not match, or "" if it does.
