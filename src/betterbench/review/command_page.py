@@ -117,7 +117,7 @@ class CommandPage(Generic[DeskT]):
         return command in ("drag", "complain")
 
     def _common_verbs(self, modes: Sequence[str]) -> dict[str, Callable[[Any], object]]:
-        """Return the commands that all reviews share. One of them for each mode switches the gizmo to the mode."""
+        """Return the commands that all reviews share. They include one command per mode, which switches to the mode."""
         desk = self._desk
         do: dict[str, Callable[[Any], object]] = {
             "previous": lambda _: desk.step(-1),

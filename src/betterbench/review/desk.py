@@ -137,7 +137,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # ------------------------------------------------------------------------------------------------------- editing
 
     def turn_by(self, axis: Sequence[float], degrees: float) -> None:
-        """Rotate the object about a world axis. The rotation adds to that of the edit in progress."""
+        """Rotate the object about a world axis. The rotation is added to that of the edit in progress."""
         step = from_axis_angle([math.radians(degrees) * v for v in axis])
         self.turn_to(normalize(multiply(step, self.turn)))
 

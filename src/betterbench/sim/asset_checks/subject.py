@@ -100,9 +100,9 @@ class Subject:
 
     @property
     def is_open(self) -> bool:
-        """Whether objects of this kind are hollow and open at the top.
+        """Whether objects of the asset's kind are hollow and open at the top.
 
-        The result is False if the description or a tag of this object says that it is full or covered.
+        The result is False if the description or a tag of the asset says that it is full or covered.
         """
         words = " ".join((self.asset.description, *self.asset.tags)).lower()
         return self.kind is not None and self.kind.is_open and not any(word in words for word in CLOSED_WORDS)

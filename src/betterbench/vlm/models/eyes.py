@@ -94,7 +94,7 @@ def shown_picture(picture: bytes, eyes: Eyes) -> Shown:
 
 
 def convention_for(eyes: Eyes, convention: Convention) -> Convention:
-    """Return the coordinate convention for answers about images at this resolution.
+    """Return the coordinate convention for answers about images that are shown at the given resolution.
 
     If the image is not shown unchanged, pixel coordinates refer to the shown image, which is a square of known size.
     Other conventions stay the same.

@@ -50,9 +50,9 @@ Shape = Point | Rectangle
 def tuples_of(text: str, width: int, height: int, *, absolute: bool = False) -> list[Shape]:
     """Return the points ``(x, y)`` and the boxes ``(x0, y0, x1, y1)`` that the upstream program finds in a reply.
 
-    If ``absolute`` is False, the program scales a point by the image size if at least one of its numbers has a decimal
-    point, and takes a pair of integers as pixels. It does not find tuples with spaces next to their brackets, or with
-    numbers such as ".5".
+    If ``absolute`` is False, the program takes a pair of integers as pixels. It scales a pair by the image size if at
+    least one of the two numbers has a decimal point. It does not find tuples with spaces next to their brackets, or
+    with numbers such as ".5".
 
     Raises:
         DroppedError: If the upstream program raises an error while it reads the reply.

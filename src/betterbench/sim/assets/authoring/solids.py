@@ -70,7 +70,7 @@ def leaning_box(half: Vector, center: Vector, lean: float) -> CollisionPart:
 
 
 def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float, z: float) -> CollisionPart:
-    """Return a box that is opened about a hinge, such as a lid. The movement is that of :meth:`Mesh.hinged`.
+    """Return a box, such as a lid, that is opened about a hinge. It is moved in the same way as by :meth:`Mesh.hinged`.
 
     The half sizes are in meters. Before the box is opened, the hinge is at the origin and the center of the box is at
     ``middle`` (x, z) [m].

@@ -151,8 +151,8 @@ class Query:
 def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ...]]:
     """Return the synonyms of each listed phrase, and the narrower phrases that it includes, with their weights.
 
-    A line ``a = b > c, d`` of the word list means that a and b are synonyms, and that a query for a or b also finds c
-    and d. A query for c or d does not find a or b.
+    A line ``a = b > c, d`` of the word list means that a and b are synonyms. It also means that a query for a or b
+    finds c and d, but a query for c or d does not find a or b.
     """
     found: dict[tuple[str, ...], dict[tuple[str, ...], float]] = {}
 
@@ -256,9 +256,9 @@ def _spellings(word: str) -> list[str]:
 def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
     """Find misspelled words in a query, and return the object name that each one stands for: "cutlery" for "cutery".
 
-    A word is misspelled if it is not a known word, and exactly one name with the same first letter differs from it by
-    one added, missing or different letter, or by two exchanged letters. Inflected words such as "toasted" and "rubbery"
-    are never corrected, because the lists do not contain all inflected forms.
+    An unknown word counts as misspelled if exactly one name with the same first letter is nearly equal to it. The two
+    may differ by one added, missing or different letter, or by two exchanged letters. Inflected words such as "toasted"
+    and "rubbery" are never corrected, because the lists do not contain all inflected forms.
     """
     known, found = _listed_words(), {}
     for written in text.lower().split():

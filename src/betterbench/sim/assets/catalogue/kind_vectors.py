@@ -155,7 +155,7 @@ class KindIndex:
         return self._held(members_named(query.text))
 
     def _held(self, kinds: Iterable[int]) -> list[int]:
-        """Return those of the given kinds that have rows in the catalogue, sorted."""
+        """Return the given kinds that have rows in the catalogue, in ascending order."""
         return sorted(set(kinds) & set(self._kinds.tolist()))
 
     def _shared(self, words: Sequence[str]) -> np.ndarray:

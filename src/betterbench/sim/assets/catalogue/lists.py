@@ -1,4 +1,4 @@
-"""Reader for the word lists in this folder."""
+"""Reader for the word lists of the asset catalogue."""
 
 from __future__ import annotations
 

@@ -83,8 +83,8 @@ class Hit:
 
     Attributes:
         entry: Row of the catalogue.
-        score: Combined score for words and meaning in [0, 1]. It is 1 if the asset contains every word of the query and
-            is first in the search by words, and if its kind and its text are the same as the query.
+        score: Combined score for words and meaning in [0, 1]. The maximum of 1 is reached if the asset contains every
+            word of the query, is first in the search by words, and has the same kind and the same text as the query.
         word_rank: Rank in the search by words, from 1. None if no word matched.
         meaning_rank: Rank in the search by meaning, from 1. None if there was no search by meaning.
         cosine: Cosine between the vectors of the asset and the query. None if there was no search by meaning.

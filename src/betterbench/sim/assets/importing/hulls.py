@@ -101,9 +101,9 @@ def convex_hulls(
 def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
     """Return the convex hulls of a hollow object, using the division of its floor and walls that fits best.
 
-    The default is a division into bands. A base with walls on it is also tried if the floor is thick, as in a plate
-    with a foot or a bowl of soup, or if the bands fill the hollow, as in a wide shallow tray. Rings are also tried if
-    the other hulls reach beyond the surface, as for a vase with a waist.
+    The default is a division into bands. A base with walls on it is also tried if the floor is thick (as in a plate
+    with a foot) or if the bands fill the hollow (as in a wide shallow tray). Rings are also tried if the other hulls
+    reach beyond the surface (as for a vase with a waist).
     """
     body = _body_of(solid, cavity)
     rest = solid.cells & ~body.near[:, :, None]

@@ -86,7 +86,7 @@ def _is_over_base(center: np.ndarray, placed: Placed) -> bool:
 
 
 def _is_plausible(inertia: np.ndarray, of_solid: np.ndarray) -> bool:
-    """Return whether an inertia tensor is physically possible, and plausible for a body of this size."""
+    """Return whether an inertia tensor is physically possible, and plausible for a body with the size of the object."""
     moments, solid = np.linalg.eigvalsh(inertia), np.linalg.eigvalsh(of_solid)
     # No principal moment exceeds the sum of the other two.
     if moments[0] <= 0.0 or moments[2] > 1.001 * (moments[0] + moments[1]):

@@ -30,8 +30,8 @@ def fork(rng: np.random.Generator, color: str) -> Draft:
     """Make a table fork that lies along x, with its three or four tines at -x. The color "yellow" gives brass.
 
     A dessert fork with a molded handle is 0.16 m long and weighs 40 to 60 g. The handle is thicker than that of plain
-    steel cutlery, because the gripper reaches 12 mm below the center of its pads, and therefore cannot grasp objects
-    lower than 10 mm from a table.
+    steel cutlery. This is necessary because the gripper reaches 12 mm below the center of its pads and therefore cannot
+    grasp objects lower than 10 mm from a table.
     """
     half_width, tines, tine = uniforms(rng, (0.0145, 0.0180), (0.030, 0.043), (0.0019, 0.0023))  # tine: half its width
     count = int(rng.choice([3, 4, 4]))

@@ -16,8 +16,8 @@ def drink_cup(rng: np.random.Generator, color: str) -> Draft:
     """Make a paper cup with a lid and a short bent straw that leans toward +x.
 
     The color word is the color of the print. A small takeaway cup contains 0.25 l and weighs about 0.27 kg when full.
-    When a Franka gripper holds the cup below its lid, the whole cup including the straw is below the underside of the
-    gripper's hand, which is 45 mm above the tool center point. The straw has no collision shape.
+    The underside of the Franka gripper's hand is 45 mm above the tool center point. The cup and its straw stay below it
+    when the gripper holds the cup below the lid. The straw has no collision shape.
     """
     lid, narrower, wall = uniforms(rng, (0.0315, 0.0330), (0.0030, 0.0085), (0.0930, 0.1000))
     top = lid - 0.0022
