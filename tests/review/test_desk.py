@@ -286,7 +286,7 @@ def test_the_assets_of_a_folder_are_reviewed_and_written_anew(asset_folder, tmp_
     assert entry.mass_kg == 0.2
     assert stored_asset(tmp_path / "one", "my_block").draft.mass_kg == 0.2
     assert stored_asset(asset_folder, "my_block").draft.mass_kg == 0.1
-    with pytest.raises(InvalidInputError, match="Give another folder"):
+    with pytest.raises(InvalidInputError, match="Use a different folder"):
         write_reviewed_folder(asset_folder, asset_folder, {})
     with pytest.raises(InvalidInputError, match="it has no asset 'my_blok'"):
         stored_asset(asset_folder, "my_blok")

@@ -153,7 +153,7 @@ def test_two_runs_of_one_name_are_refused(data, tmp_path):
     runs = [run_of(data, tmp_path / n, 0.5) for n in ("a", "b")]
     with pytest.raises(RunConflictError, match="--name"):
         step_table(runs)
-    with pytest.raises(InvalidInputError, match="1 names for 2 runs"):
+    with pytest.raises(InvalidInputError, match="1 names are given for 2 runs"):
         step_table(runs, names=["x"])
     assert [row.name for row in step_table(runs, names=["x", "y"]).rows] == ["x", "y"]
 

@@ -1,4 +1,4 @@
-"""Inter-reviewer agreement on the objects or scenes that both reviewers judged."""
+"""Agreement between two reviewers, measured on the objects or scenes that both of them have judged."""
 
 from __future__ import annotations
 
@@ -23,12 +23,14 @@ class ReviewAgreement:
     """Agreement between two reviews.
 
     Attributes:
-        all: Agreement table with the verdicts accept, fix and reject.
-        usable: Agreement table with two verdicts: use (accept or fix) and reject.
-        only_first: Number of objects or scenes that only the first reviewer judged, which are not in the tables.
-        only_second: Number of objects or scenes that only the second reviewer judged.
-        apart: Names and verdicts of the items on which the reviewers disagree, in the order of the first review.
-        what: "objects" or "scenes".
+        all: Agreement table over the three verdicts accept, fix and reject.
+        usable: Agreement table over two verdicts: usable (accept or fix) and reject.
+        only_first: Number of objects or scenes that only the first reviewer judged. They are not counted in the tables.
+        only_second: Number of objects or scenes that only the second reviewer judged. They are not counted in the
+            tables.
+        apart: Objects or scenes on which the reviewers disagree, each with its name and the two verdicts, in the order
+            of the first review.
+        what: What was reviewed: "objects" or "scenes".
     """
 
     all: AgreementTable
@@ -50,22 +52,23 @@ class ReviewAgreement:
 
 
 def agreement(first: Path, second: Path) -> ReviewAgreement:
-    """Return the agreement between two files written by ``better review``, both of objects or both of scenes.
+    """Compute the agreement between two files written by ``better review``. Both must be reviews of the same kind.
 
     Raises:
         RecordError: If a file is missing or was changed by hand.
-        InvalidInputError: If the files have no judged object or scene in common, or only one file reviews scenes.
+        InvalidInputError: If no object or scene has a verdict in both files, or one file is a review of objects and the
+            other a review of scenes.
     """
     kinds = [is_scene_review(path) for path in (first, second)]
     what = "scenes" if kinds[0] else "objects"
     if kinds[0] != kinds[1]:
         problem = f"{first} is a review of {what}, but {second} is not"
-        raise InvalidInputError(f"{first}, {second}", problem, "Give two reviews of objects, or two of scenes")
+        raise InvalidInputError(f"{first}, {second}", problem, "Use two reviews of objects, or two reviews of scenes")
     a, b = (_verdicts(path, of_scenes=kinds[0]) for path in (first, second))
     both = [content for content in a if content in b]
     if not both:
         problem = f"{len(a)} and {len(b)} {what} have a verdict, but the files have none in common"
-        raise InvalidInputError(f"{first}, {second}", problem, "Let both reviewers judge the same items")
+        raise InvalidInputError(f"{first}, {second}", problem, "Have both reviewers judge the same items")
     pairs = [(a[content][1], b[content][1]) for content in both]
     used = [tuple("reject" if v == "reject" else "use" for v in pair) for pair in pairs]
     return ReviewAgreement(
@@ -79,7 +82,7 @@ def agreement(first: Path, second: Path) -> ReviewAgreement:
 
 
 def is_scene_review(path: Path) -> bool:
-    """Return whether a file is a review of scenes, from its first line.
+    """Return whether a file is a review of scenes rather than of objects, as stated in the first line of the file.
 
     Raises:
         RecordError: If the file is missing.
@@ -94,7 +97,10 @@ def is_scene_review(path: Path) -> bool:
 
 
 def _verdicts(path: Path, *, of_scenes: bool) -> dict[tuple[str, str], tuple[str, str]]:
-    """Return the name and verdict of each judged object or scene, by content hash and condition."""
+    """Return the name and the verdict of each judged object or scene, keyed by its content hash and its condition.
+
+    The condition (training or variation) is empty for objects.
+    """
     if of_scenes:
         return last_verdicts(read_scene_reviews(path), str(path))
     reviews = read_reviews(path)

@@ -1,4 +1,4 @@
-"""Base class of reviews: a queue, the current item, an edit in progress, verdicts and undo."""
+"""Base class for the state of a review: a queue of items, the current item, the edit in progress, verdicts and undo."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from betterbench.jobs.decisions import DecisionJournal, DecisionLine, History, U
 
 
 class Named(Protocol):
-    """Queue item with a name."""
+    """Item in the queue of a review. Every item has a name."""
 
     @property
     def name(self) -> str:
-        """Name in messages."""
+        """Name of the item in messages."""
 
 
 ItemT = TypeVar("ItemT", bound=Named)
@@ -28,24 +28,24 @@ EditT = TypeVar("EditT")
 
 @dataclass(slots=True)
 class Desk(Generic[ItemT, LineT, EditT]):
-    """State of one review. Subclasses store edits, write decisions and open items.
+    """State of one review. Subclasses implement how items are opened and edited, and how decisions are written.
 
     Attributes:
         queue: Items to review.
-        journal: File with the decisions.
+        journal: File to which the decisions are written.
         author: Name of the reviewer.
-        index: Index of the current item.
-        mode: Kind of target that the gizmo moves.
-        selected: Index of the selected part of the item.
-        edit: Unsaved change, or None.
+        index: Index of the current item in the queue.
+        mode: What the gizmo (the handle that the reviewer drags in the 3D view) moves, such as the object or a grasp.
+        selected: Index of the selected part of the item, such as one of several grasps.
+        edit: Change that has not been saved yet, or None.
         message: Result of the last command, in one sentence.
-        is_problem: Whether ``message`` reports an error.
+        is_problem: Whether ``message`` reports a problem.
     """
 
     ITEM: ClassVar[str] = "item"
-    """Noun for a queue item in messages."""
+    """Noun for an item of the queue, for messages."""
     SUBJECT: ClassVar[str] = "item"
-    """Noun for the subject of a decision in messages."""
+    """Noun for what a decision is about, for messages."""
 
     queue: Sequence[ItemT]
     journal: DecisionJournal[LineT]
@@ -59,28 +59,28 @@ class Desk(Generic[ItemT, LineT, EditT]):
 
     @property
     def at_hand(self) -> ItemT:
-        """The current item."""
+        """The current item of the queue."""
         return self.queue[self.index]
 
     @property
     def history(self) -> History[LineT]:
-        """Decisions about the current item."""
+        """Decisions made so far about the current item."""
         raise NotImplementedError
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the current verdict on each queue item."""
+        """Return the current verdict on each item of the queue. It is None for items without a verdict."""
         raise NotImplementedError
 
     def keep(self) -> bool:
-        """Save the edit in progress as a change; return False on failure, with the reason in ``message``."""
+        """Save the edit in progress as a change. If this fails, store the reason in ``message`` and return False."""
         raise NotImplementedError
 
     def drag(self, pose: Pose) -> None:
-        """Move the gizmo's target to a pose."""
+        """Move the element that the gizmo controls, such as a grasp, to the given pose."""
         raise NotImplementedError
 
     def _open(self) -> None:
-        """Prepare the current item."""
+        """Prepare the current item for its review."""
         raise NotImplementedError
 
     def _write(self, decision: Any) -> None:  # noqa: ANN401 - a change, whose kind depends on the item, or a verdict
@@ -88,18 +88,18 @@ class Desk(Generic[ItemT, LineT, EditT]):
         raise NotImplementedError
 
     def _undone(self, review: LineT) -> None:
-        """Update the state after a decision about the current item was undone."""
+        """Update the state of the review after a decision about the current item was undone."""
         raise NotImplementedError
 
     # -------------------------------------------------------------------------------------------------------- moving
 
     def open_first(self) -> None:
-        """Show the first item without a verdict."""
+        """Go to the first item without a verdict. If all items have one, go to the first item."""
         open_ones = [k for k, verdict in enumerate(self.verdicts()) if verdict is None]
         self._go(open_ones[0] if open_ones else 0)
 
     def step(self, by: int) -> None:
-        """Go to another queue item; an edit in progress is saved first."""
+        """Go forward or backward in the queue by a number of items. The edit in progress is saved first."""
         if self.keep():
             self._go((self.index + by) % len(self.queue))
 
@@ -109,12 +109,12 @@ class Desk(Generic[ItemT, LineT, EditT]):
         self._open()
 
     def choose(self, mode: str) -> None:
-        """Choose the gizmo's target; an edit in progress is saved first."""
+        """Choose which element the gizmo moves. The edit in progress is saved first."""
         if mode != self.mode and self.keep():
             self.mode, self.selected = mode, 0
 
     def select_next(self) -> None:
-        """Select the next part of the item; an edit in progress is saved first."""
+        """Select the next part of the item, such as the next grasp. The edit in progress is saved first."""
         if self.keep():
             self.selected += 1
 
@@ -126,18 +126,18 @@ class Desk(Generic[ItemT, LineT, EditT]):
     # ------------------------------------------------------------------------------------------------------ decisions
 
     def accept(self) -> None:
-        """Accept the item, and show the next one."""
+        """Accept the current item, and go to the next one."""
         raise NotImplementedError
 
     def reject(self, reason: str) -> bool:
-        """Reject the item with a reason and show the next one; return whether this succeeded."""
+        """Reject the current item with a reason, and go to the next one. Return whether this succeeded."""
         if not reason.strip():
             self._say("Write the reason for the rejection first.", problem=True)
             return False
         return self.keep() and self._judge(Verdict("reject", one_line(reason)))
 
     def _judge(self, verdict: Verdict) -> bool:
-        """Write a verdict, and show the next item; return whether it was written."""
+        """Write a verdict on the current item, and go to the next item. Return whether the verdict was written."""
         name = self.at_hand.name
         if not self._tried(lambda: self._write(verdict)):
             return False
@@ -146,7 +146,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         return True
 
     def undo(self) -> None:
-        """Discard the edit in progress or, without an edit, undo the last active decision."""
+        """Discard the edit in progress. If there is none, undo the last decision about the current item."""
         if self.edit is not None:
             self.drop_edit()
             return
@@ -159,7 +159,10 @@ class Desk(Generic[ItemT, LineT, EditT]):
             self._undone(review)
 
     def _tried(self, write: Callable[[], None]) -> bool:
-        """Call a function and return whether it succeeded; an error becomes the message."""
+        """Call a function, and return whether it succeeded.
+
+        If it raises an error, the error is shown as the message.
+        """
         try:
             write()
         except (BetterError, ValidationError) as error:
@@ -168,7 +171,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         return True
 
     def complain(self, problem: str) -> None:
-        """Show a problem reported by the page."""
+        """Show a problem that was reported by the browser page."""
         self._say(problem, problem=True)
 
     def _say(self, text: str, *, problem: bool = False) -> None:

@@ -1,6 +1,7 @@
-"""Base class of the ``better review`` pages: a queue of commands from keys, buttons and fields in the browser.
+"""Base class of the ``better review`` pages, whose keys, buttons and fields send commands.
 
-Page callbacks only put commands into a queue; :meth:`CommandPage.run` executes the commands in order.
+The callbacks of the page only put commands into a queue. :meth:`CommandPage.run` takes the commands out of the queue
+and executes them in order.
 """
 
 from __future__ import annotations
@@ -24,24 +25,24 @@ DeskT = TypeVar("DeskT", bound=Desk[Any, Any, Any])
 
 PANEL_PX = 380
 MOST_WAITING = 200
-"""Maximum number of queued commands, more than a person can send."""
+"""Maximum number of waiting commands. A person cannot send that many."""
 
 
 class CommandPage(Generic[DeskT]):
-    """Review page whose keys, buttons and fields send commands; subclasses execute additional commands.
+    """Review page whose keys, buttons and fields send commands. Subclasses can add further commands.
 
     Attributes:
         server: Server of the page.
     """
 
     def __init__(self, desk: DeskT, taps: Mapping[str, str], *, host: str, port: int) -> None:
-        """Start listening.
+        """Start the web server of the page.
 
         Args:
-            desk: Review state.
-            taps: Command by key code.
+            desk: State of the review.
+            taps: Command that each key sends, keyed by key code.
             host: Network interface to listen on.
-            port: Port; 0 for any free port.
+            port: Port to listen on. 0 chooses any free port.
 
         Raises:
             MissingDependencyError: If viser is not installed.
@@ -62,15 +63,15 @@ class CommandPage(Generic[DeskT]):
         self.show()
 
     def show(self, *, is_dragging: bool = False) -> None:
-        """Update the page; while the user drags the gizmo, the browser controls its pose."""
+        """Update the page. The gizmo is not moved while the user is dragging it."""
         raise NotImplementedError
 
     def obey(self, command: str, value: Any, stopped: threading.Event) -> None:  # noqa: ANN401 - of the page
-        """Execute a command and show the result."""
+        """Execute a command, and show its result on the page."""
         raise NotImplementedError
 
     def run(self, stopped: threading.Event) -> None:
-        """Execute queued commands until the event is set."""
+        """Execute the waiting commands in order, until the event ``stopped`` is set."""
         self.begin()
         while not stopped.is_set():
             try:
@@ -102,7 +103,10 @@ class CommandPage(Generic[DeskT]):
             self._put("drag", (Pose((x, y, z), quaternion), event.phase == "end"))
 
     def _is_of_page(self, command: str, value: Any) -> bool:  # noqa: ANN401
-        """Execute a command that comes from the gizmo or reports a problem; return whether it was such a command."""
+        """If the command comes from the gizmo or reports a problem, execute it and return True.
+
+        Otherwise return False.
+        """
         if command == "drag":
             pose, is_over = value
             self._desk.drag(pose)
@@ -113,7 +117,7 @@ class CommandPage(Generic[DeskT]):
         return command in ("drag", "complain")
 
     def _common_verbs(self, modes: Sequence[str]) -> dict[str, Callable[[Any], object]]:
-        """Return the commands common to all reviews, and the commands that choose a mode."""
+        """Return the commands that all reviews share. They include one command per mode, which switches to the mode."""
         desk = self._desk
         do: dict[str, Callable[[Any], object]] = {
             "previous": lambda _: desk.step(-1),
@@ -132,7 +136,7 @@ class CommandPage(Generic[DeskT]):
             self._reason.value = ""
 
     def _set_stage(self, light: float) -> Any:  # noqa: ANN401 - viser's
-        """Set up the empty view with a given environment light intensity, and return it."""
+        """Set up an empty 3D view with the given intensity of the environment light, and return it."""
         scene = self._viser.scene
         scene.set_up_direction("+z")
         scene.world_axes.visible = False
@@ -141,7 +145,7 @@ class CommandPage(Generic[DeskT]):
         return scene
 
     def _begin_marks(self) -> None:
-        """Remove all marks of the previous state and start new node names."""
+        """Remove all marks from the 3D view. Marks that are added later get new node names."""
         for node in self._marks:
             node.remove()
         self._marks = []
@@ -150,7 +154,7 @@ class CommandPage(Generic[DeskT]):
     # ---------------------------------------------------------------------------------------------------------- panel
 
     def _begin_verdicts(self, gui: Any) -> None:  # noqa: ANN401 - viser's
-        """Add the heading, the status, the verdict buttons and the reason field to the panel."""
+        """Add the heading, the status, the verdict buttons and the field for the reason of a verdict to the panel."""
         item, subject = self._desk.ITEM, self._desk.SUBJECT
         self._head = gui.add_html("")
         self._status = gui.add_html("")
@@ -162,7 +166,7 @@ class CommandPage(Generic[DeskT]):
         self._button("Undo  ⌫", "undo", "orange", f"Undoes the last decision about this {subject}.")
 
     def _begin_panel(self, eye: Vector, look_at: Vector) -> Any:  # noqa: ANN401 - viser's
-        """Set up the empty panel and the view, and return the GUI interface."""
+        """Set up an empty panel and the initial camera of the view. Return viser's GUI interface."""
         gui = self._viser.gui
         gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=False, brand_color=(46, 134, 222))
         gui.set_panel_label("better review")
@@ -173,7 +177,7 @@ class CommandPage(Generic[DeskT]):
         return gui
 
     def _listen(self) -> None:
-        """Register the key handlers of the page."""
+        """Add to the page the script that reports pressed keys."""
         gui = self._viser.gui
         text = gui.add_text("", MARK + "{}")
         text.on_update(self._typed)
@@ -200,7 +204,10 @@ class CommandPage(Generic[DeskT]):
         self.server.expect(button, "button")
 
     def _input(self, element: Any, kind: InputKind, command: str | None) -> Any:  # noqa: ANN401
-        """Store values typed into a field; if a command is given, each new value sends it."""
+        """Store the values that the user types into a field.
+
+        If a command is given, each new value also sends the command.
+        """
         self.server.expect(element, kind)
         if command is not None:
 

@@ -1,7 +1,8 @@
-"""State of one person's object review, without the browser page: current object, unsaved edit, and decisions.
+"""State of one person's review of objects. The browser page is in a different module.
 
-An edit is an unsaved change. It is saved as a line of the journal by :meth:`ReviewDesk.keep`, by an edit of another
-kind, or by a verdict.
+It consists of the current object, the edit in progress, and the decisions. An edit is a change that has not been saved.
+It is saved as a line of the review file by :meth:`ReviewDesk.keep`, when the person begins a different kind of edit, or
+together with a verdict.
 """
 
 from __future__ import annotations
@@ -49,14 +50,14 @@ MODES: tuple[Mode, ...] = ("pose", "support", "grasp", "frame")
 TURN_DEGREES, FINE_DEGREES = 90.0, 5.0
 SIZE_STEP = 1.05
 FRAME_NAMES = ("opening", "inside", "floor", "top", "rim", "base", "slot")
-"""Names for new placement frames; the first free name is used."""
+"""Names for new placement frames. A new frame gets the first name that is free."""
 
 
 @dataclass(slots=True)
 class ReviewDesk(Desk[QueuedObject, Review, Change]):
-    """State of one object review.
+    """State of one review of objects, as shown on the review page.
 
-    The gizmo can move the pose, the support plane, a grasp or a placement frame (``MODES``).
+    The gizmo on the page can rotate the object, or move its support plane, a grasp or a placement frame (``MODES``).
     """
 
     ITEM: ClassVar[str] = "object"
@@ -67,7 +68,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def state(self) -> ReviewState | None:
-        """The current object with all saved changes; None if it cannot be imported."""
+        """The current object with all saved changes, or None if it cannot be imported."""
         return self.at_hand.state
 
     @property
@@ -77,22 +78,22 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def judged(self) -> int:
-        """Number of objects with a verdict."""
+        """Number of objects in the queue that have a verdict."""
         return sum(verdict is not None for verdict in self.verdicts())
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the current verdict on each object in the queue."""
+        """Return the current verdict on each object in the queue. It is None for objects without a verdict."""
         return [self.journal.history(item.content).verdict for item in self.queue]
 
     @property
     def asset(self) -> Asset | None:
-        """The current object as an asset."""
+        """The current object as an asset, or None if it cannot be imported."""
         state = self.state
         return None if state is None else asset_of(state.imported.draft, "reviewed", color="gray")
 
     @property
     def solid(self) -> Solid | None:
-        """Voxels of the current object."""
+        """Grid cells that the current object occupies, or None if the object cannot be imported."""
         state = self.state
         if state is None:
             return None
@@ -103,7 +104,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def grasp(self) -> Grasp | None:
-        """The selected grasp, including the edit in progress."""
+        """The selected grasp, with the edit in progress applied. None if the object has no grasp."""
         if isinstance(self.edit, GraspChange):
             return self.edit.after
         grasps = () if self.state is None else self.state.imported.draft.grasps
@@ -111,7 +112,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def region(self) -> Region | None:
-        """The selected placement frame, including the edit in progress."""
+        """The selected placement frame, with the edit in progress applied. None if the object has no such frame."""
         if isinstance(self.edit, RegionChange):
             return self.edit.after
         regions = () if self.state is None else self.state.imported.draft.regions
@@ -119,12 +120,12 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
     @property
     def plane(self) -> Plane:
-        """The support plane, including the edit in progress."""
+        """Plane on which the object rests, with the edit in progress applied."""
         return self.edit.after if isinstance(self.edit, SupportChange) else Plane()
 
     @property
     def turn(self) -> Quaternion:
-        """Rotation of the edit in progress, relative to the saved state (w, x, y, z)."""
+        """Rotation (w, x, y, z) that the edit in progress adds to the last saved pose of the object."""
         if not isinstance(self.edit, PoseChange):
             return IDENTITY_QUATERNION
         w, x, y, z = self.edit.before
@@ -136,7 +137,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # ------------------------------------------------------------------------------------------------------- editing
 
     def turn_by(self, axis: Sequence[float], degrees: float) -> None:
-        """Rotate the object about a world axis, in addition to earlier rotations."""
+        """Rotate the object about a world axis. The rotation is added to that of the edit in progress."""
         step = from_axis_angle([math.radians(degrees) * v for v in axis])
         self.turn_to(normalize(multiply(step, self.turn)))
 
@@ -147,31 +148,34 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
             self.edit = PoseChange(state.turned, normalize(multiply(turn, state.turned)))
 
     def size(self, longest_m: float) -> None:
-        """Scale the object to a longest side [m]."""
+        """Scale the object so that its longest side has the given length [m]."""
         state = self._begin(ScaleChange)
         if state is not None:
             self.edit = ScaleChange(max(state.size_m), longest_m)
 
     def size_by(self, factor: float) -> None:
-        """Scale the object by a factor, in addition to earlier scaling."""
+        """Scale the object by a factor. The factor multiplies the scaling of the edit in progress."""
         if self.state is not None:
             longest = self.edit.after if isinstance(self.edit, ScaleChange) else max(self.state.size_m)
             self.size(round(factor * longest, 4))
 
     def weigh(self, mass_kg: float) -> None:
-        """Set the mass of the object."""
+        """Set the mass of the object [kg]."""
         state = self._begin(MassChange)
         if state is not None:
             self.edit = MassChange(state.imported.draft.mass_kg, mass_kg)
 
     def call(self, name: str) -> None:
-        """Set the object name."""
+        """Set the name of the object."""
         state = self._begin(NameChange)
         if state is not None:
             self.edit = NameChange(state.name, name.strip())
 
     def drag(self, pose: Pose) -> None:
-        """Move the gizmo's target to a pose in the object frame; if the target is the object itself, only rotate it."""
+        """Move the element that the gizmo controls to a pose in the object's frame.
+
+        If the gizmo controls the object itself, the object is only rotated.
+        """
         if self.mode == "pose":
             self.turn_to(pose.quaternion)
         elif self.mode == "support" and self._begin(SupportChange) is not None:
@@ -187,7 +191,10 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
             self.edit = RegionChange(former, moved)
 
     def add(self) -> None:
-        """Add a new grasp or placement frame in the middle of the object."""
+        """Add a new grasp or placement frame in the middle of the object.
+
+        It is an edit in progress until it is saved.
+        """
         state = self.state
         if state is None or not self.keep():
             return
@@ -207,7 +214,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
             self._say("Choose grasps (3) or frames (4) first.", problem=True)
 
     def remove(self) -> None:
-        """Remove the selected grasp or placement frame."""
+        """Remove the selected grasp or placement frame, and save this change."""
         if self.mode == "grasp" and self.grasp is not None:
             former = self.edit.before if isinstance(self.edit, GraspChange) else self.grasp
             self.edit = None if former is None else GraspChange(former, None)
@@ -220,7 +227,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
         self.keep()
 
     def keep(self) -> bool:
-        """Save the edit in progress as a change; return False on failure, with the reason in ``message``."""
+        """Save the edit in progress as a change. If this fails, store the reason in ``message`` and return False."""
         edit, state, item = self.edit, self.state, self.at_hand
         if edit is None or state is None:
             return True
@@ -241,7 +248,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # ------------------------------------------------------------------------------------------------------ decisions
 
     def accept(self) -> None:
-        """Accept the object, including its changes, and show the next one."""
+        """Accept the object with its changes, and go to the next object."""
         if self.keep() and self.state is not None:
             self._judge(Verdict("fix" if self.history.changes else "accept"))
 
@@ -263,13 +270,16 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # --------------------------------------------------------------------------------------------------------- trials
 
     def try_drop(self) -> Tryout | None:
-        """Drop the object in simulation; an edit in progress is saved first."""
+        """Simulate dropping the object onto a table. The edit in progress is saved first."""
         asset = self.asset if self.keep() else None
         asset = self.asset if asset is not None else None
         return None if asset is None else self._told(try_drop(asset))
 
     def try_lift(self) -> Tryout | None:
-        """Lift the object by the selected or first grasp in simulation; an edit in progress is saved first."""
+        """Simulate lifting the object by the selected grasp, or by its first grasp.
+
+        The edit in progress is saved first.
+        """
         if not self.keep():
             return None
         asset = self.asset
@@ -286,9 +296,11 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
     # -------------------------------------------------------------------------------------------------------- helpers
 
     def _begin(self, kind: type[Change]) -> ReviewState | None:
-        """Return the state to edit, after saving an edit of another kind.
+        """Begin an edit of the given kind. An edit in progress of another kind is saved first.
 
-        Returns None if there is no state, or if saving the edit failed.
+        Returns:
+            The state of the object to edit. None if the object cannot be imported, or if the previous edit could not be
+            saved.
         """
         if self.edit is not None and not isinstance(self.edit, kind) and not self.keep():
             return None
@@ -296,5 +308,5 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
 
 
 def _free(stem: str, taken: Sequence[str]) -> str:
-    """Return an unused name ("grasp", "grasp2")."""
+    """Return a grasp name that is not taken yet: "grasp" if it is free, and otherwise "grasp2", "grasp3" and so on."""
     return next(name for k in range(1, len(taken) + 2) if (name := stem if k == 1 else f"{stem}{k}") not in taken)

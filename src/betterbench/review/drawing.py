@@ -1,4 +1,4 @@
-"""Bounding box rulers and panel texts that the review page shows in addition to the meshes."""
+"""Rulers that the review page draws around the object, and HTML texts for its panel."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ HULL_COLORS = (
     (31, 119, 180), (255, 127, 14), (44, 160, 44), (214, 39, 40), (148, 103, 189),
     (140, 86, 75), (227, 119, 194), (188, 189, 34), (23, 190, 207),
 )  # fmt: skip
-"""Colors of neighboring hulls (Tableau 10 without gray)."""
+"""Colors of collision hulls, used in turn (Tableau 10 without gray)."""
 
 
 def ruler(size: Vector) -> np.ndarray:
-    """Return line segments of a bounding box on the plane z = 0, with ticks every centimeter, (n, 2, 3) [m].
+    """Return the lines of a ruler for a bounding box on the plane z = 0, as (n, 2, 3) segments [m].
 
-    The ticks are at the front edges, toward +x and -y; every fifth tick is longer.
+    The ruler has a tick at every centimeter, and every fifth tick is longer. The ticks are at the front edges of the
+    box, which face +x and -y.
     """
     x, y, z = size
     a, b = 0.5 * x, 0.5 * y
@@ -39,7 +40,7 @@ def ruler(size: Vector) -> np.ndarray:
 
 
 def box_edges(half_size: Vector) -> np.ndarray:
-    """Return the edges of a box around the origin, (12, 2, 3) [m]."""
+    """Return the edges of a box around the origin, as a (12, 2, 3) array of segments [m]."""
     x, y, z = half_size
     corners = [(sx * x, sy * y, sz * z) for sz in (-1, 1) for sx in (-1, 1) for sy in (-1, 1)]
     pairs = [(i, j) for i in range(8) for j in range(i + 1, 8) if (i ^ j).bit_count() == 1]
@@ -51,7 +52,7 @@ def _tick(number: int) -> float:
 
 
 def ruler_labels(size: Vector) -> list[tuple[str, Vector]]:
-    """Return the labels for a box's width, depth and height, with their positions [m]."""
+    """Return the labels for the width, depth and height of a box, each with its position [m]."""
     x, y, z = size
     off = 0.018
     return [
@@ -62,7 +63,10 @@ def ruler_labels(size: Vector) -> list[tuple[str, Vector]]:
 
 
 def turned_about_middle(asset: Asset, pose: Pose) -> Pose:
-    """Return the displayed pose of an asset after rotating it about its box center and setting it down."""
+    """Return the pose of an asset after a rotation about the center of its bounding box.
+
+    The height is chosen so that the lowest visible point of the rotated asset is at z = 0.
+    """
     middle = (0.0, 0.0, 0.5 * asset.size_m[2])
     x, y, z = Pose((0.0, 0.0, 0.0), pose.quaternion).apply([-v for v in middle])
     placed = Pose((x, y, z + middle[2]), pose.quaternion)
@@ -74,7 +78,7 @@ def turned_about_middle(asset: Asset, pose: Pose) -> Pose:
 
 
 def head(desk: ReviewDesk) -> str:
-    """Return the upper part of the panel as HTML: progress, the object, and facts about it."""
+    """Return the upper part of the panel as HTML: the progress, the current object, and facts about it."""
     return panel_head(
         desk.at_hand.name,
         desk.history.verdict,
@@ -111,7 +115,7 @@ def _facts(desk: ReviewDesk) -> list[tuple[str, str]]:
 
 
 def foot(desk: ReviewDesk) -> str:
-    """Return the lower part of the panel as HTML: the edit in progress, the last message, and the active decisions."""
+    """Return the lower part of the panel as HTML: the edit in progress, the last message, and the latest decisions."""
     edit = None if desk.edit is None else said(desk.edit)
     decisions = [(decision_sign(r.decision), _said(r.decision), r.author) for _, r in desk.history.reviews[-6:]]
     return panel_foot(_at_hand(desk), edit, desk.message, decisions, is_problem=desk.is_problem)
@@ -127,7 +131,7 @@ def _at_hand(desk: ReviewDesk) -> str:
 
 
 def _opening(desk: ReviewDesk, grasp: Grasp) -> str:
-    """Return a phrase with the stated width of a grasp and the gripper opening that it requires."""
+    """Describe the stated width of a grasp and the gripper opening that the grasp requires."""
     stated, jaw = f"{1000 * grasp.width_m:.0f} mm wide", gripper_opening_m()
     solid = desk.solid
     needed = None if solid is None else needed_opening_m(solid, grasp)

@@ -1,4 +1,4 @@
-"""Web page for reviewing objects: visual shape, collision shape, gripper, gizmos, and panel."""
+"""Web page for the review of objects: visual shape, collision shape, gripper, gizmos, and a panel."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from betterbench.sim.scenes.tryouts import (
 TURN_GIZMO, FRAME_GIZMO = "/seen/turn", "/seen/frame"
 SIDE_PX = 250
 EYE_M, LOOK_AT_M = (0.38, -0.06, 0.25), (0.0, 0.0, 0.085)
-"""Initial position and target of the view [m]."""
+"""Initial position of the view, and the point that it looks at [m]."""
 OPEN_M = 0.08
-"""Opening of the gripper drawn for scale [m]."""
+"""Opening of the gripper that is shown to give an impression of the object's size [m]."""
 TAP_KEYS: dict[str, str] = {
     "ArrowLeft": "previous",
     "ArrowRight": "next",
@@ -69,7 +69,7 @@ TAP_KEYS: dict[str, str] = {
     "KeyR": "reject",
     "Backspace": "undo",
 }
-"""Command by key."""
+"""Command that each key sends."""
 KEY_ROWS = (
     ("← →", "previous, next object"),
     ("1 2 3 4", "gizmo: pose, support plane, grasp, frame"),
@@ -87,10 +87,10 @@ KEY_ROWS = (
 
 
 class ReviewPage(CommandPage[ReviewDesk]):
-    """Web page of one object review."""
+    """Web page for one review of objects."""
 
     def __init__(self, desk: ReviewDesk, *, host: str, port: int) -> None:
-        """Start listening and build the page.
+        """Start the web server of the page, and build the page.
 
         Raises:
             MissingDependencyError: If viser is not installed.
@@ -108,7 +108,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
         self._build_panel()
 
     def obey(self, command: str, value: Any, stopped: threading.Event) -> None:  # noqa: ANN401 - of the page
-        """Execute a command and show the result."""
+        """Execute a command, and show its result on the page."""
         tryout: Tryout | None = None
         if self._is_of_page(command, value):
             return
@@ -171,7 +171,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
             self._gripper[name] = scene.add_glb(f"/seen/gripper_{name}", data, cast_shadow=False)
 
     def show(self, *, is_dragging: bool = False) -> None:
-        """Update the page; while the user drags the gizmo, the browser controls its pose."""
+        """Update the page. The gizmo is not moved while the user is dragging it."""
         desk = self._desk
         key = (desk.index, len(desk.at_hand.states), desk.history.last)
         with self._viser.atomic():
@@ -183,7 +183,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
         self._list.content = queue_list([q.name for q in desk.queue], desk.verdicts(), desk.index)
 
     def _show_object(self) -> None:
-        """Show the object's meshes with all saved changes, and its size and mass in the panel."""
+        """Show the meshes of the object with all saved changes. Show its size, mass and name in the panel."""
         for node in self._nodes:
             node.remove()
         self._nodes, self._visual = [], None
@@ -230,7 +230,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
         self._name.value = "" if self._desk.state is None else self._desk.state.name
 
     def _show_edit(self, *, is_dragging: bool) -> None:
-        """Show the gizmo's target and the edit in progress."""
+        """Show the edit in progress, and place the gizmo at the element that it controls."""
         desk, asset = self._desk, self._asset
         self._begin_marks()
         if asset is None or self._visual is None:
@@ -267,7 +267,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
         self._marks.append(frame)
 
     def _mark_support(self, asset: Asset) -> Pose:
-        """Show the support plane, and return the pose of its gizmo."""
+        """Show the support plane, and return the pose for its gizmo."""
         plane = self._desk.plane
         x, y, z = plane.normal
         turn = normalize((1.0 + z, -y, x, 0.0)) if z > -0.999 else (0.0, 1.0, 0.0, 0.0)
@@ -287,7 +287,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
         return pose
 
     def _mark_regions(self, asset: Asset) -> Pose:
-        """Show the placement frames, and return the pose of the selected frame."""
+        """Show all placement frames, and return the pose of the selected one."""
         chosen = self._desk.region
         others = [region for region in asset.regions if chosen is None or region.name != chosen.name]
         for k, region in enumerate([*others, *([] if chosen is None else [chosen])]):
@@ -326,7 +326,7 @@ class ReviewPage(CommandPage[ReviewDesk]):
             self._gripper[name].position, self._gripper[name].wxyz = pose.position, pose.quaternion
 
     def _play(self, tryout: Tryout, stopped: threading.Event) -> None:
-        """Play the motion of a test in real time, skipping late frames."""
+        """Play the motion of a simulated test in real time. Frames that are late are skipped."""
         if self._visual is None:
             return
         self._turn.visible = self._frame.visible = False
@@ -369,7 +369,10 @@ class ReviewPage(CommandPage[ReviewDesk]):
 
 
 def _closer(pose: Pose, opened_m: float) -> Pose:
-    """Return the pose of a gripper body at a smaller opening [m]; the fingers open along the y axis."""
+    """Return the pose of a gripper finger when the gripper is opened by ``opened_m`` [m].
+
+    The given pose is that of the fully open gripper. The fingers move along the y axis.
+    """
     x, y, z = pose.position
     return Pose((x, y * opened_m / OPEN_M, z), pose.quaternion)
 

@@ -1,4 +1,4 @@
-"""Parts of the panel that the reviews of objects and of scenes share, as HTML."""
+"""HTML for the parts of the panel that reviews of objects and reviews of scenes have in common."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.quoting import markup_text
 COLORS = {"accept": "#20bf6b", "fix": "#2e86de", "reject": "#eb3b5a", "": "#8395a7"}
 SIGNS = {"accept": "✔", "fix": "✎", "reject": "✘", "": "○"}
 QUEUE_ROWS = 9
-"""Number of neighbors in the queue that are listed, including the current one."""
+"""Number of items that are listed from the queue: the current item and its neighbors."""
 _BOX = "padding:4px 10px;font-size:13px;line-height:1.45"
 
 
@@ -25,13 +25,13 @@ def panel_head(
     judged: int,
     total: int,
 ) -> str:
-    """Return the upper part of the panel, with progress, the name and its verdict, and a table of facts.
+    """Return the upper part of the panel: the progress, the name of the item and its verdict, and a table of facts.
 
     Args:
         name: Name of the current object or scene.
-        verdict: Its verdict, or None.
-        facts: Names and values.
-        author: Person who reviews.
+        verdict: Verdict on the current object or scene, or None if it has none.
+        facts: Rows of the table, each as a name and a value.
+        author: Name of the reviewer.
         index: Index of the current object or scene in the queue.
         judged: Number of objects or scenes that have a verdict.
         total: Length of the queue.
@@ -66,15 +66,17 @@ def panel_foot(
     is_problem: bool,
     between: str = "",
 ) -> str:
-    """Return the lower part of the panel: gizmo target, edit, last message and last decisions.
+    """Return the lower part of the panel as HTML.
+
+    It shows the target of the gizmo, the edit in progress, the last message and the last decisions.
 
     Args:
-        target: Gizmo target, as HTML.
-        edit: The edit in progress, or None.
+        target: What the gizmo moves, as HTML.
+        edit: Description of the edit in progress, or None if there is none.
         message: The last message.
-        decisions: Symbol, text and author of the last decisions.
+        decisions: Symbol, text and author of each of the last decisions.
         is_problem: Whether the message reports a problem.
-        between: HTML to insert between the message and the decisions.
+        between: HTML that is inserted between the message and the decisions.
     """
     color = "#eb3b5a" if is_problem else "#20bf6b"
     pending = "" if edit is None else f"{edit} — Enter keeps it, Escape drops it"
@@ -91,12 +93,12 @@ def panel_foot(
 
 
 def decision_sign(decision: object) -> str:
-    """Return the symbol of a decision. It is the symbol of the verdict, or a dot for a change."""
+    """Return the symbol for a decision: the symbol of the verdict, or a dot for any other decision."""
     return SIGNS[decision.verdict] if isinstance(decision, Verdict) else "·"
 
 
 def queue_list(names: Sequence[str], verdicts: Sequence[Verdict | None], index: int) -> str:
-    """Return the part of the queue around the current object or scene as a list."""
+    """Return a section of the review queue around the current object or scene, as an HTML list."""
     first = max(0, min(index - QUEUE_ROWS // 2, len(names) - QUEUE_ROWS))
     rows = ""
     for k, (name, verdict) in enumerate(islice(zip(names, verdicts, strict=True), first, first + QUEUE_ROWS), first):

@@ -1,4 +1,7 @@
-"""Queue of the objects to review: mesh files, imported when first shown, and assets in asset folders."""
+"""Queue of the objects to review.
+
+The objects are mesh files, which are imported when they are first shown, and assets in asset folders.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +24,14 @@ MOST_FILES = 10_000
 
 @dataclass(slots=True)
 class QueuedObject:
-    """Object in a review queue.
+    """Object in the queue of a review.
 
     Attributes:
         path: Mesh file of the object.
-        content: Hash of the file content.
-        states: The imported object, followed by its state after each active change; empty before the import.
-        problem: Reason for a failed import; "" if the import succeeded.
-        wishes: Import options.
+        content: Hash of the mesh file and of all files that it refers to.
+        states: The object as it was imported, followed by its state after each change. Empty before the import.
+        problem: Why the object could not be imported. Empty if it could.
+        wishes: Options with which the mesh file is imported.
         stored: Whether the file is an already imported asset in an asset folder.
     """
 
@@ -41,16 +44,16 @@ class QueuedObject:
 
     @property
     def name(self) -> str:
-        """Displayed name."""
+        """Name under which the object is shown."""
         return self.path.stem if self.stored else asset_name(self.path)
 
     @property
     def state(self) -> ReviewState | None:
-        """The object with its active changes, or None before its import."""
+        """The object with all its changes, or None if it is not imported yet."""
         return self.states[-1] if self.states else None
 
     def load(self, history: History) -> None:
-        """Import the object and apply its active changes; on failure, set ``problem`` to the reason."""
+        """Import the object and apply its changes. If this fails, store the reason in ``problem``."""
         if self.states or self.problem:
             return
         try:
@@ -65,10 +68,13 @@ class QueuedObject:
 
 
 def mesh_files(given: Sequence[Path]) -> list[Path]:
-    """Return the distinct mesh files among the given files and folders; files in a folder are sorted by name.
+    """Return the mesh files among the given files and in the given folders, without duplicates.
+
+    The files in a folder are sorted by name.
 
     Raises:
-        InvalidInputError: If there are no mesh files or too many, or a file is missing or has an unknown format.
+        InvalidInputError: If there are no mesh files or too many, or if a given file is missing or has an unknown
+            format.
     """
     found: dict[Path, None] = {}
     for path in given:
@@ -76,31 +82,35 @@ def mesh_files(given: Sequence[Path]) -> list[Path]:
             inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in FORMATS and p.is_file())
             found.update(dict.fromkeys(inside))
         elif not path.exists():
-            raise InvalidInputError(str(path), "it does not exist", "Give mesh files or folders with mesh files")
+            raise InvalidInputError(
+                str(path), "it does not exist", "Pass mesh files, or folders that contain mesh files"
+            )
         elif path.suffix.lower() not in FORMATS:
             raise InvalidInputError(
-                str(path), "its format is not known", f"Give files of the formats {', '.join(FORMATS)}"
+                str(path), "its format is not known", f"Pass files in one of these formats: {', '.join(FORMATS)}"
             )
         else:
             found[path] = None
     if not found:
         raise InvalidInputError(
-            "DIR_OR_FILES", "no mesh file was found", f"Give files of the formats {', '.join(FORMATS)}"
+            "DIR_OR_FILES", "no mesh file was found", f"Pass files in one of these formats: {', '.join(FORMATS)}"
         )
     if len(found) > MOST_FILES:
-        raise InvalidInputError("DIR_OR_FILES", f"{len(found):,} mesh files", f"Review at most {MOST_FILES:,} at once")
+        raise InvalidInputError(
+            "DIR_OR_FILES", f"{len(found):,} mesh files are too many", f"Review at most {MOST_FILES:,} at once"
+        )
     return list(found)
 
 
 def queue_of(given: Sequence[Path], registered: Sequence[MeshImport] = ()) -> list[QueuedObject]:
-    """Return the queue of files and folders; files with the same content are one object.
+    """Return the review queue for files and folders. Files with the same content count as one object.
 
     Args:
-        given: Files and folders; the registered files if empty.
-        registered: Mesh files imported by task files, with their import options.
+        given: Files and folders. If there are none, the registered files are reviewed.
+        registered: Mesh files that task files import, each with its import options.
 
     Raises:
-        InvalidInputError: As for :func:`mesh_files`, or if a registered file does not exist.
+        InvalidInputError: If a file is missing or not a mesh file (see :func:`mesh_files`).
     """
     wishes = {found.path.resolve(): found.wishes for found in registered}
     queue: dict[str, QueuedObject] = {}
@@ -111,7 +121,7 @@ def queue_of(given: Sequence[Path], registered: Sequence[MeshImport] = ()) -> li
 
 
 def folder_queue(folders: Sequence[Path]) -> list[QueuedObject]:
-    """Return the queue for the assets in asset folders.
+    """Return the review queue for all assets in the given asset folders.
 
     Raises:
         InvalidInputError: If a manifest cannot be read, or the folders contain no assets.
@@ -121,18 +131,20 @@ def folder_queue(folders: Sequence[Path]) -> list[QueuedObject]:
         for asset in manifest_of(folder).assets.values():
             queue.setdefault(asset.sha256, QueuedObject(folder / asset.file, asset.sha256, [], stored=True))
     if not queue:
-        raise InvalidInputError("review assets", "the folders contain no assets", "Import some: better assets import")
+        raise InvalidInputError(
+            "review assets", "the folders contain no assets", "Import assets with: better assets import"
+        )
     return list(queue.values())
 
 
 def apply_to_folder(reviews: Path, folder: Path, out: Path) -> tuple[list[str], dict[str, str]]:
-    """Write the accepted assets of a folder into a new folder, with the changes from a review.
+    """Write the accepted assets of a folder to a new folder, and apply the changes made in a review to them.
 
     Returns:
-        The names of the written assets, and the reason by the name of each rejected asset.
+        The names of the written assets, and the reason for the rejection of each rejected asset, keyed by its name.
 
     Raises:
-        RecordError: If the review cannot be read.
+        RecordError: If the review file cannot be read.
         InvalidInputError: If an asset has no verdict.
     """
     changes: dict[str, Sequence[Change]] = {}
@@ -142,7 +154,9 @@ def apply_to_folder(reviews: Path, folder: Path, out: Path) -> tuple[list[str], 
         verdict = history.verdict
         if verdict is None:
             problem = f"it has {len(history.changes)} changes and no verdict"
-            raise InvalidInputError(name, problem, "Accept or reject it with better review assets --asset-dir")
+            raise InvalidInputError(
+                name, problem, "Run better review assets --asset-dir, and accept or reject the asset"
+            )
         if verdict.verdict == "reject":
             rejected[name] = verdict.reason
         changes[name] = history.changes

@@ -1,16 +1,18 @@
-"""Static evaluation of vision-language models on published benchmarks and our own question sets.
+"""Static evaluation of vision-language models on published benchmarks, and on question sets made from recorded trials.
 
-- ``items``: items of a benchmark, whose images are loaded on demand; ``pictures`` reads images from files and tables.
-- ``benchmarks``: one file per benchmark, which reads all published formats of its data; ``rows`` reads files.
-- ``prompts``: prompts as data, chosen by an identifier.
-- ``scoring``: our scores with fixed denominators. ``official``: the scores of upstream programs, including their
-faults.
+- ``items``: the items of a benchmark, whose images are loaded on demand. ``pictures``: reading of images from files and
+  tables.
+- ``benchmarks``: one file per benchmark, which reads its data in all published formats. ``rows`` reads the files.
+- ``prompts``: prompts, stored as data and chosen by an identifier.
+- ``scoring``: scores that count every item. ``official``: reproductions of the scorers of the benchmarks' authors and
+  of other programs, including their faults.
 - ``models``: image resolutions, and models that run in this process.
-- ``running``: a resumable run of a model over a benchmark; ``fetching`` downloads the data.
-- ``steps``: comparison of finished runs (``stored``); ``eyesight``: smallest object size that a model can recognize.
+- ``running``: a run of a model over a benchmark, which can be resumed. ``fetching`` downloads the data.
+- ``steps``: comparison of finished runs (``stored``). ``eyesight``: the smallest object size that a model can
+  recognize.
 - ``samples``: logs in the format of lmms-eval. ``inspect_tasks``: tasks for inspect_ai.
 
-As for ``better vqa``, :mod:`betterbench.vqa` sends the requests and reads the answers.
+The requests are sent and the answers are read by the package :mod:`betterbench.vqa`, which ``better vqa`` also uses.
 """
 
 from betterbench.vlm.benchmarks import BENCHMARKS, Benchmark, find_benchmark

@@ -1,4 +1,4 @@
-"""Completeness check: the number of items in a data set is compared with the published number."""
+"""Check whether a data set is complete, by comparing its number of items with the published number."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from betterbench.vlm.items import ItemSet
 
 @dataclass(frozen=True, slots=True)
 class Completeness:
-    """Number of items, compared with the published number.
+    """Number of items in a data set, compared with the published number.
 
     Attributes:
-        title: Name of the benchmark in sentences.
-        n: Number of items.
-        expected: Published number of items; None if it is not known or not fixed.
-        groups: Number of items and published number by name of the group, for groups with a published number.
+        title: Title of the benchmark, for messages.
+        n: Number of items in the data set.
+        expected: Published number of items, or None if it is unknown or not fixed.
+        groups: Number of items and published number of each group, keyed by the name of the group. Groups without a
+            published number are left out.
     """
 
     title: str
@@ -29,12 +30,12 @@ class Completeness:
 
     @property
     def is_complete(self) -> bool:
-        """Whether all known numbers agree."""
+        """Whether the data set has as many items as the published data, in total and in each group."""
         return self.expected in (None, self.n) and all(n == expected for n, expected in self.groups.values())
 
     @property
     def sentence(self) -> str:
-        """Description of the missing items, or an empty string."""
+        """Sentence that describes what is missing. Empty if the data set is complete."""
         if self.is_complete:
             return ""
         differing = [f"{name} {n:,} of {of:,}" for name, (n, of) in self.groups.items() if n != of]

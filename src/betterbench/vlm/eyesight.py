@@ -1,10 +1,11 @@
-"""Eyesight: smallest object size at which a model answers questions correctly, estimated from its answers.
+"""Eyesight of a model: the smallest object size at which it answers questions correctly.
 
-Items of our own sets store the image size of their objects. A psychometric function fitted to one run gives the size at
-which half of the questions can be answered (:mod:`betterbench.statistics.threshold`). Fitted to runs of the same model
-at several image resolutions ("eyes"), it shows whether a single size explains all scores. If it does, lower resolutions
-only hide small objects. All sizes are at the effective resolution of the eyes
-(:func:`~betterbench.vlm.models.eyes.size_in_detail`), as geometric means of width and height in pixels.
+Eyesight is estimated from the answers of the model. The items of question sets from ``better vqa`` state the size of
+their objects in the image. A psychometric function is fitted to the scores of one run, and gives the size at which the
+model can answer half of the questions (:mod:`betterbench.statistics.threshold`). If the function is fitted to several
+runs of the same model with different image resolutions ("eyes"), it shows whether a single size explains all scores. In
+this case, a lower resolution only hides small objects. All sizes are measured at the effective resolution of the shown
+images (:func:`~betterbench.vlm.models.eyes.size_in_detail`). They are geometric means of width and height in pixels.
 """
 
 from __future__ import annotations
@@ -23,13 +24,14 @@ from betterbench.vlm.models.eyes import Eyes
 from betterbench.vlm.scoring import StaticScore
 
 LEAST_OF_FAMILY = 20
-"""Minimum number of questions of a family; smaller families share the knowledge parameter of their type."""
+"""Minimum number of questions for which a family gets its own knowledge parameter. Smaller families share the parameter
+of their question type."""
 LEAST_PX = 0.5
-"""Minimum object size, because fractions of a pixel cannot be recognized [pixel]."""
+"""Minimum object size [pixel]. Smaller sizes are replaced by it, since fractions of a pixel cannot be recognized."""
 
 
 def readings_of(items: ItemSet, score: StaticScore, eyes: Eyes, column: str) -> list[Reading]:
-    """Return the scored items with known sizes."""
+    """Return the scores of all items that state the size of their object, for the fit of the eyesight threshold."""
     found = []
     for item, scored in zip(items.items, score.items, strict=True):
         size = item.size_px(eyes)
@@ -39,40 +41,47 @@ def readings_of(items: ItemSet, score: StaticScore, eyes: Eyes, column: str) -> 
 
 
 class Grouped(Protocol):
-    """Item of a benchmark, from its data or from a stored run."""
+    """Item of a benchmark with its groups, read either from the data of the benchmark or from a stored run."""
 
     @property
     def groups(self) -> Mapping[str, str]:
-        """Name of the item's group by kind of group."""
+        """Name of the item's group for each kind of group."""
 
     @property
     def cluster(self) -> str:
-        """Cluster of dependent items."""
+        """Name of the item's cluster. The scores of items in the same cluster depend on each other."""
 
     @property
     def chance(self) -> float | None:
-        """Probability of guessing the answer."""
+        """Probability of guessing the answer, or None if unknown."""
 
 
 def reading(size: float, score: float, item: Grouped, eyes: str) -> Reading:
-    """Return a scored item with a known size [pixel] for the threshold fit; its kind is its type and family."""
+    """Return the score of an item and the size of its object [pixel], for the fit of the eyesight threshold.
+
+    The kind of the item is its question type together with its family.
+    """
     kind = f"{item.groups.get('type', '')}\n{item.groups.get('family', '')}"
     return Reading(max(size, LEAST_PX), score, item.chance or 0.0, kind, item.cluster, str(eyes))
 
 
 def with_common_kinds(readings: Sequence[Reading]) -> list[Reading]:
-    """Return readings in which the kind of a rare family is replaced by its type."""
+    """Give all items of rare families the same kind as the other items of their question type.
+
+    The fit of the eyesight threshold estimates one parameter per kind, for which a rare family has too few items.
+    """
     counts = Counter(r.kind for r in readings)
     kinds = {kind: kind.split("\n")[counts[kind] >= LEAST_OF_FAMILY] for kind in counts}
     return [replace(r, kind=kinds[r.kind]) for r in readings]
 
 
 def eyesight(readings: Sequence[Reading], purpose: str) -> Threshold | None:
-    """Estimate the object size that a model can recognize; None if no sizes are known.
+    """Estimate the smallest object size that a model can recognize. Returns None if there are no scored items.
 
     Args:
-        readings: Items of one run, or of runs with several eyes.
-        purpose: Name of the random stream of the bootstrap.
+        readings: Scores of items and sizes of their objects, from one run or from several runs with different image
+            resolutions ("eyes").
+        purpose: Name of the estimate, from which the bootstrap's random seed is derived.
     """
     if not readings:
         return None
@@ -80,7 +89,7 @@ def eyesight(readings: Sequence[Reading], purpose: str) -> Threshold | None:
 
 
 def eyesight_sentence(found: Threshold) -> str:
-    """Describe the threshold in one sentence."""
+    """Describe an estimated eyesight threshold in one sentence."""
     if found.value is None:
         return f"Eyesight: {found.n} questions do not show the smallest readable size, because {found.reason}."
     return (
@@ -92,14 +101,15 @@ def eyesight_sentence(found: Threshold) -> str:
 
 @dataclass(frozen=True, slots=True)
 class EyesightComparison:
-    """Eyesight of one model on one benchmark, over runs at several resolutions (``--eyes``).
+    """Eyesight of one model on one benchmark, compared between runs with different image resolutions (``--eyes``).
 
     Attributes:
-        name: Name of the model, with all settings that the runs share.
+        name: Name of the model, with all settings that the runs have in common.
         benchmark: Title of the benchmark.
-        scores: Mean score of the items with known sizes, by eyes.
-        alone: Threshold of each run alone, by eyes.
-        one: Common threshold of all runs, with the further losses of all runs except the first.
+        scores: Mean score of the items that state an object size, keyed by eyes (image resolution).
+        alone: Threshold fitted to each run alone, keyed by eyes.
+        one: Threshold fitted to all runs together. For each run except the first, it also contains the further loss,
+            i.e. the loss compared with the first run that the object sizes do not explain.
     """
 
     name: str
@@ -110,12 +120,12 @@ class EyesightComparison:
 
     @property
     def further(self) -> tuple[str, ...]:
-        """Resolutions ("eyes") with a significant further loss or gain."""
+        """Eyes (image resolutions) at which scores are significantly lower or higher than the object sizes explain."""
         return tuple(eyes for eyes, loss in self.one.further.items() if loss.is_supported)
 
     @property
     def sentence(self) -> str:
-        """The comparison in words."""
+        """Result of the comparison, described in words."""
         where = f"{self.name}, {self.benchmark}"
         if self.one.value is None:
             unknown = "it cannot be concluded whether one size explains the scores with all eyes"
@@ -136,7 +146,7 @@ class EyesightComparison:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; all rates are fractions."""
+        """Return a JSON-serializable dict. All rates in it are fractions."""
         return {
             "name": self.name,
             "benchmark": self.benchmark,
@@ -148,12 +158,14 @@ class EyesightComparison:
 
 
 def compare_eyes(name: str, benchmark: str, runs: Sequence[tuple[str, Sequence[Reading]]]) -> EyesightComparison | None:
-    """Compare runs of one model at several resolutions on the same items; None if no sizes are known.
+    """Compare runs of one model with different image resolutions on the same items.
+
+    Returns None if no item states the size of its object.
 
     Args:
         name: Name of the model.
         benchmark: Title of the benchmark.
-        runs: Eyes and readings of each run. The first run is the reference.
+        runs: Eyes (image resolution) and scored items of each run. The other runs are compared with the first run.
     """
     everything = [r for _, readings in runs for r in readings]
     if not everything:

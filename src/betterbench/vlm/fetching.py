@@ -19,7 +19,7 @@ from betterbench.json_form import file_digest
 from betterbench.vlm.benchmarks.benchmark import Benchmark, DataFile
 
 HUB_VARIABLE = "HF_ENDPOINT"
-"""Environment variable with an alternative address of the hub, as in the hub's own client."""
+"""Environment variable with an alternative address of the hub. The hub's own client uses the same variable."""
 _HUB = "https://huggingface.co"
 _PIECE = 1 << 20
 _TIMEOUT_S = 60.0
@@ -28,7 +28,7 @@ _MOST_BYTES = 4 << 30
 
 @dataclass(frozen=True, slots=True)
 class FetchedFile:
-    """Data file on disk, with its size [byte]."""
+    """A data file on disk, with its size [byte] and its SHA-256."""
 
     path: str
     size: int
@@ -40,19 +40,21 @@ class FetchedFile:
 
 
 def fetch_data(benchmark: Benchmark, folder: Path, *, on_progress: OnCount | None = None) -> list[FetchedFile]:
-    """Download the missing files of a benchmark into a folder.
+    """Download all missing files of a benchmark into a folder.
 
-    A file is written under a temporary name and then renamed, so a file with its final name is complete.
+    Each file is written under a temporary name and renamed when it is complete. Therefore a file that has its final
+    name is always complete.
 
     Args:
         benchmark: The benchmark.
-        folder: Folder of its data.
-        on_progress: Called with the number of bytes so far and in total (0 if unknown) of the current file.
+        folder: Folder for the data.
+        on_progress: Called with the number of bytes of the current file that are downloaded, and its size (0 if
+            unknown).
 
     Raises:
-        InvalidInputError: If the hub cannot be reached, or the hash of a file is wrong; the message names the file and
-            its destination.
-        RunConflictError: If another process downloads into the folder.
+        InvalidInputError: If the hub cannot be reached, or a file does not have the expected hash. The message names
+            the file and its path.
+        RunConflictError: If another process is downloading into the folder.
     """
     with on_disk(folder), job_folder(folder):
         return [_fetched(benchmark, file, folder, on_progress) for file in benchmark.source.files]
@@ -65,7 +67,7 @@ def _fetched(benchmark: Benchmark, file: DataFile, folder: Path, on_progress: On
     digest = file_digest(path)
     if file.sha256 is not None and digest != file.sha256:
         problem = f"has the SHA-256 {digest}, expected {file.sha256}"
-        raise InvalidInputError(str(path), problem, "Delete it and fetch it again")
+        raise InvalidInputError(str(path), problem, "Delete the file and download it again")
     return FetchedFile(file.path, path.stat().st_size, digest)
 
 
@@ -73,7 +75,9 @@ def _download(benchmark: Benchmark, file: DataFile, path: Path, on_progress: OnC
     hub = os.environ.get(HUB_VARIABLE, "").rstrip("/") or _HUB
     url = f"{hub}/datasets/{benchmark.source.repository}/resolve/main/{quote(file.path)}"
     if not url.startswith(("http://", "https://")):
-        raise InvalidInputError(HUB_VARIABLE, f"{one_line(hub, most=80)!r} is not an HTTP address", "Correct it")
+        raise InvalidInputError(
+            HUB_VARIABLE, f"{one_line(hub, most=80)!r} is not an HTTP address", "Set it to an HTTP address"
+        )
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.part")
     try:
@@ -101,5 +105,5 @@ def _copied(reply: IO[bytes], target: IO[bytes]) -> Iterator[int]:
         target.write(piece)
         written += len(piece)
         if written > _MOST_BYTES:
-            raise OSError(f"it is larger than {_MOST_BYTES} bytes")
+            raise OSError(f"the file is larger than {_MOST_BYTES} bytes")
         yield written

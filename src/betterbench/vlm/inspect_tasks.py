@@ -1,8 +1,8 @@
-"""Static benchmarks as a task for inspect_ai. The user must install it (``pip install inspect-ai``).
+"""Static benchmarks as a task for inspect_ai, which the user must install (``pip install inspect-ai``).
 
-``inspect eval betterbench/static -T benchmark=better-vqa -T data=FOLDER --model PROVIDER/MODEL`` asks the same prompts
-with the same images as ``better vlm`` and reads and scores the answers with the same functions. inspect_ai finds the
-task by the entry point in betterbench's package metadata.
+``inspect eval betterbench/static -T benchmark=better-vqa -T data=FOLDER --model PROVIDER/MODEL`` sends the same prompts
+and images as ``better vlm``, and reads and scores the answers with the same functions. inspect_ai finds the task
+through an entry point in the metadata of the betterbench package.
 """
 
 from __future__ import annotations
@@ -36,13 +36,14 @@ def static(
     coordinates: str | None = None,
     eyes: str = "native",
 ) -> Task:
-    """Return a static benchmark as a task.
+    """Return a static benchmark as a task for inspect_ai.
 
     Args:
         benchmark: Name of the benchmark, as for ``better vlm``.
-        data: Folder of its data; for better-vqa a set of ``better vqa``.
-        prompt: Identifier of the prompt; our own if not given.
-        coordinates: Convention of the model's points and boxes; the prompt's if not given.
+        data: Folder with the data of the benchmark. For better-vqa, it is a set written by ``better vqa``.
+        prompt: Identifier of the prompt. If None, betterbench's own prompt for the benchmark is used.
+        coordinates: Coordinate convention in which the model gives points and boxes. If None, it is the convention of
+            the prompt.
         eyes: Resolution of the images.
     """
     chosen = find_benchmark(benchmark)
@@ -82,12 +83,18 @@ def _address(picture: bytes) -> str:
 
 
 def _metrics(chosen: Benchmark) -> list[Any]:
-    """Return the mean and its standard error with clusters, and the mean of each group of a kind."""
+    """Return the metrics for inspect_ai: the mean, its clustered standard error, and the mean of each group.
+
+    Only the first two kinds of groups are included.
+    """
     return [mean(), stderr(cluster="cluster"), *(grouped(mean(), kind, all=False) for kind in chosen.groups[:2])]
 
 
 def static_score(items: ItemSet, settings: RunSettings, chosen: Benchmark) -> Scorer:
-    """Return our score between 0 and 1. An unreadable answer scores 0."""
+    """Return a scorer for inspect_ai that scores an answer from 0 to 1 as ``better vlm`` does.
+
+    An answer that cannot be read scores 0.
+    """
     known = {item.id: item for item in items.items}
 
     @scorer(metrics=_metrics(chosen), name="betterbench")

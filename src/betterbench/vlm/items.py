@@ -1,4 +1,4 @@
-"""Items of a static benchmark: question, images, correct answer and groups."""
+"""Items of a static benchmark, each with its question, images, correct answer and groups."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from betterbench.vqa.parsing import AnswerSpec
 from betterbench.vqa.question import Form
 
 _MASKS = 32
-"""Maximum number of target regions kept in memory."""
+"""Maximum number of target regions that are kept in memory."""
 
 AXIS, TRAINING = "axis", "training"
-"""Kind of group for the axis of an item's scene, and the group name for training scenes."""
+"""Kind of group that an item has for the axis of its scene, and the name of the group for training scenes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gold:
-    """Correct answer of an item, in one of several forms.
+    """Correct answer to an item, in one of several forms.
 
     Attributes:
-        text: The letter of a choice, "Yes", "No", or the digits of a number.
-        box: Left, top, right and bottom edge [pixel].
-        mask: Name of the image of the target region, in which all pixels above 0 are correct.
-        runs: Pixels of the target region as run lengths; see :class:`~betterbench.interface.state.SeenObject`.
+        text: The letter of the correct option, "Yes", "No", or the digits of a number.
+        box: Left, top, right and bottom edge of the correct box [pixel].
+        mask: Name of the image that shows the target region. All pixels above 0 are correct.
+        runs: Pixels of the target region as run lengths (see :class:`~betterbench.interface.state.SeenObject`).
     """
 
     text: str | None = None
@@ -46,7 +46,10 @@ class Gold:
 
     @property
     def written(self) -> str:
-        """The correct answer as a string, which is its text, the box edges, the mask name, or empty."""
+        """The correct answer as a string: its text, the name of its mask, or the edges of its box.
+
+        The string is empty if the answer is a target region that is given as run lengths.
+        """
         if self.text is not None:
             return self.text
         return self.mask or ("" if self.box is None else f"[{', '.join(f'{v:g}' for v in self.box)}]")
@@ -54,12 +57,12 @@ class Gold:
 
 @dataclass(frozen=True, slots=True)
 class Detail:
-    """Smallest visible object of a question.
+    """The smallest visible object that a question is about.
 
     Attributes:
-        width: Width of its box in the original image [pixel].
-        height: Height of its box [pixel].
-        picture: Width and height of the original image [pixel].
+        width: Width of the object's box in the original image [pixel].
+        height: Height of the object's box in the original image [pixel].
+        picture: Width and height of the original image as a whole [pixel].
     """
 
     width: float
@@ -73,16 +76,17 @@ class Item:
 
     Attributes:
         id: Identifier within the benchmark.
-        question: The question without its options.
-        options: Options of a choice, in letter order.
-        pictures: Names of the images in order.
-        groups: Name of the item's group by kind of group ("relation": "left").
-        cluster: Items with the same cluster share a scene, image or video, so their scores are not independent.
-        width: Columns of the image, for boxes and points; 0 otherwise [pixel].
-        height: Rows of the image; 0 otherwise [pixel].
-        words: Additional strings of the item for prompts ("object", "suffix").
-        detail: Smallest visible object of the question; None if the source does not give it.
-        chance: Probability of guessing the answer; None if the source does not give it.
+        question: The question, without its options.
+        options: Options to choose from, in the order of their letters.
+        pictures: Names of the images, in order.
+        groups: Name of the item's group for each kind of group, such as "left" for "relation".
+        cluster: Name of the scene, image or video that the item is about. Scores of items in the same cluster depend on
+            each other.
+        width: Width of the image [pixel] if the answer is a box or points, and otherwise 0.
+        height: Height of the image [pixel] if the answer is a box or points, and otherwise 0.
+        words: Additional strings of the item that a prompt can insert, keyed by names such as "object" and "suffix".
+        detail: The smallest visible object that the question is about, or None if the source does not state it.
+        chance: Probability of guessing the answer, or None if the source does not state it.
     """
 
     id: str
@@ -100,31 +104,35 @@ class Item:
     chance: float | None = None
 
     def size_px(self, eyes: Eyes) -> float | None:
-        """Return the size of the smallest object at the resolution that the model sees [pixel], if known.
+        """Return the size of the smallest object at the resolution that the model sees [pixel], or None if unknown.
 
-        The size is the geometric mean of width and height.
+        The size is the geometric mean of the object's width and height.
         """
         if self.detail is None:
             return None
         return size_in_detail((self.detail.width, self.detail.height), self.detail.picture, eyes)
 
     def spec(self, convention: Convention) -> AnswerSpec:
-        """Return the answer format for a coordinate convention."""
+        """Return the required format of an answer to this item, with the given coordinate convention."""
         return AnswerSpec(self.form, self.options, self.width, self.height, convention)
 
 
 @dataclass(frozen=True)
 class ItemSet:
-    """Items of a benchmark with their images.
+    """Items of a benchmark and their images.
 
     Attributes:
         benchmark: Name of the benchmark.
-        items: The items in the order of the data.
-        read: Returns the bytes of an image by its name, in any format that Pillow reads.
-        files: SHA-256 of the files with the items, by name; part of the content hash.
-        reference: Reference rates by name of a group, such as chance and the blind classifier (in percent).
-        content: Content hash of the source, where the source defines one; otherwise computed from the items.
-        twins: Identifier of the item about the training scene, by identifier of the item about a variation.
+        items: The items, in the order of the data.
+        read: Function that returns the content of an image file, given the name of the image. The file has any format
+            that Pillow reads.
+        files: SHA-256 of each file from which items were read, keyed by file name. The hashes are part of the content
+            hash.
+        reference: Success rates in percent with which each group is compared, such as the rate of guessing and that of
+            a classifier that does not see the image.
+        content: Content hash of the source, if the source defines one. If empty, the hash is computed from the items.
+        twins: For each item about a variation, the identifier of its twin, i.e. of the same question about the training
+            scene.
     """
 
     benchmark: str
@@ -138,14 +146,14 @@ class ItemSet:
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for an empty set and for identifiers that occur twice."""
+        """Raise InvalidInputError if there are no items, or if two items have the same identifier."""
         if not self.items:
-            raise InvalidInputError(self.benchmark, "has no items", "Give the folder of its data")
+            raise InvalidInputError(self.benchmark, "has no items", "Pass the folder that contains its data")
         seen = set[str]()
         for item in self.items:
             if item.id in seen:
                 raise InvalidInputError(
-                    self.benchmark, f"the identifier {item.id!r} occurs twice", "Give data with one row per item"
+                    self.benchmark, f"the identifier {item.id!r} occurs twice", "Use data with one row per item"
                 )
             seen.add(item.id)
 
@@ -161,7 +169,7 @@ class ItemSet:
         return digest.hexdigest()
 
     def request(self, item: Item, prompt: str, eyes: Eyes = Eyes.NATIVE) -> Request:
-        """Return the request for an item with a prompt and an image resolution."""
+        """Return the request for an item, with the given prompt and image resolution."""
         return Request(prompt, partial(self._pictures, item, eyes))
 
     def _pictures(self, item: Item, eyes: Eyes) -> tuple[bytes, ...]:
@@ -172,7 +180,10 @@ class ItemSet:
         return picture if eyes is Eyes.NATIVE else shown_picture(picture, eyes).data
 
     def mask(self, name: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
-        """Return a target region, shape (rows, columns): the pixels with values greater than ``above``."""
+        """Return the target region in a mask image, as a boolean array (rows, columns).
+
+        The region consists of the pixels whose value is above ``above``.
+        """
         with self._lock:
             found = self._masks.pop((name, above), None)
             if found is None:
@@ -184,5 +195,5 @@ class ItemSet:
 
 
 def _plain(value: Item | Gold) -> dict[str, Any]:
-    """Return the fields by name. ``asdict`` would copy each value, which takes ten times as long."""
+    """Return the fields of a dataclass as a dict. This is ten times as fast as ``asdict``, which copies each value."""
     return {f.name: getattr(value, f.name) for f in fields(value)}

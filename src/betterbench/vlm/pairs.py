@@ -1,4 +1,4 @@
-"""Differences between paired item scores, with tests by cluster."""
+"""Differences between paired scores of items, with tests that account for clusters of dependent items."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def _is_binary(pairs: Sequence[tuple[Fraction, Fraction]]) -> bool:
 
 
 def paired_difference(pairs: Sequence[tuple[Fraction, Fraction]], clusters: Sequence[str], purpose: str) -> Difference:
-    """Return the mean difference of paired scores, with an interval that accounts for clusters.
+    """Return the mean difference between paired scores, with an interval that accounts for clusters of dependent items.
 
     Args:
-        pairs: First and second score of each pair, between 0 and 1.
-        clusters: Cluster of each pair.
-        purpose: Name of the comparison, which seeds the bootstrap.
+        pairs: First and second score of each pair, each between 0 and 1.
+        clusters: Name of the cluster of each pair.
+        purpose: Name of the comparison, from which the bootstrap's random seed is derived.
     """
     generator = stream("static steps", 0, f"bootstrap:{purpose}")
     if _is_binary(pairs):
@@ -39,7 +39,7 @@ def paired_difference(pairs: Sequence[tuple[Fraction, Fraction]], clusters: Sequ
 
 
 def paired_p(pairs: Sequence[tuple[Fraction, Fraction]], clusters: Sequence[str], purpose: str) -> tuple[float, str]:
-    """Return the p-value of a paired test that accounts for clusters, and the name of the test."""
+    """Return the p-value of a paired test that accounts for clusters of dependent items, and the name of the test."""
     if len(set(clusters)) == len(clusters) and _is_binary(pairs):
         return mcnemar_p(PairedTable.from_outcomes((a == 1, b == 1) for a, b in pairs)), "McNemar, exact"
     sums: dict[str, Fraction] = defaultdict(Fraction)

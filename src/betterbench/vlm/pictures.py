@@ -1,4 +1,4 @@
-"""Reading of untrusted images: sizes, target regions, and images in folders, tables, JSON and videos."""
+"""Reading of untrusted images from folders, tables, JSON and videos, including image sizes and target regions."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from betterbench.json_form import read_bounded
 from betterbench.vqa.llm.chat import media_type
 
 MOST_BYTES = 64 << 20
-"""Largest image that is read [byte]."""
+"""Maximum size of an image file [byte]."""
 MOST_PIXELS = 64_000_000
 NOT_A_PICTURE = (OSError, ValueError, SyntaxError, Image.DecompressionBombError)
 """Exceptions that Pillow raises for a file that is truncated, too large or not an image."""
 _CURE = "Download the data again"
 _SENT = ("image/png", "image/jpeg")
 _OF_PNG = ("1", "L", "LA", "P", "RGB", "RGBA", "I;16")
-"""Pillow modes that PNG stores without conversion."""
+"""Pillow image modes that a PNG file can store without conversion."""
 
 
 def size_of(data: bytes, where: str) -> tuple[int, int]:
-    """Return the width and height of an image from its header; raise InvalidInputError if it is not an image."""
+    """Return the width and height of an image, read from its header. Raises InvalidInputError if it is not an image."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -45,17 +45,17 @@ def size_of(data: bytes, where: str) -> tuple[int, int]:
 
 
 def not_a_picture(where: str, error: Exception) -> InvalidInputError:
-    """Return the error about a file that Pillow cannot read."""
+    """Return the error for an image file that Pillow cannot read."""
     why = "" if isinstance(error, UnidentifiedImageError) else f" ({one_line(error).rstrip('.')})"
     return InvalidInputError(where, f"is not an image{why}", _CURE)
 
 
 def require_whole(data: bytes, where: str) -> None:
-    """Raise InvalidInputError if an image is too large, truncated or not decodable.
+    """Raise InvalidInputError if an image is too large, truncated, or cannot be decoded.
 
-    Decoding takes most of the processor time of a request, so images are not decoded at full size. Of a PNG file, only
-    the checksums are verified (0.1 instead of 9 ms for 640 x 480 pixels). A JPEG file is decoded to its end at an
-    eighth of its size (0.6 instead of 1.1 ms).
+    Decoding takes most of the processor time of a request, so this function does not decode images at full size. It
+    only verifies the checksums of a PNG file, which takes 0.1 ms instead of 9 ms for 640 x 480 pixels. It decodes a
+    whole JPEG file, but at an eighth of its size, which takes 0.6 ms instead of 1.1 ms.
     """
     size_of(data, where)
     try:
@@ -70,14 +70,14 @@ def require_whole(data: bytes, where: str) -> None:
 
 
 def sendable(data: bytes, where: str) -> bytes:
-    """Return an image as PNG or JPEG, the formats that every endpoint and processor accepts.
+    """Return an image as PNG or JPEG, the formats that every endpoint and every processor accepts.
 
-    PNG and JPEG files stay as they are. Other formats, such as WebP, GIF, BMP and TIFF, become PNG files with the same
-    pixels.
+    PNG and JPEG files stay unchanged. Files in other formats, such as WebP, GIF, BMP and TIFF, are converted to PNG
+    files with the same pixels.
 
     Raises:
-        InvalidInputError: If the image is too large, cannot be decoded to its end, has several frames, or has pixels
-            that PNG cannot hold.
+        InvalidInputError: If the image is too large, cannot be decoded completely, has several frames, or has pixels
+            that PNG cannot store.
     """
     require_whole(data, where)
     if media_type(data) in _SENT:
@@ -86,7 +86,9 @@ def sendable(data: bytes, where: str) -> bytes:
         with Image.open(io.BytesIO(data)) as image:
             frames = getattr(image, "n_frames", 1)
             if frames != 1:
-                raise InvalidInputError(where, f"has {frames} frames, expected one image", "Give single images")
+                raise InvalidInputError(
+                    where, f"has {frames} frames, expected one image", "Use files with a single image"
+                )
             plain = image if image.mode in _OF_PNG else image.convert("RGB")
             file = io.BytesIO()
             plain.save(file, "PNG")
@@ -96,7 +98,7 @@ def sendable(data: bytes, where: str) -> bytes:
 
 
 def mask_of(data: bytes, where: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
-    """Return the pixels with values greater than ``above`` in the first channel, shape (rows, columns)."""
+    """Return a boolean array (rows, columns) of the pixels whose first channel is above ``above``."""
     size_of(data, where)
     try:
         with Image.open(io.BytesIO(data)) as image:
@@ -107,15 +109,15 @@ def mask_of(data: bytes, where: str, *, above: int = 0) -> npt.NDArray[np.bool_]
 
 
 def file_in(folder: Path, place: str, *, where: str) -> Path:
-    """Return the path of a file named in a data row.
+    """Return the path of a file that a data row refers to.
 
     Raises:
-        InvalidInputError: If the path leads out of the folder, or the file is missing.
+        InvalidInputError: If the path leads out of the data folder, or the file is missing.
     """
     pure = PurePosixPath(place)
     if not place or pure.is_absolute() or ".." in pure.parts or not place.isprintable():
         raise InvalidInputError(
-            where, f"{one_line(place, most=80)!r} is outside the data folder", "Give a relative path"
+            where, f"{one_line(place, most=80)!r} is outside the data folder", "Use a path relative to the data folder"
         )
     path = folder / place
     require_inside(path, folder)
@@ -127,15 +129,17 @@ def file_in(folder: Path, place: str, *, where: str) -> Path:
 
 
 def picture_file(path: Path) -> bytes:
-    """Return the bytes of an image file."""
+    """Return the content of an image file."""
     return read_bounded(path, max_bytes=MOST_BYTES, cure=_CURE)
 
 
 def embedded(value: Any, where: str) -> bytes:  # noqa: ANN401 - a cell of JSON or Parquet
-    """Return the bytes of an embedded image, given as bytes, a base64 string, or a struct that contains one of them.
+    """Return the content of an image that is embedded in a cell of a table.
+
+    The cell contains bytes, a base64 string, or a struct with either of them.
 
     Raises:
-        InvalidInputError: If the cell contains no image; the message names the row and the column.
+        InvalidInputError: If the cell does not contain an image. The message names the row and the column.
     """
     if isinstance(value, Mapping):
         value = value.get("bytes")
@@ -147,5 +151,5 @@ def embedded(value: Any, where: str) -> bytes:  # noqa: ANN401 - a cell of JSON 
             return base64.b64decode("".join(text.split()), validate=True)
         except (binascii.Error, ValueError) as error:
             problem = f"is not base64 ({one_line(error)})"
-            raise InvalidInputError(where, problem, "Give the image as base64 or bytes") from error
-    raise InvalidInputError(where, "contains no image", "Give the image as base64, bytes, or a struct with bytes")
+            raise InvalidInputError(where, problem, "Store the image as base64 or bytes") from error
+    raise InvalidInputError(where, "contains no image", "Store the image as base64, bytes, or a struct with bytes")

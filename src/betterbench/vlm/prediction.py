@@ -1,7 +1,8 @@
-"""Correlation test of whether a static score predicts the illusion gap of several policies.
+"""Test of whether a static score predicts the illusion gap of policies in simulation, using the rank correlation.
 
-The paper uses static evaluation as a proxy for a policy's understanding. If this is valid, a policy whose model has a
-higher static score, or a smaller static illusion gap, has a smaller loss when the scene changes.
+The illusion gap is the drop in a policy's success rate when the scene changes. The paper uses static evaluation of the
+policy's model as a proxy for how well the policy understands scenes. If this is valid, a policy whose model has a
+higher static score, or a smaller static illusion gap, has a smaller illusion gap in simulation.
 """
 
 from __future__ import annotations
@@ -17,24 +18,25 @@ from betterbench.tasks.randomness import stream
 from betterbench.vlm.stored import StoredRun
 
 LEAST_POLICIES = 5
-"""Minimum number of policies for a conclusion; with four, the exact test cannot reach p < 0.05."""
+"""Minimum number of policies for a conclusion. With four policies, the exact test cannot reach p < 0.05."""
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyPoint:
-    """Results of one policy in the static benchmark and in the simulation.
+    """Results of one policy, in the static benchmark and in simulation.
 
     Attributes:
         name: Name of the policy.
         score: Headline number of the static benchmark, as a fraction.
-        items: Number of items in the score.
-        static_gap: Static illusion gap, as a fraction; None if the run has none.
+        items: Number of items on which the score is based.
+        static_gap: Static illusion gap (the drop in the static score when the scene changes), as a fraction. None if
+            the run has no static illusion gap.
         gap: Illusion gap in simulation over all variations, as a fraction.
-        low: Lower end of its interval.
-        high: Upper end of its interval.
-        pairs: Number of pairs of trials in the gap.
-        training: Success rate of the twins.
-        variation: Success rate of the variations.
+        low: Lower end of the interval of ``gap``.
+        high: Upper end of the interval of ``gap``.
+        pairs: Number of pairs of trials (variation and training) on which the gap is based.
+        training: Success rate in the training trials of the pairs.
+        variation: Success rate in the variations of the pairs.
     """
 
     name: str
@@ -51,13 +53,13 @@ class PolicyPoint:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Rank correlation between a static number and the illusion gap in simulation.
+    """Rank correlation between a number from static evaluation and the illusion gap in simulation.
 
     Attributes:
         predictor: "static score" or "static gap".
-        correlation: The correlation.
-        adjusted: Its p-value after Holm's correction over the predictors.
-        is_supported: Whether the correlation is supported, with at least :data:`LEAST_POLICIES` policies.
+        correlation: Rank correlation over the policies.
+        adjusted: p-value of the correlation after Holm's correction over the predictors.
+        is_supported: Whether the correlation is significant and based on at least :data:`LEAST_POLICIES` policies.
     """
 
     predictor: str
@@ -67,7 +69,7 @@ class Prediction:
 
     @property
     def sentence(self) -> str:
-        """The result in words."""
+        """Result in words."""
         told = self.correlation
         if told.value is None:
             return f"{self.predictor}: all {told.n} policies have the same value, so there is no correlation."
@@ -90,10 +92,10 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class PredictionTable:
-    """Policies with their results in the static benchmark and in simulation, and the correlations.
+    """Results of several policies in the static benchmark and in simulation, and their correlations.
 
     Attributes:
-        warnings: Differences between runs that limit the conclusion.
+        warnings: Differences between the runs that limit the conclusion.
     """
 
     benchmark: str
@@ -103,23 +105,25 @@ class PredictionTable:
     warnings: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; all rates are fractions."""
+        """Return a JSON-serializable dict. All rates in it are fractions."""
         return {**asdict(self), "predictions": [found.to_json() for found in self.predictions]}
 
 
 def predictions_of(policies: Sequence[PolicyPoint], *, alpha: float = 0.05) -> tuple[Prediction, ...]:
-    """Correlate the static score, and the static gap if all policies have one, with the illusion gap in simulation.
+    """Correlate the results of static evaluation with the illusion gap in simulation.
+
+    The results are the static score and, if all policies have one, the static illusion gap.
 
     Args:
-        policies: Results by policy.
-        alpha: Level of the tests, over both correlations together.
+        policies: Results of each policy.
+        alpha: Level of the tests, for both correlations together.
 
     Raises:
         InvalidInputError: If there are fewer than two policies.
     """
     if len(policies) < 2:
         raise InvalidInputError(
-            "better compare", "a single policy cannot be ranked", "Give the runs of several policies"
+            "better compare", "a single policy cannot be ranked", "Pass the runs of several policies"
         )
     gaps = [policy.gap for policy in policies]
     predictors = {"static score": [policy.score for policy in policies]}
@@ -140,25 +144,28 @@ def predictions_of(policies: Sequence[PolicyPoint], *, alpha: float = 0.05) -> t
 def prediction_table(
     policies: Sequence[tuple[str | None, StoredRun, RunDiagnosis]], *, column: str = "parsed", alpha: float = 0.05
 ) -> PredictionTable:
-    """Return the table of several policies.
+    """Compare several policies in the static benchmark and in simulation.
 
     Args:
-        policies: Name (None for the name of the diagnosis), run of ``better vlm`` and diagnosis of the policy's trials.
-        column: Column of the scores.
+        policies: For each policy, its name, its run of ``better vlm``, and the diagnosis of its trials. If the name is
+            None, the name in the diagnosis is used.
+        column: Column of the scores: "strict", "parsed" or "extracted".
         alpha: Level of the tests.
 
     Raises:
-        RunConflictError: If the runs of ``better vlm`` are of several benchmarks, or two policies have the same name.
-        InvalidInputError: If there are fewer than two policies, or a policy's run has no illusion gap.
+        RunConflictError: If the runs of ``better vlm`` are on different benchmarks, or two policies have the same name.
+        InvalidInputError: If there are fewer than two policies, or the trials of a policy have no illusion gap.
     """
     benchmarks = {run.benchmark.title: run for _, run, _ in policies}
     if len(benchmarks) > 1:
         names = " and ".join(f"{run.path} ({title})" for title, run in benchmarks.items())
-        raise RunConflictError(f"{names} belong to different benchmarks. Give runs of one benchmark.")
+        raise RunConflictError(f"{names} are runs on different benchmarks. Use runs on the same benchmark.")
     points = [_point(name or diagnosis.policy, run, diagnosis, column) for name, run, diagnosis in policies]
     double = next((p.name for i, p in enumerate(points) if p.name in {q.name for q in points[:i]}), None)
     if double is not None:
-        raise RunConflictError(f"Two policies have the name {double!r}. Give the two runs of each a name with --name.")
+        raise RunConflictError(
+            f"Two policies have the name {double!r}. Use --name to give each policy a different name."
+        )
     warnings = []
     if len({run.head["data"] for _, run, _ in policies}) > 1:
         warnings.append("The models answered different questions, so their scores also differ in difficulty.")
@@ -172,7 +179,7 @@ def prediction_table(
 def _point(name: str, run: StoredRun, diagnosis: RunDiagnosis, column: str) -> PolicyPoint:
     gap = diagnosis.metric("illusion_gap", "overall")
     if gap is None or gap.value is None or gap.low is None or gap.high is None:
-        problem = "has no illusion gap: it has no variation whose training condition was run with the same seed"
+        problem = "has no illusion gap, since it has no variation whose training condition was run with the same seed"
         raise InvalidInputError(name, problem, "Run better eval on training conditions and variations")
     rates = [diagnosis.metric(measure, "overall") for measure in ("twin_success_rate", "paired_success_rate")]
     training, variation = (None if metric is None else metric.value for metric in rates)

@@ -1,9 +1,9 @@
-"""Probe that identifies the coordinate convention of a model, from images with known points and boxes.
+"""Probe of a model's coordinate convention, based on its answers about images with known points and boxes.
 
-Ten images show one disk or one rectangle each. For every order (column or row first) and scale (pixels, fractions,
-percent, thousandths), the answers are compared with the true positions. A convention is reported only if exactly one
-combination of order and scale explains the answers. Positions are far from the diagonal, and image sides are shorter
-than 600 pixels, so that no two combinations agree within the tolerance.
+Each of ten images shows one disk or one rectangle. For every order (column or row first) and every scale (pixels,
+fractions, percent, thousandths), the answers are compared with the true positions. A convention is only reported if
+exactly one combination of order and scale explains the answers. The positions are far from the diagonal, and the sides
+of the images are shorter than 600 pixels. Therefore no two combinations agree within the tolerance.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from betterbench.vqa.parsing.points import exact_groups
 from betterbench.vqa.question import Form
 
 TOLERANCE = 0.1
-"""Maximum error of a matching answer, as a fraction of the image side: three standard deviations of a pointing noise of
-3 %."""
+"""Maximum error of a matching answer, as a fraction of the image side. It is about three standard deviations of a
+pointing noise of 3 %."""
 _MOST_FITTING = 0.8
-"""Minimum fraction of matching answers for a convention to be accepted."""
+"""Minimum fraction of matching answers with which a convention is accepted."""
 _FEWEST = 6
-"""Minimum number of readable answers."""
+"""Minimum number of answers with coordinates from which a convention can be determined."""
 
 Order = Literal["xy", "yx"]
 _SCALES: Mapping[int | None, str] = {None: "pixels", 1: "fractions", 100: "percent", 1000: "thousandths"}
@@ -44,13 +44,13 @@ _COLORS = {"red": "#d03030", "blue": "#2850c8", "green": "#2a9040"}
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Probe image with one disk or rectangle.
+    """Image for the probe, with one disk or one rectangle.
 
     Attributes:
-        shape: "disk" asks for a point, "rectangle" for a box.
+        shape: "disk" if the model is asked for a point, "rectangle" if it is asked for a box.
         size: Width and height of the image [pixel].
-        middle: Middle of the shape, as fractions of the width and the height.
-        half: Half of the rectangle's width and height, or of the disk's diameter, as fractions.
+        middle: Middle of the shape, as fractions of the image's width and height.
+        half: Half of the shape's width and height, as fractions of the image's width and height.
     """
 
     shape: Literal["disk", "rectangle"]
@@ -61,17 +61,17 @@ class Target:
 
     @property
     def form(self) -> Form:
-        """Format of the answer."""
+        """Format of the answer: a point or a box."""
         return Form.POINT if self.shape == "disk" else Form.BOX
 
     @property
     def edges(self) -> tuple[float, float, float, float]:
-        """Left, top, right and bottom edge of the shape, as fractions."""
+        """Left, top, right and bottom edge of the shape, as fractions of the image's width and height."""
         (x, y), (dx, dy) = self.middle, self.half
         return (x - dx, y - dy, x + dx, y + dy)
 
     def picture(self) -> bytes:
-        """Return the image as PNG."""
+        """Return the image as a PNG file."""
         image = Image.new("RGB", self.size, "#dcd8d0")
         pen = ImageDraw.Draw(image)
         left, top, right, bottom = (v * self.size[i % 2] for i, v in enumerate(self.edges))
@@ -86,12 +86,12 @@ class Target:
         return file.getvalue()
 
     def error(self, numbers: Sequence[Fraction], order: Order, scale: tuple[int, int]) -> float:
-        """Return the largest error of an answer along a side, as a fraction of the side.
+        """Return the largest error of any coordinate in an answer, as a fraction of the image's width or height.
 
         Args:
-            numbers: Two numbers for a point, or four for a box.
+            numbers: The two numbers of a point, or the four numbers of a box.
             order: Order of the numbers.
-            scale: Numbers for the full width and height.
+            scale: The numbers that correspond to the full width and the full height of the image.
         """
         if order == "yx":
             numbers = [numbers[i ^ 1] for i in range(len(numbers))]
@@ -115,18 +115,18 @@ TARGETS: tuple[Target, ...] = (
     Target("rectangle", "green", _TALL, (0.35, 0.80), (0.20, 0.08)),
     Target("rectangle", "red", _SMALL, (0.60, 0.25), (0.08, 0.12)),
 )
-"""Images of a probe."""
+"""Images that a probe shows to the model."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Agreement of the answers with one combination of order and scale.
+    """Agreement of a model's answers with one combination of coordinate order and scale.
 
     Attributes:
         order: "xy" for column before row, "yx" for row before column.
         scale: "pixels", "fractions", "percent" or "thousandths".
-        fitting: Number of answers within the tolerance.
-        error: Median error, as a fraction of the image's side.
+        fitting: Number of answers whose error is within the tolerance.
+        error: Median error, as a fraction of the image side.
     """
 
     order: Order
@@ -136,7 +136,7 @@ class Fit:
 
     @property
     def words(self) -> str:
-        """Order and scale in words."""
+        """Description of the coordinate order and the scale in words."""
         return f"{self.scale}, {'column before row' if self.order == 'xy' else 'row before column'}"
 
 
@@ -145,12 +145,13 @@ class Finding:
     """Result of a probe.
 
     Attributes:
-        model: Model name.
-        declared: Convention stated in the requests, or None if the requests did not state any.
-        readable: Number of answers with coordinates.
-        asked: Number of images, one request each.
-        fits: Agreement with all orders and scales, the best first.
-        found: The convention, or None if no combination fits, several fit, or betterbench has no such convention.
+        model: Name of the model.
+        declared: Convention that the requests stated, or None if they did not state any.
+        readable: Number of answers that contain coordinates.
+        asked: Number of images. There is one request for each.
+        fits: Agreement of the answers with each combination of order and scale, best first.
+        found: The convention of the answers. None if no combination of order and scale fits, if several combinations
+            fit, or if betterbench has no convention with the combination that fits.
     """
 
     model: str
@@ -168,7 +169,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """The result in words."""
+        """Result in words."""
         if self.readable < _FEWEST:
             return (
                 f"{self.model} gave coordinates for {self.readable} of {self.asked} images, but {_FEWEST} are needed "
@@ -200,12 +201,12 @@ class Finding:
         problem = f"{declared} are declared, but {self.sentence[:1].lower() + self.sentence[1:].rstrip('.')}"
         if self.found is None:
             if self.readable >= _FEWEST and len(self.fitting) == 1:
-                cure = "Try another --prompt; --no-probe runs anyway, but most positions will count as wrong"
+                cure = "Try a different --prompt (--no-probe runs anyway, but most positions will count as wrong)"
                 raise InvalidInputError("--coordinates", problem, cure)
             return
         there, said = CONVENTIONS[self.found], CONVENTIONS[declared]
         if (there.order, there.side) != (said.order, said.side):
-            cure = f"Give --coordinates {self.found}, or --no-probe if the declaration is right"
+            cure = f"Use --coordinates {self.found}, or use --no-probe if the declared convention is right"
             raise InvalidInputError("--coordinates", problem, cure)
 
     def to_json(self) -> dict[str, Any]:
@@ -223,20 +224,20 @@ def probe_model(
     at_once: int = 4,
     on_progress: OnCount | None = None,
 ) -> Finding:
-    """Ask a model for the positions of known shapes, and return the convention of the answers.
+    """Ask a model for the positions of known shapes, and find out the coordinate convention of its answers.
 
     Args:
         model: The model.
-        file: File of its answers, which is resumed.
-        declared: Convention to state in the requests, as in a run; by default, the requests state none.
+        file: File for the answers. Answers that it already contains are not requested again.
+        declared: Convention that the requests state, as in a run. If None, the requests do not state any.
         eyes: Resolution of the images.
         targets: The images.
         at_once: Number of simultaneous requests.
-        on_progress: Called with the number of answers and requests.
+        on_progress: Called with the number of answers so far and the number of requests.
 
     Raises:
-        ModelError: If the model cannot be reached; earlier answers are kept.
-        RunConflictError: If the file contains other data.
+        ModelError: If the model cannot be reached. Earlier answers are kept.
+        RunConflictError: If the file contains answers from a different probe.
     """
     answers = ask_targets(
         model, file, declared=declared, eyes=eyes, targets=targets, at_once=at_once, on_progress=on_progress
@@ -254,9 +255,9 @@ def ask_targets(
     at_once: int = 4,
     on_progress: OnCount | None = None,
 ) -> list[ModelAnswer]:
-    """Ask a model for the positions of known shapes, and return one answer per image.
+    """Ask a model for the positions of known shapes, and return its answer for each image.
 
-    The arguments and errors are those of :func:`probe_model`.
+    The arguments and errors are the same as those of :func:`probe_model`.
     """
     requests = {str(i): request_for(target, declared, eyes) for i, target in enumerate(targets)}
     head = AnswersHead(model.name, f"probe-{declared}-{eyes.value}-{len(targets)}", declared or "pixels")
@@ -272,7 +273,7 @@ def finding_of(
     declared: Coordinates | None = None,
     eyes: Eyes = Eyes.NATIVE,
 ) -> Finding:
-    """Return the convention of a model's answers, given one reply per image."""
+    """Determine the coordinate convention of a model, given its reply for each image."""
     read = [(target, numbers) for target, text in zip(targets, texts, strict=True) if (numbers := _numbers(text))]
     fits = tuple(
         sorted(
@@ -287,7 +288,10 @@ def finding_of(
 
 
 def request_for(target: Target, declared: Coordinates | None = None, eyes: Eyes = Eyes.NATIVE) -> Request:
-    """Return the request for the position of a shape, in a declared convention or (if None) the model's own."""
+    """Return the request for the position of a shape.
+
+    If a convention is declared, the request states it. Otherwise, the model is free to choose one.
+    """
     shown = shown_picture(target.picture(), eyes)
     asked = "the coordinates of the center" if target.shape == "disk" else "the bounding box"
     prompt = f"Give {asked} of the {target.color} {target.shape} in the image."
@@ -298,7 +302,7 @@ def request_for(target: Target, declared: Coordinates | None = None, eyes: Eyes 
 
 
 def _numbers(text: str) -> list[Fraction]:
-    """Return the numbers of the last point or box in a text as written, or an empty list."""
+    """Return the numbers in the last point or box of a reply, as written. The list is empty if there is none."""
     value = read_text(AnswerSpec(Form.POINTS, convention=CONVENTIONS["pixels"]), text).answer
     return list(exact_groups(value)[-1]) if value else []
 
@@ -313,7 +317,10 @@ def _fit(read: Sequence[tuple[Target, list[Fraction]]], order: Order, side: int 
 
 
 def _convention(fit: Fit, texts: Sequence[str]) -> Coordinates | None:
-    """Return the convention with the given order and scale whose written format is most frequent in the answers."""
+    """Return the convention with the given order and scale that matches the notation of most replies.
+
+    Returns None if betterbench has no convention with this order and scale.
+    """
     side = next(number for number, name in _SCALES.items() if name == fit.scale)
     known = [c for c in CONVENTIONS.values() if (c.order, c.side) == (fit.order, side)]
     forms = [_written_form(text) for text in texts if _numbers(text)]
@@ -321,5 +328,5 @@ def _convention(fit: Fit, texts: Sequence[str]) -> Coordinates | None:
 
 
 def _written_form(text: str) -> str:
-    """Return the written form of coordinates in a text: "xml", "json" or "tuples"."""
+    """Return the notation of coordinates in a reply: "xml", "json" or "tuples"."""
     return "xml" if "<point" in text.lower() else "json" if "{" in text else "tuples"

@@ -1,4 +1,7 @@
-"""Reader for rows of published data in JSON, JSON lines and Parquet, with file, row and column in error messages."""
+"""Reader for the rows of published data in JSON, JSON lines and Parquet files.
+
+Its error messages name the file, the row and the column.
+"""
 
 from __future__ import annotations
 
@@ -14,26 +17,27 @@ from betterbench.json_form import open_ordinary, parse_json, read_bounded
 from betterbench.records.parquet_rows import ParquetRows
 
 MOST_BYTES = 2 << 30
-"""Maximum size of a JSON file to read [byte]; the largest published one has 1.2 GB."""
-_CURE = "Give the file as published, or the row in that form"
+"""Maximum size of a JSON file that is read [byte]. The largest published file has 1.2 GB."""
+_CURE = "Use the published file, or write the row in the published form"
 _FOLDERS = ("", "data", "default", "annotations")
 Span = tuple[int, int]
 """Start and end of a row in a file [byte]."""
 _BLOCK = 1 << 22
 _TOKEN = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*("?)|[\[\]{}]', re.DOTALL)
-"""Pattern of the strings and brackets in JSON; for an unterminated string, the group is empty."""
+"""Pattern for the strings and brackets in JSON. If a string is not terminated, the group is empty."""
 _QUOTE, _BRACE, _BRACKET = b'"{['
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One row of a file.
+    """One row of a data file.
 
     Attributes:
-        file: The file.
-        number: Number of the row, from 1.
-        values: Cells by column name, except large cells.
-        large: Function that reads a large cell, given its column name.
+        file: The data file.
+        number: Number of the row, counted from 1.
+        values: Cells of the row, keyed by column name. Large cells are left out.
+        large: Function that reads a large cell, given the name of its column.
+        columns: Names of all columns.
     """
 
     file: Path
@@ -43,15 +47,18 @@ class Row:
     columns: frozenset[str]
 
     def where(self, column: str) -> str:
-        """Return file, row and column for an error message."""
+        """Return the location of a cell (file, row and column) for an error message."""
         return f"{self.file}, row {self.number}, column {column}"
 
     def error(self, column: str, problem: str, cure: str = _CURE) -> InvalidInputError:
-        """Return an error with file, row and column."""
+        """Return an error about a cell. It names the file, the row and the column."""
         return InvalidInputError(self.where(column), problem, cure)
 
     def named(self, *names: str) -> str:
-        """Return the first of several names that exists as a column; raise InvalidInputError if none exists."""
+        """Return the first of the given names that is the name of a column.
+
+        Raises InvalidInputError if the row has no column with any of the names.
+        """
         for name in names:
             if name in self.columns:
                 return name
@@ -59,7 +66,7 @@ class Row:
         raise self.error(f"{names[0]}{other}", f"is missing. The row has {_listed(self.columns)}")
 
     def text(self, *names: str) -> str:
-        """Return the string in the first existing column; a number is converted to a string."""
+        """Return the string in the first of the given columns that the row has. A number is converted to a string."""
         name = self.named(*names)
         value = self.values.get(name)
         if isinstance(value, bool) or not isinstance(value, str | int | float) or not str(value).strip():
@@ -67,12 +74,15 @@ class Row:
         return str(value)
 
     def text_or(self, otherwise: str, *names: str) -> str:
-        """Return the string in the first existing column, or a default if there is none or the cell is empty."""
+        """Return the string in the first of the given columns that the row has.
+
+        If the row has none of the columns or the cell is empty, return ``otherwise``.
+        """
         value = next((self.values[name] for name in names if name in self.columns), None)
         return otherwise if value is None or not str(value).strip() else str(value)
 
     def integer(self, *names: str) -> int:
-        """Return an integer that is at least 0."""
+        """Return the integer in the first of the given columns that the row has. The integer must be at least 0."""
         name = self.named(*names)
         value = self.values.get(name)
         if isinstance(value, str) and value.strip().isascii() and value.strip().isdigit() and len(value) < 10:
@@ -84,7 +94,7 @@ class Row:
         return value
 
     def texts(self, *names: str) -> tuple[str, ...]:
-        """Return the list of strings in the first existing column."""
+        """Return the list of strings in the first of the given columns that the row has."""
         name = self.named(*names)
         value = self.values.get(name)
         if not isinstance(value, list | tuple) or not value or not all(isinstance(v, str) and v.strip() for v in value):
@@ -92,7 +102,7 @@ class Row:
         return tuple(value)
 
     def letter(self, options: int, *names: str) -> str:
-        """Return the letter of the correct option, stored as a letter or as an index from 0."""
+        """Return the letter of the correct option. The cell contains either the letter or an index from 0."""
         name = self.named(*names)
         value = self.values.get(name)
         text = str(value).strip().upper() if isinstance(value, str) else ""
@@ -109,7 +119,10 @@ class Row:
 
 
 def distinct(identifier: str, taken: set[str]) -> str:
-    """Reserve and return a unique identifier; a repeated identifier gets a number ("q7#2")."""
+    """Make an identifier unique, and add it to the set of identifiers that are taken.
+
+    If the identifier is already taken, a number is appended to it ("q7#2").
+    """
     found, number = identifier, 1
     while found in taken:
         number += 1
@@ -119,7 +132,10 @@ def distinct(identifier: str, taken: set[str]) -> str:
 
 
 def find_files(folder: Path, suffixes: Sequence[str], *, prefix: str = "") -> list[Path]:
-    """Return the files in a data folder or its usual subfolders, sorted by name; for a file, return the file itself."""
+    """Return the data files in a folder and in its subfolders with usual names such as "data", sorted by path.
+
+    If a file is given, return only this file.
+    """
     if folder.is_file():
         return [folder] if folder.suffix.lower() in suffixes else []
     found = [
@@ -137,7 +153,8 @@ def read_rows(file: Path, *, large: Sequence[str]) -> list[Row]:
 
     Args:
         file: The file.
-        large: Columns that are read on demand, such as embedded images.
+        large: Names of columns with large cells, such as embedded images. These cells are only read when they are
+            needed.
 
     Raises:
         InvalidInputError: If the file cannot be read, or a row is not an object.
@@ -153,8 +170,8 @@ def read_rows(file: Path, *, large: Sequence[str]) -> list[Row]:
 
 
 def _parsed_rows(file: Path) -> list[Row]:
-    """Return the rows of a JSON document with any supported structure. The document is loaded completely."""
-    raw = read_bounded(file, max_bytes=MOST_BYTES, cure="Give the file as published")
+    """Return the rows of a JSON document with any of the supported structures. The whole document is loaded."""
+    raw = read_bounded(file, max_bytes=MOST_BYTES, cure="Use the published file")
     try:
         if file.suffix.lower() == ".jsonl":
             forms: object = [parse_json(line) for line in raw.splitlines() if line.strip()]
@@ -165,7 +182,7 @@ def _parsed_rows(file: Path) -> list[Row]:
     if isinstance(forms, dict):  # some mirrors wrap the rows
         forms = next((v for v in forms.values() if isinstance(v, list)), forms)
     if not isinstance(forms, list) or not forms:
-        raise InvalidInputError(str(file), "is not a list of rows", "Give the file as published")
+        raise InvalidInputError(str(file), "is not a list of rows", "Use the published file")
     rows = []
     for number, form in enumerate(forms, start=1):
         if not isinstance(form, dict):
@@ -175,7 +192,10 @@ def _parsed_rows(file: Path) -> list[Row]:
 
 
 def _spans_of(file: Path) -> list[Span] | None:
-    """Return the byte range of each row in a JSON list or JSON lines file, or None for another structure."""
+    """Return the byte range of each row in a JSON file that contains a list, or in a JSON lines file.
+
+    Returns None if the file has a different structure.
+    """
     try:
         with open_ordinary(file) as opened:
             if os.fstat(opened.fileno()).st_size > MOST_BYTES:
@@ -195,7 +215,10 @@ def _lines_in(opened: BinaryIO) -> list[Span]:
 
 
 def _objects_in(opened: BinaryIO) -> list[Span] | None:
-    """Return the byte ranges of the objects in a list, read block by block; None if it is not a list of objects."""
+    """Return the byte range of each object in a JSON list, or None if the file is not a list of objects.
+
+    The file is read block by block.
+    """
     spans, depth, is_over = list[Span](), 0, False
     data, base, at, kept = b"", 0, 0, 0  # ``kept`` is the start of the current object, or the end of the previous one
     while block := opened.read(_BLOCK):
@@ -229,7 +252,10 @@ def _objects_in(opened: BinaryIO) -> list[Span] | None:
 
 
 def _rows_at(file: Path, spans: list[Span], large: Sequence[str]) -> list[Row] | None:
-    """Return rows whose large cells are read again on demand, or None if a row is not an object."""
+    """Return the rows at the given byte ranges, or None if a row is not an object.
+
+    Large cells are not kept in memory. They are read from the file again when they are needed.
+    """
     rows = []
     with open_ordinary(file) as opened:
         for number, span in enumerate(spans, start=1):
@@ -253,7 +279,7 @@ def _cell_reader(file: Path, number: int, span: Span) -> Callable[[str], Any]:
         except (OSError, ValueError, KeyError, TypeError) as error:
             problem = f"cannot be read again ({one_line(error)})"
             raise InvalidInputError(
-                f"{file}, row {number}, column {column}", problem, "Leave the file as it is"
+                f"{file}, row {number}, column {column}", problem, "Do not change the file while it is being read"
             ) from error
 
     return cell

@@ -1,9 +1,14 @@
-"""Resumable run of a model over a static benchmark.
+"""Evaluation of a model on a static benchmark. An interrupted run can be resumed.
 
-A run folder contains the following files. ``run.json`` is written first, with the benchmark, the model, the prompt and
-the convention. ``shown.png`` shows an image at each resolution. ``probe.jsonl`` contains the answers in the coordinate
-probe, ``answers.jsonl`` one synced line per answer, and ``extracted.jsonl`` the replies of the extractor.
-``items.jsonl`` (value, stage and score of each item) and ``result.json`` are written at the end.
+A run folder contains these files:
+
+- ``run.json``: the benchmark, the model, the prompt and the coordinate convention. It is written first.
+- ``shown.png``: an image at each resolution.
+- ``probe.jsonl``: the answers of the coordinate probe.
+- ``answers.jsonl``: one line for each answer, which is written to disk immediately.
+- ``extracted.jsonl``: the replies of the extractor.
+- ``items.jsonl``: the value, the parsing stage and the score of each item. It is written at the end.
+- ``result.json``: the scores of the benchmark. It is written at the end.
 """
 
 from __future__ import annotations
@@ -49,33 +54,35 @@ logger = logging.getLogger(__name__)
 
 SCHEMA_VERSION = 1
 KIND = "static evaluation"
-"""Kind of run in ``run.json``."""
+"""Kind of run that ``run.json`` states."""
 RUN_NAME, ANSWERS_NAME, EXTRACTED_NAME = "run.json", "answers.jsonl", "extracted.jsonl"
 ITEMS_NAME, RESULT_NAME, SHOWN_NAME = "items.jsonl", "result.json", "shown.png"
 PROBE_NAME = "probe.jsonl"
 PLACES = (Form.POINT, Form.POINTS, Form.BOX)
 _MAX_BYTES = 1 << 24
-_CURE = "Choose another folder with --out"
+_CURE = "Choose a different folder with --out"
 _NOT_COMPARED = ("begun", "betterbench")
 
 Bar = Callable[[str, int], AbstractContextManager[OnCount]]
-"""Opens a progress bar with a title and a total."""
+"""Function that opens a progress bar, given a title and a total."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunSettings:
-    """Settings for the requests and the scores of a run.
+    """Settings of a run that affect its requests and scores.
 
     Attributes:
         prompt: The prompt.
-        coordinates: Declared convention of coordinates.
+        coordinates: Declared coordinate convention.
         eyes: Resolution of the images.
-        most_tiles: Maximum number of tiles per image; None for the model's own.
+        most_tiles: Maximum number of tiles per image. If None, it is the model's own maximum.
         at_once: Number of simultaneous requests.
-        probe: Whether the declared convention is checked with ten images before a run with points or boxes.
-        official: Whether to add the scores of upstream programs.
-        max_tokens: Longest answer of the model [tokens], which is stored in the run. None if it has no limit.
-        prices: Prices of the model's tokens; None to report no cost.
+        probe: Whether to check the declared coordinate convention with ten images, before a run that asks for points or
+            boxes.
+        official: Whether to add the scores of upstream programs, i.e. of the benchmark's own and other published
+            scorers.
+        max_tokens: Maximum length of an answer [tokens], which is stored in the run. None if there is no limit.
+        prices: Prices of the model's tokens. If None, no cost is reported.
     """
 
     prompt: Prompt
@@ -90,7 +97,7 @@ class RunSettings:
 
     @property
     def convention(self) -> Convention:
-        """Convention of the answers, relative to the shown images."""
+        """Coordinate convention of the answers, relative to the images that are shown to the model."""
         return convention_for(self.eyes, CONVENTIONS[self.coordinates])
 
 
@@ -101,14 +108,15 @@ class StaticRun:
     Attributes:
         head: Content of ``run.json``.
         answers: Answers of the model.
-        extracted: Replies of the extractor; None without one.
-        score: Scores.
-        upstream: Scores of upstream programs, if requested.
-        requests: Totals of the requests to the model, including the coordinate probe.
-        extractor_requests: Totals of the requests to the extractor; None without one.
-        completeness: Size of the data, compared with the published data.
-        prices: Prices of the model's tokens, if given.
-        eyesight: Smallest object size at which the model answers correctly; None if the items have no object sizes.
+        extracted: Replies of the extractor, or None if there was no extractor.
+        score: Scores of the run.
+        upstream: Scores of upstream programs, if they were requested.
+        requests: Totals (such as numbers and tokens) of the requests to the model, including the coordinate probe.
+        extractor_requests: Totals of the requests to the extractor, or None if there was no extractor.
+        completeness: Number of items in the data, compared with the published number.
+        prices: Prices of the model's tokens, or None if they are not given.
+        eyesight: Smallest object size at which the model answers correctly. None if the items do not state object
+            sizes.
     """
 
     path: Path
@@ -125,7 +133,7 @@ class StaticRun:
 
     @property
     def refusal(self) -> str:
-        """Most frequent reason for rejected requests, or empty."""
+        """Most frequent reason why requests were rejected. Empty if no request was rejected."""
         reasons = Counter(answer.error for answer in self.answers.answers.values() if answer.error is not None)
         return reasons.most_common(1)[0][0] if reasons else ""
 
@@ -135,7 +143,7 @@ class StaticRun:
         return sum(answer.error is not None for answer in self.answers.answers.values())
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict without the items."""
+        """Return a JSON-serializable dict. It does not include the items."""
         extractor = self.extractor_requests
         return {
             **self.head,
@@ -161,23 +169,25 @@ def evaluate_model(
     extractor: Model | None = None,
     bar: Bar | None = None,
 ) -> StaticRun:
-    """Evaluate a model on all items of a benchmark and write the run; repeat the call to resume.
+    """Evaluate a model on all items of a benchmark, and write the run.
+
+    If an earlier call with the same arguments was interrupted, the run resumes where it stopped.
 
     Args:
         benchmark: The benchmark.
-        items: Its items.
+        items: Items of the benchmark.
         model: The model.
-        out: Run folder.
-        settings: Prompt, convention and number of simultaneous requests.
-        extractor: Model that extracts answers from replies that the parser cannot read.
-        bar: Opens a progress bar.
+        out: Folder of the run.
+        settings: Prompt, coordinate convention, number of simultaneous requests, and other settings.
+        extractor: Model that extracts the answers from replies that the parser cannot read, or None.
+        bar: Function that opens a progress bar, or None.
 
     Raises:
-        InvalidInputError: If the prompt states another convention, the model answers in another convention, or an
-            image cannot be read.
-        ModelError: If the model cannot be reached; earlier answers are kept.
-        RunConflictError: If the folder contains another run or other files, or another process writes to it.
-        StorageError: If the disk is full or protected.
+        InvalidInputError: If the prompt or the answers of the model use a different coordinate convention than the
+            declared one, or if an image cannot be read.
+        ModelError: If the model cannot be reached. Earlier answers are kept.
+        RunConflictError: If the folder contains a different run or other files, or if another process is writing to it.
+        StorageError: If the disk is full or write-protected.
     """
     settings.prompt.convention(settings.coordinates, benchmark.coordinates)
     out, bar = out.absolute(), bar or (lambda _what, _total: nullcontext(lambda _done, _planned: None))
@@ -235,9 +245,9 @@ def _head(
 
 
 def _begin(out: Path, head: dict[str, Any]) -> dict[str, Any]:
-    """Write the header of a new run, or return the stored header of the same run.
+    """Write the header of a new run. If the run already exists, return its stored header.
 
-    A run without an extractor may be resumed with one, which reads its remaining answers.
+    A run that was started without an extractor may be resumed with one. The extractor then reads the remaining answers.
     """
     file = out / RUN_NAME
     if file.exists():
@@ -253,7 +263,7 @@ def _begin(out: Path, head: dict[str, Any]) -> dict[str, Any]:
 
 
 def _show(items: ItemSet, out: Path) -> None:
-    """Write a sheet with the benchmark's first image at each resolution."""
+    """Write an image file that shows the first image of the benchmark at each resolution."""
     name = next((item.pictures[-1] for item in items.items if item.pictures), None)
     if name is None or (out / SHOWN_NAME).exists():
         return
@@ -269,7 +279,10 @@ def _show(items: ItemSet, out: Path) -> None:
 def _check_convention(
     items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: Bar
 ) -> Sequence[ModelAnswer]:
-    """Probe the model with known positions; raise InvalidInputError if its answers follow another convention."""
+    """Ask the model for the positions of known shapes, to check the declared coordinate convention.
+
+    Raises InvalidInputError if the answers of the model do not follow the declared convention.
+    """
     if not settings.probe or all(item.form not in PLACES for item in items.items):
         return ()
     with bar("checking the coordinates", len(TARGETS)) as on_progress:
@@ -304,9 +317,9 @@ def _asked(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: 
 
 
 def _require_accepted(found: Answers, file: Path) -> None:
-    """If every request was rejected, remove the answer file and raise ModelError.
+    """If the server has rejected every request, delete the file of answers and raise ModelError.
 
-    Otherwise, a meaningless score of 0 would be reported.
+    Without this error, the run would report a meaningless score of 0.
     """
     refused = Counter(answer.error for answer in found.answers.values())
     if not refused or None in refused:
@@ -315,14 +328,14 @@ def _require_accepted(found: Answers, file: Path) -> None:
     (reason, _), *_ = refused.most_common(1)
     raise ModelError(
         f"The server rejected all {refused.total():,} requests, so there is no score: {reason}. Correct the model, the "
-        f"server or the options, and run the command again; it sends the requests again."
+        f"server or the options, and run the command again to repeat the requests."
     )
 
 
 def _extracted(
     items: ItemSet, extractor: Model, texts: Mapping[str, str], out: Path, *, settings: RunSettings, bar: Bar
 ) -> Answers:
-    """Send the replies that the parser cannot read to the extractor, and return its replies."""
+    """Have the extractor read the replies that the parser cannot read, and return the extractor's replies."""
     convention = settings.convention
     requests: dict[str, Request] = {}
     for item in items.items:
@@ -356,5 +369,5 @@ def _write(run: StaticRun, items: ItemSet, settings: RunSettings) -> None:
 
 
 def _shown(score: Fraction) -> str:
-    """Format an exact score as "0", "1" or "2/3"."""
+    """Format an exact score, such as "0", "1" or "2/3"."""
     return str(score)

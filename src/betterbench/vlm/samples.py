@@ -1,9 +1,9 @@
-"""Export of sample logs in the format of lmms-eval, for tools that read these logs.
+"""Export of sample logs in the format of lmms-eval, for tools that read such logs.
 
 The format is that of ``save_results_samples`` in ``loggers/evaluation_tracker.py`` of lmms-eval (commit 75571cf). A
-file ``MODEL/DATE_samples_TASK.jsonl`` has one line per sample, without the document. If ``resps`` equals
-``filtered_resps``, it is omitted. The metric is our score, because lmms-eval's own parsers give other scores for the
-same texts (:mod:`betterbench.vlm.official`).
+file ``MODEL/DATE_samples_TASK.jsonl`` has one line per sample, without the document. ``resps`` is omitted if it equals
+``filtered_resps``. The metric is betterbench's score. lmms-eval itself would give different scores for the same
+replies, because its parsers differ (:mod:`betterbench.vlm.official`).
 """
 
 from __future__ import annotations
@@ -22,24 +22,26 @@ from betterbench.vlm.stored import StoredItem, StoredRun, is_static_run, read_st
 from betterbench.vqa.asking import ModelAnswer, read_stored_answers
 
 TASKS = {"better-vqa": "better_vqa", "embspatial": "embspatial", "refspatial": "refspatial", "egoplan2": "egoplan2"}
-"""Name of the lmms-eval task by benchmark; our own set has none."""
+"""Name of the task for each benchmark. lmms-eval has no task for our own question sets."""
 METRIC = "betterbench_score"
 
 
 def write_samples(path: Path, out: Path, *, overwrite: bool = False) -> tuple[Path, int]:
-    """Write the log of samples of a finished run, and return the file and the number of samples.
+    """Write the sample log of a finished run. Return the path of the file and the number of samples.
 
     Args:
-        path: Run folder of ``better vlm``.
-        out: Folder of the logs; each model has a folder inside.
-        overwrite: Replace an existing file.
+        path: Folder of a run of ``better vlm``.
+        out: Folder for the logs. Each model gets a folder inside it.
+        overwrite: Whether to replace an existing file.
 
     Raises:
-        InvalidInputError: If the folder is not a run of ``better vlm``, or the file exists.
-        RecordError: If the run is not finished, was changed, or comes from an earlier version.
+        InvalidInputError: If the folder is not a run of ``better vlm``, or the file already exists.
+        RecordError: If the run is not finished, was changed, or was written by an earlier version.
     """
     if not is_static_run(path):
-        raise InvalidInputError(str(path), "is not a run of better vlm", "Give the folder that better vlm --out wrote")
+        raise InvalidInputError(
+            str(path), "is not a run of better vlm", "Pass a folder that better vlm --out has written"
+        )
     run = read_static_run(path)
     texts = read_stored_answers(path / ANSWERS_NAME).answers
     date = datetime.fromisoformat(str(run.head["begun"])).strftime("%Y%m%d_%H%M%S")
@@ -47,7 +49,7 @@ def write_samples(path: Path, out: Path, *, overwrite: bool = False) -> tuple[Pa
     model = re.sub(r"[\"<>:/|\\?*\[\]]+", "__", str(run.head["model"]))
     file = out / model / f"{date}_samples_{task}.jsonl"
     if file.exists() and not overwrite:
-        raise InvalidInputError(str(file), "exists", "Give --overwrite, or another --out")
+        raise InvalidInputError(str(file), "already exists", "Use --overwrite or a different --out")
     lines = [_sample(run, number, item, texts.get(item.id)) for number, item in enumerate(run.items.values())]
     file.parent.mkdir(parents=True, exist_ok=True)
     write_durably(file, "".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines).encode())

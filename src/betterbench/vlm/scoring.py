@@ -1,8 +1,9 @@
-"""Scores of answers, with fixed denominators.
+"""Scores of answers. Every item of the benchmark counts, so the denominators are fixed.
 
-Every item of the benchmark counts. An item without an answer, with a rejected request or with an unreadable answer
-scores 0. Each score has three columns. The first counts only values that the strict parser read, and the second also
-values that the tolerant parser read. The third also counts values that an extractor copied from the remaining answers.
+An item scores 0 if it has no answer, if its request was rejected, or if its answer cannot be read. Each score has three
+columns. The first column only counts values that the strict parser has read. The second column also counts values that
+the tolerant parser has read. The third column also counts values that an extractor has copied from the remaining
+answers.
 """
 
 from __future__ import annotations
@@ -25,13 +26,17 @@ from betterbench.vqa.question import Form
 from betterbench.vqa.scoring import is_in_place
 
 COLUMNS = ("strict", "parsed", "extracted")
-"""Columns of a score: values read by the strict parser, by either parser, and by a parser or the extractor."""
+"""Columns of a score. They count the values that were read by the strict parser, by any parser, and by any parser or
+the extractor."""
 
 _LEVELS = {"easy": 1, "medium": 2, "hard": 3}
 
 
 def score_in_column(score: Fraction, stage: Stage, column: str) -> Fraction:
-    """Return the score of a value in a column of :data:`COLUMNS`; 0 if the column excludes the value's stage."""
+    """Return the score of an item in a column of :data:`COLUMNS`.
+
+    The score is 0 if the column does not count values that were read in the given parsing stage.
+    """
     counted = {"strict": ("strict",), "parsed": ("strict", "tolerant")}.get(column)
     return score if counted is None or stage in counted else Fraction(0)
 
@@ -41,12 +46,11 @@ class ItemScore:
     """Score of one item.
 
     Attributes:
-        value: The value, or None; see :class:`~betterbench.vqa.parsing.Read`.
-        stage: Stage that produced the value.
-        score: Score with this value, between 0 and 1.
+        value: Value that was read from the answer, or None (see :class:`~betterbench.vqa.parsing.Read`).
+        stage: Stage of parsing that has read the value.
+        score: Score of the value, between 0 and 1.
         is_answered: Whether the model gave a reply.
-        is_outside: Whether a point or box is partly outside the image, which suggests a different coordinate
-            convention.
+        is_outside: Whether a point or box is partly outside the image. This suggests a different coordinate convention.
     """
 
     id: str
@@ -57,7 +61,7 @@ class ItemScore:
     is_outside: bool = False
 
     def score_in(self, column: str) -> Fraction:
-        """Return the score in a column of :data:`COLUMNS`."""
+        """Return the score of the item in a column of :data:`COLUMNS`."""
         return score_in_column(self.score, self.stage, column)
 
 
@@ -68,10 +72,13 @@ class Part:
     Attributes:
         kind: Kind of group, or "all".
         name: Name of the group, or "all".
+        n: Number of items.
         answered: Number of items that the model answered.
-        read: Number of items with a value.
-        means: Mean by column.
-        if_dropped: Mean over the answered items only, for comparison with programs that drop failed items.
+        read: Number of items whose answer could be read.
+        means: Mean score in each column.
+        if_dropped: Mean score over the answered items only, for comparison with programs that drop failed items. None
+            if no item was answered.
+        reference: Reference rates in percent, such as the rate of guessing.
     """
 
     kind: str
@@ -84,7 +91,7 @@ class Part:
     reference: Mapping[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; all rates are fractions."""
+        """Return a JSON-serializable dict. All rates in it are fractions."""
         means = {column: mean.to_json() for column, mean in self.means.items()}
         dropped = None if self.if_dropped is None else float(self.if_dropped)
         return {**asdict(self), "means": means, "if_dropped": dropped, "reference": dict(self.reference)}
@@ -95,14 +102,14 @@ class StaticScore:
     """Scores of a model on a benchmark.
 
     Attributes:
-        parts: The benchmark and its groups; the first is "all".
-        macro: Unweighted mean over the groups of each kind, by column.
-        headline: Headline number of the benchmark by column.
-        rule: Rule for the headline number, in words.
+        parts: Scores of the whole benchmark and of each group. The first is that of the whole benchmark ("all").
+        macro: Unweighted mean over the groups of each kind, in each column.
+        headline: Headline number of the benchmark in each column.
+        rule: Description of how the headline number is computed.
         changed: Number of items whose score the extractor changed.
-        outside: Number of items answered with a point or box outside the image.
-        items: Scores of the items in order.
-        gaps: Static illusion gaps; None for a benchmark without static twins.
+        outside: Number of items that were answered with a point or box that is partly outside the image.
+        items: Scores of the items, in order.
+        gaps: Static illusion gaps. None if no question has a twin, i.e. the same question about the training scene.
     """
 
     benchmark: str
@@ -117,15 +124,15 @@ class StaticScore:
 
     @property
     def all(self) -> Part:
-        """Micro mean of the scores of all items."""
+        """Score of the whole benchmark: the micro mean of the scores of all items."""
         return self.parts[0]
 
     def part(self, kind: str, name: str) -> Part:
-        """Return the score of a group; raise KeyError if there is none."""
+        """Return the score of a group. Raises KeyError if there is no such group."""
         return next((p for p in self.parts if (p.kind, p.name) == (kind, name)), None) or _no_part(kind, name)
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict without the items; all rates are fractions."""
+        """Return a JSON-serializable dict without the items. All rates in it are fractions."""
         return {
             "benchmark": self.benchmark,
             "rule": self.rule,
@@ -150,14 +157,14 @@ def score_answers(
     *,
     extractions: Mapping[str, str] | None = None,
 ) -> StaticScore:
-    """Score a model's replies.
+    """Score the replies of a model.
 
     Args:
         benchmark: The benchmark.
-        items: Its items.
-        texts: Reply of the model by item id; items without a reply score 0.
-        convention: Declared convention of coordinates.
-        extractions: Replies of an extractor by item.
+        items: Items of the benchmark.
+        texts: Reply of the model to each item, keyed by the item's id. Items without a reply score 0.
+        convention: Declared coordinate convention.
+        extractions: Replies of an extractor, keyed by the item's id, or None.
     """
     told = extractions or {}
     scores = tuple(_score(items, item, texts.get(item.id), convention, told.get(item.id)) for item in items.items)
@@ -200,7 +207,7 @@ def _score(items: ItemSet, item: Item, text: str | None, convention: Convention,
 
 
 def score_of(items: ItemSet, item: Item, value: str | None) -> tuple[Fraction, bool]:
-    """Return the score of a value between 0 and 1, and whether its position is outside the image."""
+    """Return the score of an answer, between 0 and 1, and whether the answer has positions outside the image."""
     if value is None:
         return Fraction(0), False
     if item.form in (Form.BOX, Form.POINT, Form.POINTS):
@@ -214,16 +221,18 @@ def score_of(items: ItemSet, item: Item, value: str | None) -> tuple[Fraction, b
 
 
 def _share_in_mask(items: ItemSet, item: Item, groups: list[list[Fraction]]) -> Fraction:
-    """Return the fraction of points in the target region.
+    """Return the fraction of points that are in the target region.
 
-    A point represents the pixel that contains the point. The far edge of the image belongs to the last pixel. Four
-    numbers are a box and represent all pixels inside, as in RoboRefer's evaluation. Points outside the image score 0.
+    A point counts as the pixel that contains it. A point on the right or lower edge of the image counts as the last
+    pixel. Four numbers are a box, which counts as all pixels inside it, as in RoboRefer's evaluation. Points outside
+    the image score 0.
     """
     if item.gold.mask is None:
         return Fraction(0)
     mask = items.mask(item.gold.mask)
     rows, columns = mask.shape
-    scale = Fraction(columns, item.width), Fraction(rows, item.height)  # 1 unless the mask has another size
+    # The scale is 1 unless the mask has a different size than the image.
+    scale = Fraction(columns, item.width), Fraction(rows, item.height)
     right, count = 0, 0
     for numbers in groups:
         group = [v * scale[i % 2] for i, v in enumerate(numbers)]
@@ -243,7 +252,7 @@ def _pixel(value: Fraction, side: int) -> int:
 
 
 def _parts(benchmark: Benchmark, items: ItemSet, scores: Sequence[ItemScore]) -> Iterator[Part]:
-    """Yield the score of all items and of each group."""
+    """Yield the score of the whole benchmark, and then the score of each group."""
     pairs = list(zip(items.items, scores, strict=True))
     yield _part("all", "all", pairs, items)
     for kind in benchmark.groups:

@@ -1,7 +1,9 @@
-"""Static illusion gap: accuracy on training scenes minus accuracy on interventions, over questions and their twins.
+"""Static illusion gap: how much more accurate a model is on training scenes than on variations of them.
 
-It corresponds to the illusion gap in simulation, with questions instead of actions on the same scenes and seeds. Twins
-are matched by :func:`~betterbench.vqa.twins.static_twins`. Pairs about the same training scene are kept together.
+It corresponds to the illusion gap of a policy in simulation, i.e. to the drop in its success rate when the scene
+changes. The static gap is measured with questions instead of actions, on the same scenes and seeds. Each question about
+a variation is paired with its twin, the same question about the training scene
+(:func:`~betterbench.vqa.twins.static_twins`). Pairs about the same training scene are kept together in the statistics.
 """
 
 from __future__ import annotations
@@ -20,20 +22,21 @@ Kind = Literal["all", "axis", "type", "axis and type"]
 
 @dataclass(frozen=True, slots=True)
 class StaticGap:
-    """Gap of one part of a benchmark.
+    """Static illusion gap in one part of a benchmark.
 
     Attributes:
-        kind: Kind of part.
-        name: "all", an axis, a type, or "AXIS: TYPE".
-        pairs: Number of questions with a twin.
+        kind: Kind of part, such as an axis of variation or a question type.
+        name: "all", the name of an axis, the name of a question type, or "AXIS: TYPE".
+        pairs: Number of questions that have a twin, i.e. the same question about the training scene.
         scenes: Number of training scenes.
-        training: Mean score of the twins, a fraction.
-        variation: Mean score of the questions about variations, a fraction.
-        difference: Training minus variation, paired.
-        p: p-value of the paired test; None for an axis and type, whose pairs are also in two other parts.
-        test: Name of the test; "" without one.
-        adjusted: ``p`` after Holm's correction over the parts with a test.
-        is_supported: Whether ``adjusted`` is below the level.
+        training: Mean score of the twins, as a fraction.
+        variation: Mean score of the questions about variations, as a fraction.
+        difference: Paired difference, training minus variation.
+        p: p-value of the paired test. None for a combination of an axis and a question type, which is not tested
+            because its pairs are already tested in two other parts.
+        test: Name of the test. Empty if there is no test.
+        adjusted: ``p`` after Holm's correction over all parts with a test.
+        is_supported: Whether ``adjusted`` is below the level of the tests.
     """
 
     kind: Kind
@@ -59,8 +62,8 @@ class StaticGaps:
 
     Attributes:
         questions: Number of questions about variations.
-        paired: Number of these with a twin.
-        by_column: Gaps by column of the scores; the first one is over all pairs.
+        paired: Number of these questions that have a twin, i.e. the same question about the training scene.
+        by_column: Gaps in each column of the scores. The first gap is over all pairs.
     """
 
     questions: int
@@ -76,12 +79,14 @@ class StaticGaps:
 def static_gaps(
     items: ItemSet, scores: Mapping[str, Mapping[str, Fraction]], *, alpha: float = 0.05
 ) -> StaticGaps | None:
-    """Return the static illusion gaps of a run, or None without items that have a twin.
+    """Return the static illusion gaps of a run.
+
+    Returns None if no item has a twin, i.e. the same question about the training scene.
 
     Args:
-        items: Items with their twins.
-        scores: Score by item, by column.
-        alpha: Level of the tests, over all tested parts together.
+        items: Items and their twins.
+        scores: Score of each item, in each column.
+        alpha: Level of the tests, for all tested parts together.
     """
     by_id = {item.id: item for item in items.items}
     pairs = [(by_id[twin], by_id[name]) for name, twin in items.twins.items()]

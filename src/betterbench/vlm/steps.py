@@ -1,8 +1,9 @@
 """Stepwise comparison of ``better vlm`` runs, in the layout of the paper's Table 3.
 
-A row is a model with its image resolution and prompt. A column is a benchmark. Each row is compared with the row above
-it on the same items. A step is supported only if its paired test passes Holm's correction over all steps of the table.
-The paper bases such steps on single numbers; for example, EgoPlan-Bench2 falls from 33.38 to 31.95 after co-training.
+A row is a model with its image resolution and prompt, and a column is a benchmark. Each row is compared with the row
+above it on the same items. A step between two rows is only supported if its paired test is significant after Holm's
+correction over all steps in the table. The paper itself draws conclusions about steps from single numbers, for example
+from a drop on EgoPlan-Bench2 from 33.38 to 31.95 after co-training.
 """
 
 from __future__ import annotations
@@ -30,19 +31,19 @@ FACTORS = {
     "extractor": "extractor",
     "max_tokens": "longest answer",
 }
-"""Run settings that may explain a difference, with their display names."""
+"""Settings of a run that may explain a difference, each with the name under which it is shown."""
 _ABOUT_THE_MODEL = ("model", "eyes", "tiles")
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """Headline number of a row on a benchmark.
+    """Cell of the table, with the headline number of one model on one benchmark.
 
     Attributes:
         value: Headline number of the benchmark, as a fraction.
-        n: Number of items in the headline number.
+        n: Number of items on which the headline number is based.
         run: Folder of the run.
-        parts: Mean of each group that the paper's table has as a column, by name.
+        parts: Mean score of each group that the paper's table shows as a column, keyed by the name of the group.
     """
 
     value: float
@@ -53,7 +54,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Row of the comparison, for one model, resolution and prompt, with the headline numbers by benchmark."""
+    """Row of the table: one model with its image resolution and prompt, and its headline number for each benchmark."""
 
     name: str
     cells: dict[str, Cell]
@@ -61,18 +62,19 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Difference between a row and the row above it on one benchmark.
+    """Difference between a row of the table and the row above it, on one benchmark.
 
     Attributes:
         upper: Name of the upper row.
         lower: Name of the lower row.
         benchmark: Name of the benchmark.
-        difference: Upper minus lower mean score over the counted items, paired, as a fraction.
+        difference: Paired difference of the mean scores (upper minus lower row), as a fraction. It is based on the
+            items that the headline number counts.
         p: p-value of the paired test.
-        adjusted: The p-value after Holm's correction over all steps of the table.
+        adjusted: p-value after Holm's correction over all steps in the table.
         test: Name of the test.
         changed: Settings that differ between the two runs.
-        is_supported: Whether the adjusted p-value is below ``alpha``.
+        is_supported: Whether the adjusted p-value is below the level of the tests.
     """
 
     upper: str
@@ -87,7 +89,7 @@ class Step:
 
     @property
     def sentence(self) -> str:
-        """The step in words."""
+        """Description of the difference between the two rows in words."""
         points = 100 * (self.difference.value or 0.0)
         moved = "the same score as"
         if points != 0:
@@ -110,20 +112,21 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class GroupStep:
-    """Difference between a row and the row above it on one group of questions, such as a relation.
+    """Difference between a row of the table and the row above it, on one group of questions, such as a relation.
 
     Attributes:
         upper: Name of the upper row.
         lower: Name of the lower row.
         benchmark: Title of the benchmark.
-        kind: Kind of group ("relation").
-        name: Name of the group ("left").
+        kind: Kind of group, such as "relation".
+        name: Name of the group, such as "left".
         n: Number of items in the group.
-        difference: Upper minus lower mean score, paired, as a fraction.
+        difference: Paired difference of the mean scores (upper minus lower row), as a fraction.
         p: p-value of the paired test.
-        adjusted: The p-value after Holm's correction over all groups of this kind in the table.
-        is_supported: Whether the adjusted p-value is below ``alpha``.
-        explained_by: Smaller groups with supported steps. Without their items, this group's step is not significant.
+        adjusted: p-value after Holm's correction over all groups of this kind in the table.
+        is_supported: Whether the adjusted p-value is below the level of the tests.
+        explained_by: Smaller groups that explain the difference. Each of them has a supported difference, and without
+            their items, the difference of this group is not significant.
     """
 
     upper: str
@@ -145,14 +148,15 @@ class GroupStep:
 
 @dataclass(frozen=True, slots=True)
 class StepTable:
-    """Rows, and the steps between neighboring rows.
+    """Table of runs, with the steps between neighboring rows.
 
     Attributes:
         column: Column of the scores: "strict", "parsed" or "extracted".
         alpha: Level of the tests.
         warnings: Differences between runs that limit the comparison.
-        groups: Steps of each group of questions.
-        eyesight: Comparisons of the eyes of one model, for benchmarks with known sizes of objects.
+        groups: Steps on each group of questions.
+        eyesight: Comparisons between runs of one model that differ only in image resolution ("eyes"), for benchmarks
+            that state object sizes.
     """
 
     column: str
@@ -165,7 +169,7 @@ class StepTable:
     eyesight: tuple[EyesightComparison, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; all rates are fractions."""
+        """Return a JSON-serializable dict. All rates in it are fractions."""
         return {
             "column": self.column,
             "alpha": self.alpha,
@@ -181,23 +185,24 @@ class StepTable:
 def step_table(
     paths: Sequence[Path], *, names: Sequence[str] = (), column: str = "parsed", alpha: float = 0.05
 ) -> StepTable:
-    """Return the table of several runs.
+    """Compare several runs in a table.
 
     Args:
-        paths: Run folders, in the order of the rows. Runs with the same name form one row.
-        names: Name of each run's row. By default, it consists of model, eyes and tiles, and of the prompt if runs
-            differ only there.
-        column: Column of the scores.
+        paths: Folders of the runs, in the order of the rows. Runs with the same name are in one row.
+        names: Name of the row of each run. If empty, the name consists of the model, its image resolution and number of
+            tiles, and also of the prompt if runs differ only in the prompt.
+        column: Column of the scores: "strict", "parsed" or "extracted".
         alpha: Level of the tests.
 
     Raises:
         InvalidInputError: If the number of names differs from the number of runs.
         RecordError: If a run is not finished or was changed.
-        RunConflictError: If a row has two runs of one benchmark, or two runs of a benchmark used different data.
+        RunConflictError: If a row has two runs on the same benchmark, or if two runs on a benchmark used different
+            data.
     """
     if names and len(names) != len(paths):
-        problem = f"{len(names)} names for {len(paths)} runs"
-        raise InvalidInputError("--name", problem, "Give one name per run, or none")
+        problem = f"{len(names)} names are given for {len(paths)} runs"
+        raise InvalidInputError("--name", problem, "Use --name once for each run, or not at all")
     rows: dict[str, dict[str, StoredRun]] = {}
     runs = [read_static_run(path) for path in paths]
     for path, run, name in zip(paths, runs, names or _names(runs), strict=True):
@@ -205,7 +210,7 @@ def step_table(
         known = row.setdefault(run.benchmark.name, run)
         if known is not run:
             problem = f"{known.path} and {path} are both {name!r} on {run.benchmark.name}"
-            raise RunConflictError(f"{problem}. Give each run a name with --name.")
+            raise RunConflictError(f"{problem}. Use --name to give each run a different name.")
     benchmarks = tuple(dict.fromkeys(b for row in rows.values() for b in row))
     for benchmark in benchmarks:
         _require_same_data([row[benchmark] for row in rows.values() if benchmark in row])
@@ -217,9 +222,10 @@ def step_table(
 
 
 def _names(runs: Sequence[StoredRun]) -> list[str]:
-    """Return the row name of each run.
+    """Return the name of the row of each run.
 
-    It has model, resolution, tiles, and the prompt if only the prompt distinguishes runs.
+    The name consists of the model, the image resolution and the number of tiles. If runs differ only in the prompt, it
+    also contains the prompt.
     """
     plain = [(_name(run), run.benchmark.name) for run in runs]
     prompts = defaultdict[tuple[str, str], set[str]](set)
@@ -251,7 +257,7 @@ def _require_same_data(runs: Sequence[StoredRun]) -> None:
     for other in others:
         if other.head["data"] != first.head["data"]:
             problem = f"{first.path} and {other.path} use different data of {first.benchmark.name}"
-            raise RunConflictError(f"{problem}. Run one of them again with the other's --data.")
+            raise RunConflictError(f"{problem}. Run one of the models again with the data of the other run (--data).")
 
 
 def _steps(
@@ -286,7 +292,7 @@ def _step(upper: str, lower: str, above: StoredRun, below: StoredRun, column: st
 def _group_steps(
     rows: dict[str, dict[str, StoredRun]], benchmarks: Sequence[str], column: str, alpha: float
 ) -> tuple[GroupStep, ...]:
-    """Return the steps of all groups of questions, corrected over all groups of a kind."""
+    """Return the steps on all groups of questions. The p-values are corrected over all groups of the same kind."""
     found: dict[str, list[GroupStep]] = defaultdict(list)
     for (upper, above), (lower, below) in pairwise(rows.items()):
         for benchmark in benchmarks:
@@ -303,7 +309,7 @@ def _group_steps(
 def _explained(
     step: GroupStep, steps: Sequence[GroupStep], rows: dict[str, dict[str, StoredRun]], column: str, alpha: float
 ) -> GroupStep:
-    """Return a step with the smaller groups that explain it, such as the relation behind a question type's loss."""
+    """Add the smaller groups that explain a step, such as the relation on which a question type's score drops."""
     same = (step.upper, step.lower, step.benchmark)
     smaller = [s for s in steps if s.is_supported and (s.upper, s.lower, s.benchmark) == same and s.n < step.n]
     if not step.is_supported or not smaller:
@@ -321,7 +327,7 @@ def _explained(
 
 
 def _steps_of_groups(upper: str, lower: str, above: StoredRun, below: StoredRun, column: str) -> Iterator[GroupStep]:
-    """Yield the uncorrected step of each group of questions, for kinds with several groups."""
+    """Yield the step on each group of questions, with an uncorrected p-value. Kinds with one group are left out."""
     title, second = above.benchmark.title, below.items
     for kind in above.benchmark.groups:
         groups: dict[str, list[StoredItem]] = defaultdict(list)
@@ -340,7 +346,7 @@ def _steps_of_groups(upper: str, lower: str, above: StoredRun, below: StoredRun,
 def _eyesight(
     rows: dict[str, dict[str, StoredRun]], benchmarks: Sequence[str], column: str
 ) -> Iterator[EyesightComparison]:
-    """Yield a comparison for each set of runs that differ only in resolution and tiles."""
+    """Yield an eyesight comparison for each set of runs that differ only in image resolution and number of tiles."""
     same = [key for key in FACTORS if key not in ("eyes", "max_tiles")]
     for benchmark in benchmarks:
         models: dict[tuple[Any, ...], dict[str, StoredRun]] = defaultdict(dict)
@@ -358,13 +364,13 @@ def _eyesight(
 
 
 def _eyes(run: StoredRun) -> str:
-    """Return the resolution setting of a run, with the number of tiles if it was given."""
+    """Return the image resolution of a run, followed by the maximum number of tiles if one was given."""
     tiles = run.head.get("max_tiles")
     return str(run.head.get("eyes", "native")) + ("" if tiles is None else f", {tiles} tiles")
 
 
 def _readings(run: StoredRun, eyes: str, column: str) -> list[Reading]:
-    """Return the items of a run with known sizes."""
+    """Return the scores of all items in a run that state an object size, for the fit of the eyesight threshold."""
     return with_common_kinds(
         [reading(i.size_px, float(i.score_in(column)), i, eyes) for i in run.items.values() if i.size_px is not None]
     )

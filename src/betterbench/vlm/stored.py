@@ -1,4 +1,4 @@
-"""Finished runs, read from their folders."""
+"""Finished runs of ``better vlm``, read from their folders."""
 
 from __future__ import annotations
 
@@ -24,18 +24,20 @@ _CURE = "Run better vlm again with the same --out; answered items are not asked 
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredItem:
-    """Score of an item, as stored in a run folder.
+    """Score of an item, as stored in the folder of a run.
 
     Attributes:
-        score: Exact score with the value, as "0", "1" or "2/3".
-        stage: Stage that produced the value.
-        groups: Name of the item's group by kind of group.
-        cluster: Items with the same cluster share a scene, image or video.
-        size_px: Size of the question's smallest object at the resolution of the run's eyes [pixel]; None if unknown.
-        chance: Probability of guessing the answer; None if unknown.
-        value: Value read from the answer; None if it could not be read.
-        prompt: The prompt; None in runs of earlier versions.
-        target: The correct answer; None in runs of earlier versions.
+        score: Exact score of the value, such as "0", "1" or "2/3".
+        stage: Stage of parsing that has read the value.
+        groups: Name of the item's group for each kind of group.
+        cluster: Name of the scene, image or video that the item is about. Scores of items in the same cluster depend on
+            each other.
+        size_px: Size of the smallest object that the question is about, at the resolution of the run [pixel]. None if
+            unknown.
+        chance: Probability of guessing the answer, or None if unknown.
+        value: Value that was read from the answer, or None if the answer could not be read.
+        prompt: The prompt. None in runs that were written by earlier versions.
+        target: The correct answer. None in runs that were written by earlier versions.
     """
 
     id: str
@@ -50,7 +52,7 @@ class StoredItem:
     target: str | None = None
 
     def score_in(self, column: str) -> Fraction:
-        """Return the score in a column of :data:`~betterbench.vlm.scoring.COLUMNS`."""
+        """Return the score of the item in a column of :data:`~betterbench.vlm.scoring.COLUMNS`."""
         return score_in_column(Fraction(self.score), self.stage, column)
 
 
@@ -59,9 +61,10 @@ class StoredRun:
     """A finished run of ``better vlm``, read from its folder.
 
     Attributes:
-        head: Settings of the run, from ``run.json``.
-        items: Scores by item, in the order of the data.
-        headline: Headline number of the benchmark by column, as a fraction.
+        path: Folder of the run.
+        head: Settings and results of the run.
+        items: Score of each item, in the order of the data.
+        headline: Headline number of the benchmark in each column, as a fraction.
     """
 
     path: Path
@@ -71,11 +74,14 @@ class StoredRun:
 
     @property
     def benchmark(self) -> Benchmark:
-        """The benchmark."""
+        """Benchmark on which the model was evaluated."""
         return find_benchmark(str(self.head["benchmark"]))
 
     def static_gap(self, column: str) -> float | None:
-        """Return the static illusion gap over all pairs in a column, as a fraction; None if the run has none."""
+        """Return the static illusion gap over all pairs, in one column of the scores, as a fraction.
+
+        Returns None if the run has no static illusion gap.
+        """
         told = self.head.get("static_gap")
         if not isinstance(told, Mapping):
             return None
@@ -85,7 +91,7 @@ class StoredRun:
             raise RecordError(f"{self.path / RESULT_NAME}: its static gap has no {error}. {_CURE}.") from error
 
     def counted(self) -> tuple[StoredItem, ...]:
-        """Return the items in the headline number of the benchmark."""
+        """Return the items on which the headline number of the benchmark is based."""
         rule = self.benchmark.headline
         if rule.rule == "micro":
             return tuple(self.items.values())
@@ -96,7 +102,7 @@ _ITEM = TypeAdapter(StoredItem)
 
 
 def is_static_run(path: Path) -> bool:
-    """Return whether a folder is a run of ``better vlm``."""
+    """Return whether a folder contains a run of ``better vlm``."""
     file = path / RUN_NAME
     if not file.is_file():
         return False

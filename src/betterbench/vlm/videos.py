@@ -1,4 +1,4 @@
-"""Extraction of video frames by frame number."""
+"""Extraction of single frames from a video, by frame number."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from betterbench.errors import InvalidInputError, one_line
 
 @lru_cache(maxsize=4)
 def frames_of(video: Path, numbers: tuple[int, ...]) -> tuple[bytes, ...]:
-    """Return frames of a video (PNG), in the order of their numbers.
+    """Return the frames with the given numbers from a video as PNG files, in the order of the numbers.
 
-    The video is decoded from the start, so that frame numbers are exact. A number beyond the end returns the last
-    frame.
+    The video is decoded from the start, so that frame numbers are exact. A number beyond the end of the video gives its
+    last frame.
 
     Raises:
-        InvalidInputError: If the video cannot be decoded or is empty.
+        InvalidInputError: If the video is empty or cannot be decoded.
     """
     found, last = dict[int, bytes](), None
     try:

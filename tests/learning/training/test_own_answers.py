@@ -272,7 +272,10 @@ def test_the_command_evaluates_a_learner_and_its_answers_are_set_against_its_dee
         ([*line, "--records", str(run.path), "--eyes", "tile-1"], "--eyes: does not apply to a learner"),
         (["vlm", "egoplan2", *line[1:]], "a learner answers only questions about frames"),
         (["vlm", "egoplan2", "--model", "http://localhost:1/v1#m", "--acted", str(run.path)], "--acted"),
-        ([*line[:4], "http://localhost:1/v1#m", *line[5:], "--records", str(run.path)], "applies only to a learner"),
+        (
+            [*line[:4], "http://localhost:1/v1#m", *line[5:], "--records", str(run.path)],
+            "applies only to a learned policy",
+        ),
     ):
         assert main(changed) == 2
         assert problem in " ".join(capsys.readouterr().err.split())

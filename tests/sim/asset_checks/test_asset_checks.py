@@ -331,7 +331,7 @@ def test_names_files_and_folders_are_told_apart(tmp_path):
     assert (look.name, look.color, look.look) == ("mug", "red", 3)
     with pytest.raises(InvalidInputError, match="no asset is given"):
         targets_of([], wishes)
-    with pytest.raises(InvalidInputError, match="Check them one by one"):
+    with pytest.raises(InvalidInputError, match="Check the assets one by one"):
         targets_of(["mug", "can"], Wishes(size_m=0.1))
     with pytest.raises(UnknownNameError, match="mug"):
         certify_target(targets_of(["mugg"], wishes)[0])

@@ -1,8 +1,10 @@
-"""Human review of the scenes of tasks: moved slots and placement frames, and a verdict for each condition.
+"""Human review of the scenes of tasks.
 
-- ``changes``: changes of a task with their values before and after, and the lines of the journal.
-- ``forms``: a task's JSON form with changes applied, and hashes of tasks and scenes.
+Reviewers can move slots and placement frames, and give a verdict on each condition.
+
+- ``changes``: changes to a task, each with the values before and after it, and the lines of the review file.
+- ``forms``: applies changes to the JSON form of a task, and computes hashes of tasks and scenes.
 - ``queue``: the scenes to review.
-- ``desk``: the review logic without the browser page; ``page`` and ``drawing``: the browser page.
-- ``writing``: reviewed tasks and assets as new files.
+- ``desk``: the logic of a review without the browser page. ``page`` and ``drawing`` contain the page.
+- ``writing``: writes reviewed tasks and assets to new files.
 """

@@ -1,6 +1,6 @@
-"""Review decisions about a task's scenes: moved slots and placement frames, verdicts, and undo.
+"""Decisions in a review of scenes: moved slots and placement frames, verdicts, and undo.
 
-Changes belong to a task, because its conditions share slots and assets; a verdict belongs to one condition.
+A change belongs to a task, because the conditions of a task share slots and assets. A verdict belongs to one condition.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _Radians = Annotated[float, Field(ge=-6.3, le=6.3)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SlotPlace:
-    """Center [m] and heading [rad] of a slot, in the world frame."""
+    """Center [m] and heading [rad] of a slot (the start position of an object), in the world frame."""
 
     x: _Meters
     y: _Meters
@@ -44,7 +44,7 @@ class SlotPlace:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SlotChange:
-    """Move of a slot."""
+    """Change in which a slot (the start position of an object) was moved."""
 
     slot: _Name
     before: SlotPlace
@@ -55,7 +55,7 @@ class SlotChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FrameChange:
-    """Move of an asset's placement frame, in the object frame."""
+    """Change in which a placement frame of an asset was moved. The poses are in the frame of the object."""
 
     asset: _Name
     before: Region
@@ -64,24 +64,24 @@ class FrameChange:
 
 
 SceneChange = SlotChange | FrameChange
-"""Change of a task's scenes."""
+"""Change to the scenes of a task."""
 SceneDecision = Annotated[SlotChange | FrameChange | Verdict | Undo, Field(discriminator="kind")]
-"""Decision: a change, a verdict or an undo."""
+"""Decision in a review of scenes: a change, a verdict or an undo."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SceneReview:
-    """Decision of one person about a task's scenes, stored as one line of the file.
+    """A person's decision about the scenes of a task. Each decision is one line of the review file.
 
     Attributes:
         author: Name of the person.
-        time: Time of the decision, UTC, ISO 8601.
+        time: Time of the decision (UTC, ISO 8601).
         content: Hash of the task without changes (:func:`~betterbench.review.scenes.forms.task_content`).
         task: Name of the task.
-        condition: Name of the reviewed condition.
-        scene: Hash of the reviewed scene before the decision (:func:`~betterbench.review.scenes.forms.scene_content`).
-        decision: The decision.
+        condition: Name of the condition (training or variation) whose scene was reviewed.
+        scene: Hash of the scene before the decision (:func:`~betterbench.review.scenes.forms.scene_content`).
+        decision: A change, a verdict, or an undo.
     """
 
     author: Author
@@ -94,11 +94,11 @@ class SceneReview:
 
     @property
     def subject(self) -> str:
-        """Displayed name of the scene."""
+        """Name under which the scene is shown."""
         return f"{self.task}/{self.condition}"
 
     def misfit(self, changes: int) -> str:
-        """Return the reason why a verdict does not match the number of changes, or ""."""
+        """Check that a verdict matches the number of changes to the scene's task: "fix" requires at least one."""
         if isinstance(self.decision, Verdict) and self.decision.verdict == "fix" and not changes:
             return f"'fix' without a change of {self.subject}, expected 'accept'"
         return ""
@@ -106,31 +106,31 @@ class SceneReview:
 
 _LINE = TypeAdapter(SceneReview)
 SceneHistory = History[SceneReview]
-"""History of one task: its active decisions."""
+"""History of one task, i.e. all decisions about it that were not undone."""
 
 
 class SceneJournal(DecisionJournal[SceneReview]):
-    """Scene review file, open for appending by one process."""
+    """Review file for scenes. The process that opens the file appends its decisions to it."""
 
     adapter: ClassVar[TypeAdapter[Any]] = _LINE
 
 
 def read_scene_reviews(path: Path) -> tuple[SceneReview, ...]:
-    """Read the decisions in a file, ignoring an unfinished last line.
+    """Read all decisions in a review file about scenes. An unfinished last line is ignored.
 
     Raises:
-        RecordError: If the file is missing, was edited by hand, or is not a scene review.
+        RecordError: If the file is missing, was changed by hand, or is not a review of scenes.
     """
     return read_decisions(_LINE, path)
 
 
 def verdict_on(history: SceneHistory, condition: str, scene: str) -> Verdict | None:
-    """Return the last verdict on a condition, or None if its scene has changed since.
+    """Return the last verdict on a condition, or None if there is none or the scene has changed since the verdict.
 
     Args:
         history: Decisions about the task.
         condition: Name of the condition.
-        scene: Hash of the scene with all active changes.
+        scene: Hash of the scene with all changes applied.
     """
     found: Verdict | None = None
     for _, review in history.reviews:
@@ -140,7 +140,7 @@ def verdict_on(history: SceneHistory, condition: str, scene: str) -> Verdict | N
 
 
 def last_verdicts(reviews: Sequence[SceneReview], where: str) -> dict[tuple[str, str], tuple[str, str]]:
-    """Return the name of each judged scene and its last valid verdict, by task content and condition."""
+    """Return the name and the last verdict of each judged scene, keyed by the hash of its task and by its condition."""
     found: dict[tuple[str, str], tuple[str, str]] = {}
     for content, history in histories(reviews, where).items():
         for _, review in history.reviews:
@@ -150,7 +150,7 @@ def last_verdicts(reviews: Sequence[SceneReview], where: str) -> dict[tuple[str,
 
 
 def said(change: SceneChange) -> str:
-    """Describe a change in a short phrase."""
+    """Describe a change to a scene by a short phrase."""
     if isinstance(change, FrameChange):
         return f"frame {change.after.name} of {change.asset} moved"
     a, b = change.before, change.after

@@ -1,4 +1,7 @@
-"""State of one person's scene review, without the browser page: current scene, unsaved edit, and decisions."""
+"""State of one person's review of scenes. The browser page is in a different module.
+
+It consists of the current scene, the edit in progress, and the decisions.
+"""
 
 from __future__ import annotations
 
@@ -37,21 +40,21 @@ from betterbench.tasks import Condition, Slot, Task
 Mode = Literal["slot", "frame"]
 MODES: tuple[Mode, ...] = ("slot", "frame")
 STEP_M, STEP_DEGREES = 0.005, 5.0
-"""Movement per key press."""
+"""Distance [m] and angle [degrees] by which one key press moves or turns the selected slot or frame."""
 SEEDS = 5
-"""Number of seeds to cycle through."""
+"""Number of seeds with which a scene can be shown, one after the other."""
 
 
 @dataclass(slots=True)
 class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
-    """State of one scene review.
+    """State of one review of scenes.
 
-    The gizmo can move a slot or a placement frame (``MODES``).
+    The gizmo can move a slot (the start position of an object) or a placement frame (``MODES``).
 
     Attributes:
-        movable: Assets whose placement frames can be moved, because they are in a folder of imported assets.
-        seed: Seed of the current scene.
-        certified: Certification result of the current scene, or None if not computed yet.
+        movable: Names of the assets in folders of imported assets. Only their placement frames can be moved.
+        seed: Seed of the trial that is shown for the current scene.
+        certified: Result of certifying the current scene, or None if it was not certified yet.
     """
 
     ITEM: ClassVar[str] = "scene"
@@ -66,17 +69,17 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def history(self) -> SceneHistory:
-        """Decisions about the current task."""
+        """Decisions about the task of the current scene."""
         return self.journal.history(self.at_hand.task.content)
 
     @property
     def task(self) -> Task:
-        """The current task with all saved changes."""
+        """Task of the current scene, with all saved changes."""
         return self.at_hand.task.changed(self.history.changes)
 
     @property
     def condition(self) -> Condition:
-        """The current condition."""
+        """Condition (training or variation) of the current scene."""
         return condition_of(self.task, self.at_hand.condition)
 
     @property
@@ -86,19 +89,19 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def is_changed(self) -> bool:
-        """Whether saved changes affect the current scene."""
+        """Whether any saved change affects the current scene."""
         task = self.at_hand.task.changed(())
         return self.content != scene_content(task, condition_of(task, self.at_hand.condition))
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the current verdict on each scene in the queue."""
+        """Return the current verdict on each scene in the queue. It is None for scenes without a verdict."""
         return [scene.verdict(self.journal.history(scene.task.content)) for scene in self.queue]
 
     # -------------------------------------------------------------------------------------------------- slots, frames
 
     @property
     def slots(self) -> tuple[Slot, ...]:
-        """Slots used by the condition, including the edit in progress."""
+        """Slots that the condition uses, with the edit in progress applied."""
         used = dict.fromkeys(self.condition.layout.values())
         return tuple(self._edited(self.task.slot(name)) for name in used)
 
@@ -110,13 +113,13 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def slot(self) -> Slot | None:
-        """The selected slot, including the edit in progress."""
+        """The selected slot, with the edit in progress applied. None if the condition uses no slots."""
         slots = self.slots
         return slots[self.selected % len(slots)] if slots else None
 
     @property
     def frames(self) -> tuple[tuple[Placement, Region], ...]:
-        """Placement frames of the scene's targets, including the edit in progress."""
+        """Placement frames of all objects on or in which the task places others, with the edit in progress applied."""
         if self.scene is None:
             return ()
         edit = self.edit
@@ -138,12 +141,12 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def frame(self) -> tuple[Placement, Region] | None:
-        """The selected placement frame with its object, including the edit in progress."""
+        """The selected placement frame and its object, with the edit in progress applied. None if there is no frame."""
         frames = self.frames
         return frames[self.selected % len(frames)] if frames else None
 
     def poses(self) -> dict[str, Pose]:
-        """Return the initial ``T_world_object`` of each object, including the edit in progress."""
+        """Return the initial pose ``T_world_object`` of each object, with the edit in progress applied."""
         if self.scene is None:
             return {}
         poses = {p.spec.name: p.pose for p in self.scene.placements}
@@ -154,7 +157,10 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
         return {name: move @ poses[name] if name in self._carried(self.edit.slot) else poses[name] for name in poses}
 
     def _carried(self, slot: str) -> set[str]:
-        """Return the names of the objects that move with a slot: its occupant, and objects on or in the occupant."""
+        """Return the names of the objects that move when a slot is moved.
+
+        These are the object in the slot, and all objects that stand on or in that object.
+        """
         condition = self.condition
         found = {name for name, place in condition.layout.items() if place == slot}
         on = {name: place.target for name, place in condition.preplaced.items()}
@@ -166,14 +172,14 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     # -------------------------------------------------------------------------------------------------------- moving
 
     def step_seed(self) -> None:
-        """Show the scene with another seed; an edit in progress is saved first."""
+        """Show the current scene with the next seed. The edit in progress is saved first."""
         if self.keep():
             self.seed = (self.seed + 1) % SEEDS
             self._open()
             self._say(f"Seed {self.seed}.")
 
     def _open(self) -> None:
-        """Build the current scene; on failure, set ``problem`` to the reason."""
+        """Build the current scene. If this fails, store the reason in ``problem``."""
         self.scene, self.problem, self.certified = None, "", None
         try:
             with moved_regions(moved_frames(self.history.changes)):
@@ -190,7 +196,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     # ------------------------------------------------------------------------------------------------------- editing
 
     def drag(self, pose: Pose) -> None:
-        """Move the selected slot or placement frame to a pose in the world frame; a slot stays on the table."""
+        """Move the selected slot or placement frame to a pose in the world frame. A slot stays on the table."""
         if self.mode == "slot" and self.slot is not None:
             x, y, _ = pose.position
             yaw = self.slot.yaw + math.remainder(yaw_of(pose.quaternion) - self.slot.yaw, math.tau)
@@ -201,7 +207,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
             self._move_frame(placement, region, local)
 
     def nudge(self, along: Vector, degrees: float = 0.0) -> None:
-        """Move the selected slot or placement frame by a vector [m] and turn it about the vertical axis."""
+        """Move the selected slot or placement frame by a vector [m], and turn it about the vertical axis."""
         if self.mode == "slot" and self.slot is not None:
             slot = self.slot
             self._move_slot(slot.x + along[0], slot.y + along[1], slot.yaw + math.radians(degrees))
@@ -233,7 +239,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
         self.edit = FrameChange(category, kept, replace(kept, position=(x, y, z), quaternion=(w, i, j, k)))
 
     def keep(self) -> bool:
-        """Save the edit in progress as a change; return False on failure, with the reason in ``message``."""
+        """Save the edit in progress as a change. If this fails, store the reason in ``message`` and return False."""
         edit = self.edit
         if edit is None:
             return True
@@ -253,7 +259,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     # ------------------------------------------------------------------------------------------------------ decisions
 
     def accept(self) -> None:
-        """Accept the scene, including the task changes that affect it, and show the next scene."""
+        """Accept the scene with all changes that affect it, and go to the next scene."""
         if self.keep():
             if self.problem:
                 self._say("The scene cannot be built. Reject it, or undo the change.", problem=True)
@@ -278,7 +284,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     # ------------------------------------------------------------------------------------------------------ certifying
 
     def certify(self) -> None:
-        """Certify the scene like ``better certify``, with the current seed; an edit in progress is saved first."""
+        """Certify the scene with the current seed, as ``better certify`` does. The edit in progress is saved first."""
         if not self.keep():
             return
         if self.problem:
@@ -306,5 +312,5 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
 
 def bodies_of(scene: Scene) -> Mapping[str, int]:
-    """Return the body id of each object in a scene."""
+    """Return the MuJoCo body id of each object in a scene, keyed by the name of the object."""
     return {p.spec.name: int(body) for p, body in zip(scene.placements, scene.compiled.bodies, strict=True)}

@@ -1,4 +1,4 @@
-"""Panel texts for the scene review page."""
+"""Texts for the panel of the page on which scenes are reviewed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.review.scenes.desk import SceneDesk
 
 
 def head(desk: SceneDesk, judged: int) -> str:
-    """Return the upper part of the panel as HTML: progress, the scene, and facts about it."""
+    """Return the upper part of the panel as HTML: the progress, the current scene, and facts about it."""
     item = desk.at_hand
     return panel_head(
         item.name,
@@ -43,7 +43,10 @@ def _facts(desk: SceneDesk) -> list[tuple[str, str]]:
 
 
 def foot(desk: SceneDesk) -> str:
-    """Return the lower part of the panel as HTML: gizmo, edit, last message, certificate, and active decisions."""
+    """Return the lower part of the panel as HTML.
+
+    It shows the target of the gizmo, the edit in progress, the last message, the certificate, and the latest decisions.
+    """
     edit = None if desk.edit is None else said(desk.edit)
     last = desk.history.reviews[-6:]
     decisions = [(decision_sign(r.decision), _said(r.decision, r.condition), r.author) for _, r in last]

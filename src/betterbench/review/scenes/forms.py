@@ -1,4 +1,4 @@
-"""Application of review changes to a task's JSON form, as pure functions."""
+"""Functions that apply the changes of a review to the JSON form of a task. They do not modify their arguments."""
 
 from __future__ import annotations
 
@@ -16,17 +16,20 @@ from betterbench.review.scenes.changes import FrameChange, SceneChange, SlotChan
 from betterbench.tasks import Condition, Task
 
 SAME_M, SAME_RAD = 1e-6, 1e-6
-"""Tolerances for rounding of the values that a reviewer saw."""
-_OTHER_CURE = "Restore the reviewed task file, or review the present one"
+"""Tolerances when a value is compared with the rounded value that the reviewer saw."""
+_OTHER_CURE = "Restore the task file that was reviewed, or review the current task file"
 
 
 def task_content(form: Mapping[str, Any]) -> str:
-    """Return the hash (hex) of a task's JSON form."""
+    """Return the hexadecimal hash of a task's JSON form."""
     return hashlib.sha256(dump_json(dict(form))).hexdigest()
 
 
 def scene_content(task: Task, condition: Condition, changes: Iterable[SceneChange] = ()) -> str:
-    """Return the hash (hex) of a condition's scene: the condition, its slots and moved placement frames."""
+    """Return the hexadecimal hash of the scene of a condition.
+
+    The hash covers the condition, the slots that it uses, and the placement frames that were moved.
+    """
     used = sorted(set(condition.layout.values()))
     categories = {spec.category for spec in condition.objects}
     frames = moved_frames(changes)
@@ -39,15 +42,18 @@ def scene_content(task: Task, condition: Condition, changes: Iterable[SceneChang
 
 
 def place_of(slot: Mapping[str, Any]) -> SlotPlace:
-    """Return the position of a slot from its JSON form."""
+    """Return the center and heading of a slot, given its JSON form."""
     return SlotPlace(float(slot["x"]), float(slot["y"]), float(slot["yaw"]))
 
 
 def changed_form(form: Mapping[str, Any], change: SceneChange, *, where: str = "review") -> dict[str, Any]:
-    """Return a task form with one change applied; a moved frame changes an asset instead of the form.
+    """Apply one change to the JSON form of a task.
+
+    If the change moved a placement frame, the JSON form stays the same, since the frame is stored in an asset.
 
     Raises:
-        InvalidInputError: If the task has no such slot, or the slot is not where the reviewer saw it.
+        InvalidInputError: If the task has no such slot, or the slot is not at the position from which the reviewer
+            moved it.
     """
     new: dict[str, Any] = copy.deepcopy(dict(form))
     if isinstance(change, FrameChange):
@@ -73,12 +79,13 @@ def _at(place: SlotPlace) -> str:
 
 
 def patched(form: Mapping[str, Any], changes: Sequence[SceneChange], *, where: str = "review") -> dict[str, Any]:
-    """Return a task form with changes applied in order; its version is incremented if a slot has moved.
+    """Apply changes to the JSON form of a task, in order. If a slot was moved, the version of the task is incremented.
 
-    The result is deterministic.
+    The same form and the same changes always give the same result.
 
     Raises:
-        InvalidInputError: As for :func:`changed_form`.
+        InvalidInputError: If the task has no such slot, or the slot is not at the position from which the reviewer
+            moved it.
     """
     new = dict(form)
     for change in changes:
@@ -89,7 +96,7 @@ def patched(form: Mapping[str, Any], changes: Sequence[SceneChange], *, where: s
 
 
 def moved_frames(changes: Iterable[SceneChange]) -> dict[str, dict[str, Region]]:
-    """Return the final pose of each moved placement frame, by asset and frame name."""
+    """Return the final pose of each placement frame that was moved, keyed by the names of the asset and the frame."""
     found: dict[str, dict[str, Region]] = {}
     for change in changes:
         if isinstance(change, FrameChange):
@@ -98,6 +105,6 @@ def moved_frames(changes: Iterable[SceneChange]) -> dict[str, dict[str, Region]]
 
 
 def is_same_frame(a: Region, b: Region) -> bool:
-    """Return whether two placement frames are equal up to rounding in files."""
+    """Return whether two placement frames are equal, up to rounding errors of numbers in files."""
     apart = max(distance(a.position, b.position), distance(a.half_size, b.half_size))
     return a.name == b.name and apart < 1e-5 and angle_between(a.quaternion, b.quaternion) < 1e-4

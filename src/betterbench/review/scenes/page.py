@@ -1,4 +1,4 @@
-"""Web page for reviewing scenes: the built scene, gizmos for slots and frames, camera images, and panel."""
+"""Web page for the review of scenes: the 3D scene, gizmos for slots and frames, camera images, and a panel."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from betterbench.sim.scenes.tryouts import collision_surfaces
 GIZMO = "/scene/gizmo"
 SIDE_PX = 300
 EYE_M, LOOK_AT_M = (1.15, -0.55, 0.75), (0.5, 0.0, 0.02)
-"""Initial position and target of the view [m]."""
+"""Initial position of the view, and the point that it looks at [m]."""
 Shown = Literal["visual", "collision", "both"]
 SHOWN: tuple[Shown, ...] = ("visual", "collision", "both")
 LEAST_MARK_M = 0.01
-"""Minimum half side of the square that represents a slot [m]."""
+"""Minimum half side of the square that marks a slot [m]."""
 SLOT_COLOR, CHOSEN_COLOR = (46, 134, 222), (247, 140, 20)
 
 TAP_KEYS: dict[str, str] = {
@@ -52,7 +52,7 @@ TAP_KEYS: dict[str, str] = {
     "KeyR": "reject",
     "Backspace": "undo",
 }
-"""Command by key."""
+"""Command that each key sends."""
 KEY_ROWS = (
     ("← →", "previous, next scene"),
     ("1 2", "gizmo: slot, placement frame"),
@@ -70,10 +70,10 @@ KEY_ROWS = (
 
 
 class ScenePage(CommandPage[SceneDesk]):
-    """Web page of one scene review."""
+    """Web page for one review of scenes."""
 
     def __init__(self, desk: SceneDesk, *, host: str, port: int) -> None:
-        """Start listening and build the page.
+        """Start the web server of the page, and build the page.
 
         Raises:
             MissingDependencyError: If viser is not installed.
@@ -91,7 +91,7 @@ class ScenePage(CommandPage[SceneDesk]):
         self._build_panel()
 
     def obey(self, command: str, value: Any, stopped: threading.Event) -> None:  # noqa: ANN401, ARG002 - of the page
-        """Execute a command and show the result."""
+        """Execute a command, and show its result on the page."""
         if self._is_of_page(command, value):
             return
         if command in ("next", "previous", "accept", "reject", "keep", "seed", "certify", "undo"):
@@ -128,7 +128,7 @@ class ScenePage(CommandPage[SceneDesk]):
         self._gizmo.on_update(self._dragged)
 
     def show(self, *, is_dragging: bool = False) -> None:
-        """Update the page; while the user drags the gizmo, the browser controls its pose."""
+        """Update the page. The gizmo is not moved while the user is dragging it."""
         desk = self._desk
         with self._viser.atomic():
             if desk.scene is not self._drawn:
@@ -141,7 +141,7 @@ class ScenePage(CommandPage[SceneDesk]):
         self._list.content = queue_list([q.name for q in desk.queue], verdicts, desk.index)
 
     def _show_scene(self) -> None:
-        """Show another scene, with its bodies, the collision parts of its objects, and the policy's camera images."""
+        """Show a new scene: its bodies, the collision parts of its objects, and the images that the policy sees."""
         for node in (*self._bodies.values(), *(n for nodes in self._touched.values() for n in nodes)):
             node.remove()
         self._bodies, self._touched = {}, {}
@@ -191,7 +191,7 @@ class ScenePage(CommandPage[SceneDesk]):
                 part.visible = self._view != "visual"
 
     def _show_marks(self, *, is_dragging: bool) -> None:
-        """Show the slots or placement frames, and the gizmo at the selected one."""
+        """Show all slots or placement frames, and put the gizmo at the selected one."""
         self._begin_marks()
         desk = self._desk
         target = self._mark_slots() if desk.mode == "slot" else self._mark_frames()
@@ -200,7 +200,7 @@ class ScenePage(CommandPage[SceneDesk]):
             self._gizmo.position, self._gizmo.wxyz = target.position, target.quaternion
 
     def _mark_slots(self) -> Pose | None:
-        """Show each slot as a square with the size of its jitter, and return the pose of the selected slot."""
+        """Mark each slot by a square as large as the jitter of its position. Return the pose of the selected slot."""
         desk, chosen = self._desk, self._desk.slot
         for k, slot in enumerate(desk.slots):
             is_chosen = chosen is not None and slot.name == chosen.name
@@ -212,7 +212,7 @@ class ScenePage(CommandPage[SceneDesk]):
         return None if chosen is None else Pose((chosen.x, chosen.y, 0.0), from_yaw(chosen.yaw))
 
     def _mark_frames(self) -> Pose | None:
-        """Show the placement frames, and return the pose of the selected frame."""
+        """Mark all placement frames, and return the pose of the selected one."""
         desk, poses = self._desk, self._desk.poses()
         chosen, target = desk.frame, None
         for k, (placement, region) in enumerate(desk.frames):

@@ -1,4 +1,7 @@
-"""Queue of the scenes to review: task conditions, each built when first shown."""
+"""Queue of the scenes to review.
+
+Each condition of a task has one scene. A scene is built when it is shown for the first time.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +24,11 @@ MOST_SCENES = 10_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedTask:
-    """Task in a review.
+    """Task that is being reviewed.
 
     Attributes:
         form: JSON form of the task without changes.
-        content: Hash of that form.
+        content: Hash of the JSON form.
     """
 
     form: Mapping[str, Any]
@@ -33,14 +36,16 @@ class ReviewedTask:
 
     @property
     def name(self) -> str:
-        """Task name."""
+        """Name of the task."""
         return str(self.form["id"])
 
     def changed(self, changes: Sequence[SceneChange]) -> Task:
-        """Return the changed task with its original version number, for which demonstrations were measured.
+        """Return the task with changes applied, but with its original version number.
+
+        The version number is kept because the demonstrations of the task were measured for that version.
 
         Raises:
-            InvalidInputError: If the changes belong to another task.
+            InvalidInputError: If the changes were made to a different task.
         """
         return _changed(self, tuple(changes))
 
@@ -53,25 +58,25 @@ def _changed(reviewed: ReviewedTask, changes: tuple[SceneChange, ...]) -> Task:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QueuedScene:
-    """Scene of one condition."""
+    """Scene in the queue: one condition (training or variation) of a task."""
 
     task: ReviewedTask
     condition: str
 
     @property
     def name(self) -> str:
-        """Displayed name."""
+        """Name under which the scene is shown."""
         return f"{self.task.name}/{self.condition}"
 
     def verdict(self, history: SceneHistory) -> Verdict | None:
-        """Return the current verdict on the scene."""
+        """Return the current verdict on the scene, or None if it has none."""
         changed = self.task.changed(history.changes)
         scene = scene_content(changed, condition_of(changed, self.condition), history.changes)
         return verdict_on(history, self.condition, scene)
 
 
 def condition_of(task: Task, name: str) -> Condition:
-    """Return a condition of a task; the task does not have to be registered.
+    """Return a condition (training or variation) of a task by its name. The task does not have to be registered.
 
     Raises:
         UnknownNameError: If the task has no such condition.
@@ -82,15 +87,18 @@ def condition_of(task: Task, name: str) -> Condition:
 
 
 def support_of(task: Task, name: str) -> Support:
-    """Return the support that a task declares for a condition."""
+    """Return the support that a task declares for a condition (training or variation).
+
+    The support states whether the poses in the condition occur in training (seen) or not (novel).
+    """
     return next((v.support for v in task.variations if v.name == name), Support.SEEN)
 
 
 def scene_queue(given: Iterable[str]) -> list[QueuedScene]:
-    """Return the queue for tasks ("my_lunch": all conditions) and single conditions ("my_lunch/L1").
+    """Return the review queue for tasks ("my_lunch", with all conditions) and for single conditions ("my_lunch/L1").
 
     Raises:
-        InvalidInputError: If no names are given, or there are too many scenes.
+        InvalidInputError: If no task is given, or there are too many scenes.
         UnknownNameError: If a task or a condition does not exist.
     """
     names: dict[tuple[str, str], None] = {}
@@ -101,10 +109,12 @@ def scene_queue(given: Iterable[str]) -> list[QueuedScene]:
             raise UnknownNameError(f"condition of {task}", condition, known)
         names.update(dict.fromkeys((task, name) for name in ([condition] if slash else known)))
     if not names:
-        cure = "Name tasks or conditions (my_lunch/L1), or give --suite or --task-file"
+        cure = "Pass tasks or conditions, for example my_lunch/L1, or use --suite or --task-file"
         raise InvalidInputError("review scenes", "no task is given", cure)
     if len(names) > MOST_SCENES:
-        raise InvalidInputError("review scenes", f"{len(names):,} scenes", f"Review at most {MOST_SCENES:,} at once")
+        raise InvalidInputError(
+            "review scenes", f"{len(names):,} scenes are too many", f"Review at most {MOST_SCENES:,} at once"
+        )
     forms = task_forms(dict.fromkeys(task for task, _ in names))
     tasks = {name: ReviewedTask(form, task_content(form)) for name, form in forms.items()}
     return [QueuedScene(tasks[task], condition) for task, condition in names]

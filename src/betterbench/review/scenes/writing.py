@@ -1,4 +1,4 @@
-"""Output of reviewed tasks as new files, with changed slots and without rejected variations."""
+"""Writing of reviewed tasks to new files: slots are moved as in the review, and rejected variations are left out."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from betterbench.tasks.authoring.task_form import task_forms
 from betterbench.tasks.interventions.resolve import condition_names
 
 SHOWN = 16
-"""Number of digits of a content hash shown in messages."""
+"""Number of digits of a content hash that messages show."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReviewedForm:
-    """JSON form of a reviewed task.
+    """JSON form of a task after its review.
 
     Attributes:
-        form: JSON form with the changes, without rejected variations.
-        rejected: Reason by name of each rejected variation.
-        moved: Whether a slot has moved, which requires measuring demonstrations again.
-        changes: All active changes.
+        form: JSON form with all changes applied, and without rejected variations.
+        rejected: Reason for each rejected variation, keyed by its name.
+        moved: Whether a slot was moved. Demonstrations must then be measured again.
+        changes: All changes that were not undone.
     """
 
     form: dict[str, Any]
@@ -43,7 +43,7 @@ class ReviewedForm:
 
 
 def reviewed_form(form: Mapping[str, Any], history: SceneHistory) -> ReviewedForm:
-    """Return a task form with the decisions from a review applied.
+    """Apply the decisions of a review to the JSON form of a task.
 
     Raises:
         InvalidInputError: If a condition has no valid verdict, or a training condition was rejected.
@@ -67,7 +67,9 @@ def reviewed_form(form: Mapping[str, Any], history: SceneHistory) -> ReviewedFor
     trained = [condition for condition in rejected if condition in {c.name for c in task.changed(()).training}]
     if trained:
         problem = f"the training condition {trained[0]} was rejected: {rejected[trained[0]]}"
-        raise InvalidInputError(name, problem, "Its variations are derived from it, so write a new task")
+        raise InvalidInputError(
+            name, problem, "Write a new task, because all variations are derived from the training condition"
+        )
     new = patched(form, changes, where=name)
     new["variations"] = [variation for variation in new["variations"] if variation["name"] not in rejected]
     if rejected and new["version"] == form["version"]:
@@ -77,11 +79,12 @@ def reviewed_form(form: Mapping[str, Any], history: SceneHistory) -> ReviewedFor
 
 
 def reviewed_forms(path: Path) -> dict[str, ReviewedForm]:
-    """Return the reviewed tasks in a journal by name; the tasks must be loaded.
+    """Return the reviewed tasks in a review file, keyed by name. All of these tasks must be loaded.
 
     Raises:
-        RecordError: If the journal cannot be read.
-        InvalidInputError: As for :func:`reviewed_form`, or if a task differs from the reviewed one.
+        RecordError: If the review file cannot be read.
+        InvalidInputError: If a condition has no valid verdict, a training condition was rejected, or a task has changed
+            since its review.
         UnknownNameError: If a task is not loaded.
     """
     reviews = read_scene_reviews(path)
@@ -96,15 +99,19 @@ def reviewed_forms(path: Path) -> dict[str, ReviewedForm]:
         here = task_content(form)
         if here != content:
             problem = f"it was reviewed with the content {content[:SHOWN]}, but its content is now {here[:SHOWN]}"
-            raise InvalidInputError(name, problem, "Restore the reviewed task file, or review the present one")
+            raise InvalidInputError(
+                name, problem, "Restore the task file that was reviewed, or review the current task file"
+            )
         found[name] = reviewed_form(form, history)
     if not found:
-        raise InvalidInputError(str(path), "it has no active decision", "Review scenes first")
+        raise InvalidInputError(
+            str(path), "it contains no decisions, or all of them were undone", "Review the scenes of a task first"
+        )
     return found
 
 
 def write_reviewed_tasks(found: Mapping[str, ReviewedForm], out: Path) -> list[Path]:
-    """Write each task to ``NAME.json`` in a folder, and return the paths."""
+    """Write each task to a file ``NAME.json`` in a folder, and return the paths of the files."""
     paths = []
     for name, reviewed in found.items():
         paths.append(out / f"{name}.json")
@@ -113,10 +120,14 @@ def write_reviewed_tasks(found: Mapping[str, ReviewedForm], out: Path) -> list[P
 
 
 def write_moved_frames(found: Mapping[str, ReviewedForm], folders: Sequence[Path], out: Path) -> list[Path]:
-    """Write each asset folder with moved placement frames as a new folder of the same name, and return the paths.
+    """Copy each asset folder to a new folder of the same name, with the placement frames that a review has moved.
+
+    Returns:
+        The paths of the new folders.
 
     Raises:
-        InvalidInputError: If an asset is in none of the folders, or two folders have the same name.
+        InvalidInputError: If an asset whose frames were moved is in none of the folders, or two folders have the same
+            name.
     """
     moves: dict[str, dict[tuple[str, str], RegionChange]] = {}
     for reviewed in found.values():
@@ -133,5 +144,7 @@ def write_moved_frames(found: Mapping[str, ReviewedForm], folders: Sequence[Path
             paths[-1].mkdir(parents=True, exist_ok=True)
             write_reviewed_folder(folder, paths[-1], changes)
     if moves:
-        raise InvalidInputError(next(iter(moves)), "it is not in an asset folder", "Give its folder with --asset-dir")
+        raise InvalidInputError(
+            next(iter(moves)), "it is not in an asset folder", "Pass the folder that contains it with --asset-dir"
+        )
     return paths

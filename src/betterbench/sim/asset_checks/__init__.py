@@ -1,9 +1,10 @@
 """Asset certificate: checks that every imported or generated asset should pass before it is used in a task.
 
-- ``certificate``: all checks of one asset. ``result``: the results and their JSON.
-- ``check``, ``subject``: the registry of checks, and the measurements that they share.
-- ``checks``: one topic per file: license, surfaces, size, upright, mass, collision, lying, holding, lifting.
-- ``rest``, ``lift``: the simulations of one asset on a table and in a gripper.
+- ``certificate``: runs all checks on one asset. ``result``: the results and their JSON form.
+- ``check``, ``subject``: the registry of checks, and the measurements that several checks share.
+- ``checks``: the checks, one topic per file: license, surfaces, size, upright, mass, collision, lying, holding,
+  lifting.
+- ``rest``, ``lift``: simulations of one asset, which rests on a table or is lifted by a gripper.
 - ``limits``: all limits, each with its unit and a reason.
 """
 

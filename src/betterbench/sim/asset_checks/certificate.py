@@ -1,4 +1,4 @@
-"""Certification of one asset by all checks."""
+"""Certification of one asset by running all checks on it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ def certify_asset(asset: Asset, *, name: str | None = None, kind: Kind | None = 
 
     Args:
         asset: The asset, from a generator or a mesh file.
-        name: Name in the certificate. By default, the identity of the asset.
-        kind: Kind of object, which determines the limits of size, mass and pose. By default, the asset's declared kind.
-            Checks that need a kind do not apply if there is none.
+        name: Name of the asset in the certificate. If None, it is the asset's identity, such as "mug-red#3".
+        kind: Kind of object, which determines the limits for size, mass and pose. If None, it is the kind that the
+            asset declares. If the asset declares none, checks that need a kind do not apply.
     """
     judged = kind or kind_of(str(asset.parameters.get("kind", "")))
     subject = Subject(asset, judged)

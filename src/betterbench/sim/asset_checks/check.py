@@ -16,15 +16,15 @@ MEASURED_DIGITS = 4
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding of a check.
+    """Finding of a check on one asset.
 
     Attributes:
-        measured: Measured value, or None if there is nothing to measure.
-        limit: Limit for ``measured``, or None if there is nothing to measure.
-        unit: Unit of both.
-        fails: Whether the check fails, or None if it does not apply.
+        measured: Measured value, or None if the check measures no value.
+        limit: Limit for the measured value, or None if the check measures no value.
+        unit: Unit of ``measured`` and ``limit``.
+        fails: Whether the asset fails the check. None if the check does not apply.
         said: Description of the finding, in one sentence.
-        cure: Remedy for a failed check, in one sentence.
+        cure: What to do if the asset fails the check, in one sentence.
     """
 
     measured: float | None
@@ -41,10 +41,10 @@ _CHECKS: dict[str, CheckFunction] = {}
 
 
 def check(function: CheckFunction) -> CheckFunction:
-    """Register a function as a check under its own name.
+    """Register a function as a check. The name of the function is the name of the check.
 
     Raises:
-        InvalidInputError: If a check with this name exists.
+        InvalidInputError: If a check with this name already exists.
     """
     name = function.__name__
     if name in _CHECKS:
@@ -59,7 +59,7 @@ def check_names() -> tuple[str, ...]:
 
 
 def run_check(name: str, subject: Subject) -> CheckResult:
-    """Run a check by name. The check fails if the asset cannot be measured."""
+    """Run the check with the given name. If the asset cannot be measured, it fails the check."""
     try:
         with np.errstate(all="ignore"):  # a number that is not finite fails its check
             found = _CHECKS[name](subject)
@@ -74,15 +74,15 @@ def run_check(name: str, subject: Subject) -> CheckResult:
 
 
 def at_most(measured: float, limit: float, unit: str, said: str, cure: str) -> Finding:
-    """Return the finding for a value that must not exceed a limit. A non-finite value fails."""
+    """Return the finding for a value that must not exceed a limit. NaN and infinite values fail."""
     return Finding(measured, limit, unit, not measured <= limit, said, cure)
 
 
 def at_least(measured: float, limit: float, unit: str, said: str, cure: str) -> Finding:
-    """Return the finding for a value that must not fall below a limit."""
+    """Return the finding for a value that must not fall below a limit. NaN and infinite values fail."""
     return Finding(measured, limit, unit, not measured >= limit, said, cure)
 
 
 def not_applicable(why: str) -> Finding:
-    """Return the finding for a check that does not apply."""
+    """Return the finding for a check that does not apply to the asset, with the reason."""
     return Finding(None, None, "", None, why)

@@ -1,4 +1,4 @@
-"""Certificates of many assets, as a resumable job."""
+"""Job that certifies many assets. An interrupted job can be resumed."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ OnCertificate = Callable[[JobProgress[tuple[str, AssetCertificate]]], None]
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Asset to certify: a mesh file with import options, or a registered asset.
+    """Asset to certify: either a mesh file with import options, or a registered asset.
 
     Attributes:
-        name: Name in the certificate.
+        name: Name of the asset in the certificate.
         file: Mesh file, or None for a registered asset.
-        wishes: Import options. ``name`` also determines the kind of a registered asset.
-        color: Color word. None selects the default color of a registered asset.
-        look: Look of a registered asset.
+        wishes: Import options for a mesh file. The option ``name`` also determines the kind of a registered asset.
+        color: Color word. If None, a registered asset has its default color.
+        look: Number of the variant of a registered asset.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Target:
     look: int = 0
 
     def key(self) -> str:
-        """Return a digest of the inputs of the certificate."""
+        """Return a digest of everything that determines the certificate of this target."""
         digest = hashlib.sha256(
             f"{SCHEMA_VERSION}|{check_names()}|{VERSION}|{self.name}|{asdict(self.wishes)}|{self.color}|{self.look}".encode()
         )
@@ -55,7 +55,7 @@ class Target:
         return digest.hexdigest()[:24]
 
     def asset(self) -> Asset:
-        """Return the asset.
+        """Import or build the asset.
 
         Raises:
             InvalidInputError: If the file cannot be imported.
@@ -68,16 +68,17 @@ class Target:
 
 
 def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None) -> list[Target]:
-    """Return the targets for names, mesh files and folders of mesh files.
+    """Return the assets to certify, given names of assets, mesh files and folders of mesh files.
 
-    A registered asset is a category ("mug"), or with color and look "mug-red#3".
+    A registered asset is given by its category ("mug"), or by category, color and variant number ("mug-red#3").
 
     Raises:
-        InvalidInputError: If nothing is given, a folder has no mesh file, or one name is given for several assets.
+        InvalidInputError: If nothing is given, if a folder has no mesh file, or if one name, size or mass is given for
+            several assets.
     """
     if not given:
         raise InvalidInputError(
-            "assets check", "no asset is given", "Give assets, mesh files, or folders of mesh files"
+            "assets check", "no asset is given", "Pass the names of assets, mesh files, or folders of mesh files"
         )
     found: list[Target] = []
     for text in given:
@@ -86,7 +87,9 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
             files = sorted(f for f in path.rglob("*") if f.suffix.lower() in MESH_FORMATS and f.is_file())
             if not files:
                 raise InvalidInputError(
-                    text, "this folder contains no mesh file", f"Give files of {', '.join(MESH_FORMATS)}"
+                    text,
+                    "this folder contains no mesh file",
+                    f"Use a folder with files in one of these formats: {', '.join(MESH_FORMATS)}",
                 )
             found += [Target(str(file.relative_to(path)), file, wishes, color) for file in files]
         elif path.is_file() or path.suffix.lower() in FORMATS:
@@ -94,8 +97,8 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
         else:
             found.append(_registered(text, wishes, color))
     if len(found) > 1 and (wishes.name or wishes.size_m or wishes.mass_kg):
-        problem = f"{len(found)} assets are given with one name, size or mass"
-        raise InvalidInputError("assets check", problem, "Check them one by one")
+        problem = f"one name, size or mass is given for {len(found)} assets"
+        raise InvalidInputError("assets check", problem, "Check the assets one by one")
     return found
 
 
@@ -105,16 +108,20 @@ def _registered(text: str, wishes: Wishes, color: str | None) -> Target:
     if not dash:
         category, own_color = rest, color or ""
     if look and not look.isdecimal():
-        raise InvalidInputError(text, f"{look!r} is not the number of a look", "Write mug-red#3")
+        raise InvalidInputError(
+            text, f"{look!r} is not a variant number", "Write the asset as CATEGORY-COLOR#NUMBER, for example mug-red#3"
+        )
     return Target(category, None, wishes, own_color or None, int(look or "0"))
 
 
 def certify_target(target: Target) -> AssetCertificate:
-    """Import and certify one target. A file that cannot be imported gets a certificate without checks.
+    """Import and certify one asset.
+
+    If a file cannot be imported, its certificate contains the error message and no checks.
 
     Raises:
         UnknownNameError: If there is no such registered asset.
-        MissingDependencyError: If a package for the file format is not installed.
+        MissingDependencyError: If a package that reads the file format is not installed.
     """
     kind = kind_of(target.wishes.name or "")
     if target.file is None:
@@ -131,7 +138,7 @@ def certify_target(target: Target) -> AssetCertificate:
 
 
 class CertificateJournal(LineJournal):
-    """Certificates in the file ``certificates.jsonl``, indexed by the key of the target."""
+    """Certificates in the file ``certificates.jsonl``, which are looked up by the key of the certified target."""
 
     def _take_in(self, lines: list[bytes]) -> None:
         self.found: dict[str, AssetCertificate] = {}
@@ -140,7 +147,7 @@ class CertificateJournal(LineJournal):
             self.found[form["key"]] = AssetCertificate.from_json(form["certificate"], str(self._path))
 
     def keep(self, result: tuple[str, AssetCertificate]) -> None:
-        """Store a certificate with the key of its target."""
+        """Store a certificate together with the key of its target."""
         key, certificate = result
         self._append_line({"key": key, "certificate": certificate.to_json()})
         self.found[key] = certificate
@@ -149,7 +156,10 @@ class CertificateJournal(LineJournal):
 def certify_targets(
     targets: Sequence[Target], folder: Path | None = None, *, on_progress: OnCertificate | None = None
 ) -> list[AssetCertificate]:
-    """Certify targets in order. With a folder, the same call resumes after an interruption."""
+    """Certify assets in the given order.
+
+    If an output folder is given and the function is interrupted, the same call resumes where it stopped.
+    """
     keys = {target: target.key() for target in targets}
 
     def work(waiting: list[Target]) -> Iterator[tuple[str, AssetCertificate]]:

@@ -1,4 +1,4 @@
-"""Grasp trial in which the robot's gripper, without the arm, grasps, lifts, holds and carries an asset."""
+"""Simulated grasp trial: the robot's gripper, without the arm, grasps, lifts, holds and carries an asset."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from betterbench.sim.scenes import add_asset
 from betterbench.sim.scenes.gripper_bench import GripperBench, table_model
 
 _CLOSE_S = 0.9
-"""Time to close from fully open at 0.1 m/s onto the thinnest object, plus time for the force to build up [s]."""
+"""Time for the gripper to close from fully open onto the thinnest object, at 0.1 m/s, and to build up force [s]."""
 _APPROACH_M = 0.10
-"""Distance over which the open jaw approaches before closing [m], to reveal obstructed grasps."""
+"""Distance over which the open jaw approaches before it closes [m]. The approach reveals obstructed grasps."""
 _APPROACH_SPEED = 0.12
 _TIPS_ABOVE_M = 0.001
 _PUSHED_M = 0.012
-"""Largest displacement of the object while the open jaw approaches [m]."""
+"""Maximum displacement of the object while the open jaw approaches [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +32,9 @@ class LiftTrial:
 
     Attributes:
         succeeded: Whether the object was lifted, held and carried.
-        slip_mm: Displacement of the object relative to the gripper after the jaw closed.
-        swing_degrees: Rotation of the object relative to the gripper after the jaw closed.
-        reason: Why the trial failed, or empty if it succeeded.
+        slip_mm: How far the object moved relative to the gripper after the jaw had closed.
+        swing_degrees: How far the object rotated relative to the gripper after the jaw had closed.
+        reason: Why the trial failed. Empty if it succeeded.
     """
 
     succeeded: bool
@@ -44,12 +44,12 @@ class LiftTrial:
 
 
 def try_grasp(asset: Asset, grasp: Grasp, rest: Pose) -> LiftTrial:
-    """Try one grasp of an asset that rests on a table.
+    """Simulate one grasp of an asset that rests on a table.
 
     Args:
         asset: The asset.
         grasp: The grasp.
-        rest: Pose ``T_table_object`` at rest.
+        rest: Pose ``T_table_object`` of the asset at rest.
     """
     spec = table_model()
     add_asset(spec, "asset", asset)
@@ -96,6 +96,9 @@ def try_grasp(asset: Asset, grasp: Grasp, rest: Pose) -> LiftTrial:
 
 
 def _slip(before: Pose, after: Pose) -> float:
-    """Return the displacement [m] of the point of the asset between the pads. Swinging does not move this point."""
+    """Return how far the asset has moved at the point between the gripper pads [m].
+
+    A rotation of the asset about this point does not count as movement.
+    """
     between = before.inverse().position
     return math.dist(before.apply(between), after.apply(between))

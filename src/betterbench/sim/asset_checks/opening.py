@@ -1,4 +1,4 @@
-"""Required jaw opening of a grasp, measured on the voxels of the visible shape."""
+"""Jaw opening that a grasp needs, measured on the grid of cells that the visible shape occupies."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from betterbench.sim.assets.importing.solid import Solid
 from betterbench.sim.robots.spec import robot
 
 _NEAR_M = 0.004
-"""Maximum distance between the grasped part and the region spanned by the stated width [m]."""
+"""Maximum distance of the grasped part from the region between the fingers that the stated width defines [m]."""
 
 
 def gripper_opening_m(name: str = USUAL_ROBOT) -> float:
-    """Return the largest opening of a robot's gripper [m]."""
+    """Return the maximum opening of a robot's gripper [m]."""
     return robot(name).gripper_opening_m
 
 
 def needed_opening_m(solid: Solid, grasp: Grasp) -> float | None:
-    """Return the opening that a centered jaw needs for the grasped part [m], or None if there is nothing to grasp.
+    """Return how wide the jaw must open to grasp a part of the object [m].
 
-    The grasped part is the connected run of voxels between the pads in the closing direction of the fingers. The jaw
-    closes symmetrically about the grasp pose, so an off-center part needs a wider opening.
+    Returns None if there is nothing between the pads. The grasped part is the connected row of occupied cells between
+    the pads, along the closing direction of the fingers. The jaw closes symmetrically about the grasp pose, so a part
+    that is off center needs a wider opening.
     """
     centers = solid.centers(solid.cells) - np.asarray(grasp.pose.position)
     axes = np.array([rotate(grasp.pose.quaternion, axis) for axis in np.eye(3).tolist()])

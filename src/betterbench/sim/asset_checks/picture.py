@@ -1,4 +1,4 @@
-"""Certificate images of one asset: visual shape, collision shape, and pose at rest."""
+"""Images for the certificate of an asset: its visual shape, its collision shape, and its pose at rest."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from betterbench.sim.assets.importing.measures import convex_surface, corners_of
 from betterbench.sim.scenes.portraits import asset_portrait
 
 _GOLDEN = 0.618034
-"""Hue step between collision parts, chosen so that neighboring parts differ."""
+"""Difference in hue between one collision part and the next, chosen so that neighboring parts look different."""
 
 
 def asset_pictures(asset: Asset, *, pixels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return three images (pixels, pixels, 3) uint8 of the visible parts, the collision parts and the pose at rest.
+    """Draw three images of an asset: its visible parts, its collision parts, and its pose at rest.
+
+    Each image is a (pixels, pixels, 3) uint8 array.
 
     Raises:
         MissingDependencyError: If off-screen OpenGL does not work on this machine.

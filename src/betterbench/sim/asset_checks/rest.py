@@ -1,4 +1,4 @@
-"""Simulation of one asset that settles on a table: pose at rest, and residual movement."""
+"""Simulation of one asset that settles on a table, to find its pose at rest and how much it still moves."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ from betterbench.sim.scenes.gripper_bench import pose_of, table_model
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """Pose at rest and residual movement of an asset on a table.
+    """Pose of an asset at rest on a table, and how much the asset still moves.
 
     Attributes:
         pose: Final pose ``T_table_object``.
-        drift_mm: Displacement of the center of mass during the observation time.
-        tilt_degrees: Rotation of the vertical axis between start and end.
+        drift_mm: How far the center of mass moved during the observation time.
+        tilt_degrees: Angle between the asset's vertical axis at the start and at the end.
         jitter_mm_s: Root mean square speed of the surface during the observation time.
-        lowest_mm: Height of the lowest visible point above the table at the end. It is negative below the surface.
+        lowest_mm: Height of the lowest visible point above the table at the end. It is negative if the point is below
+            the table surface.
     """
 
     pose: Pose
@@ -37,7 +38,7 @@ class Rest:
 
 
 def settled(asset: Asset) -> Rest:
-    """Let an asset settle from just above the table, and measure its movement."""
+    """Simulate an asset that settles from just above the table, and measure how it moves."""
     spec = table_model()
     add_asset(spec, "asset", asset)
     model = spec.compile()

@@ -1,4 +1,4 @@
-"""JSON-serializable results of the asset certificate, per check and per asset."""
+"""Results of the asset certificate for each check and each asset, which can be stored as JSON."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class CheckResult:
     """Result of one check.
 
     Attributes:
-        name: Name of the check ("rest_tilt").
+        name: Name of the check, such as "rest_tilt".
         outcome: "passed", "failed" or "not_applicable".
         measured: Measured value, or None if nothing was measured.
-        limit: Limit for ``measured``, or None if nothing was measured.
-        unit: Unit of both ("mm", "degrees", "share").
+        limit: Limit for the measured value, or None if nothing was measured.
+        unit: Unit of ``measured`` and ``limit``, such as "mm", "degrees" or "share" (a fraction).
         sentence: Description of the finding, with a remedy if the check failed.
     """
 
@@ -36,16 +36,17 @@ class CheckResult:
 
 @dataclass(frozen=True, slots=True)
 class AssetCertificate:
-    """Certificate of one asset, with all results.
+    """Certificate of one asset, which contains the results of all checks.
 
     Attributes:
         asset: Name or file of the asset.
-        content_hash: Hash of all data that affect physics or images.
-        kind: Kind that determined the limits of size, mass and pose, or None if unknown.
-        source: Source of the asset.
+        content_hash: Hash of everything in the asset that affects physics or images.
+        kind: Kind of object that determined the limits for size, mass and pose, or None if unknown.
+        source: Where the asset comes from.
         license: License of the asset.
-        checks: One result per registered check, in order.
-        refused: Import error. There are no checks if the import failed.
+        checks: One result for each registered check, in order.
+        refused: Error message if the import failed, and otherwise None. If the import failed, there are no check
+            results.
     """
 
     asset: str
@@ -58,16 +59,16 @@ class AssetCertificate:
 
     @property
     def passed(self) -> bool:
-        """Whether the import succeeded and no check failed."""
+        """Whether the asset could be imported and passed all checks that apply."""
         return self.refused is None and not self.failed
 
     @property
     def failed(self) -> tuple[CheckResult, ...]:
-        """The failed checks."""
+        """Results of the checks that the asset has failed."""
         return tuple(check for check in self.checks if check.outcome == "failed")
 
     def check(self, name: str) -> CheckResult:
-        """Return the result of a check by name. An unknown name raises a KeyError."""
+        """Return the result of the check with the given name. Raises KeyError if there is no such check."""
         return {check.name: check for check in self.checks}[name]
 
     def to_json(self) -> dict[str, Any]:
@@ -76,17 +77,17 @@ class AssetCertificate:
 
     @classmethod
     def from_json(cls, form: Mapping[str, Any], where: str = "asset certificate") -> AssetCertificate:
-        """Read a certificate from JSON.
+        """Read a certificate from its JSON form.
 
         Raises:
-            InvalidInputError: If the JSON is not a certificate of this version.
+            InvalidInputError: If the JSON is not a certificate of the supported version.
         """
         try:
             fields = {name: form[name] for name in cls.__dataclass_fields__ if name != "checks"}
             version, checks = form["version"], tuple(CheckResult(**check) for check in form["checks"])
         except (KeyError, TypeError) as error:
-            raise InvalidInputError(where, "it is not an asset certificate", "Make it again") from error
+            raise InvalidInputError(where, "it is not an asset certificate", "Check the asset again") from error
         if version != SCHEMA_VERSION:
             problem = f"it has version {version!r}, expected {SCHEMA_VERSION}"
-            raise InvalidInputError(where, problem, "Make it again")
+            raise InvalidInputError(where, problem, "Check the asset again")
         return cls(**fields, checks=checks)

@@ -1,4 +1,4 @@
-"""Asset under test, with measurements that several checks share."""
+"""Asset that is being checked, with measurements that several checks share."""
 
 from __future__ import annotations
 
@@ -22,42 +22,43 @@ from betterbench.sim.assets.importing.solid import Solid, solid_of
 
 
 class Subject:
-    """Asset under test and its kind. Each measurement is computed when a check first needs it."""
+    """Asset that is being checked, and its kind. Each measurement is computed when a check first needs it."""
 
     def __init__(self, asset: Asset, kind: Kind | None) -> None:
         self.asset, self.kind = asset, kind
 
     @functools.cached_property
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
-        """The visible surface: (n, 3) vertices [m] and (m, 3) vertex indices."""
+        """Visible surface: (n, 3) vertices [m] and (m, 3) vertex indices."""
         return visual_surface(self.asset)
 
     @functools.cached_property
     def size_m(self) -> np.ndarray:
-        """(3,) extents of the visible surface [m]."""
+        """Extents of the visible surface, (3,) [m]."""
         vertices, faces = self.surface
         return np.asarray(np.ptp(vertices[np.unique(faces)], axis=0))
 
     @property
     def longest_m(self) -> float:
-        """Longest side [m]."""
+        """Longest side of the visible surface [m]."""
         return float(self.size_m.max())
 
     @property
     def middle_m(self) -> float:
-        """Side of middle length [m]."""
+        """Second-longest side of the visible surface [m]."""
         return float(np.sort(self.size_m)[1])
 
     @functools.cached_property
     def solid(self) -> Solid:
-        """Voxels of the visible surface."""
+        """Cells that are occupied by the volume inside the visible surface."""
         return solid_of(*self.surface)
 
     @functools.cached_property
     def cavity(self) -> Cavity | None:
-        """Visible hollow that is open at the top, or None.
+        """Visible hollow that is open at the top, or None if there is none.
 
-        Gaps that are as narrow as a seam are no leaks, such as the few holes that the reduced mesh of a colander keeps.
+        If the object holds no water, the hollow is computed again with all gaps of up to two cells closed. A colander,
+        for example, has small holes but still counts as hollow.
         """
         return cavity_of(self.solid) or cavity_of(self.solid, with_seams=True)
 
@@ -68,7 +69,7 @@ class Subject:
 
     @functools.cached_property
     def touched_cavity(self) -> Cavity | None:
-        """Hollow that the collision parts leave free, or None."""
+        """Hollow that remains between the collision parts, or None if they leave no hollow open."""
         return cavity_of(surface_solid(self.hulls), with_seams=True)
 
     @functools.cached_property
@@ -79,29 +80,29 @@ class Subject:
 
     @property
     def inside_limit_m(self) -> float:
-        """Largest distance of the visible surface from the collision parts [m]."""
+        """Maximum distance from the collision parts at which the visible surface still passes the checks [m]."""
         return max(0.001 * INSIDE_MM, INSIDE_SHARE * self.middle_m)
 
     @functools.cached_property
     def rest(self) -> Rest:
-        """Simulated rest pose of the asset on a table, with its residual movement."""
+        """Simulated pose of the asset at rest on a table, and how much the asset still moves."""
         return settled(self.asset)
 
     @property
     def region_names(self) -> frozenset[str]:
-        """Names of the regions of the asset."""
+        """Names of all regions of the asset."""
         return frozenset(region.name for region in self.asset.regions)
 
     @property
     def holds(self) -> bool:
-        """Whether tasks may put objects into the asset, because it declares an inside and an opening."""
+        """Whether tasks may put objects into the asset. They may if the asset declares an inside and an opening."""
         return {"inside", "opening"} <= self.region_names
 
     @property
     def is_open(self) -> bool:
-        """Whether objects of this kind are hollow and open at the top.
+        """Whether objects of the asset's kind are hollow and open at the top.
 
-        False if a tag or the name says that it is full or covered.
+        The result is False if the description or a tag of the asset says that it is full or covered.
         """
         words = " ".join((self.asset.description, *self.asset.tags)).lower()
         return self.kind is not None and self.kind.is_open and not any(word in words for word in CLOSED_WORDS)

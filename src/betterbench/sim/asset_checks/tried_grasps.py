@@ -1,4 +1,4 @@
-"""Import of an object with a simulation test of its proposed grasps. It runs in the child process of the import."""
+"""Import of an object and simulated tests of its grasps, both of which run in the child process of the import."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from betterbench.sim.assets.importing.importer import Imported
 _ENOUGH = 4
 """Number of successful grasps after which testing stops. Experts try the next grasp after a failure."""
 _SLIP_STEP_MM, _SWING_STEP_DEGREES = 3.0, 10.0
-"""Differences of slip and swing that affect the order. Grasps with smaller differences keep the order of the proposals.
-"""
+"""Steps to which slip and swing are rounded down when grasps are ordered. Grasps in the same step keep the order in
+which they were proposed."""
 
 
 def import_for_parent() -> None:
-    """Import the requested object and test its grasps. This is the main function of the child process."""
+    """Import the requested objects and test their grasps. This is the main function of the import's child process."""
     answer_imports(with_tried_grasps)
 
 
 def with_tried_grasps(imported: Imported) -> Imported:
-    """Return an object with only the grasps that lift and carry it in simulation, most stable first, and a note.
+    """Keep only the grasps that lift and carry the object in simulation, the most stable first.
 
-    Failed grasps are removed. An object heavier than the payload keeps its proposed grasps without a test.
+    A note about the test is added. If the object is heavier than the payload of the robot, no grasp is tested and all
+    grasps are kept.
     """
     draft = imported.draft
     if not draft.grasps or draft.mass_kg > limits.PAYLOAD_KG:

@@ -6,7 +6,8 @@
 - ``importing``: conversion of mesh, URDF and MJCF files to assets.
 - ``folders``: folders of imported assets.
 - ``catalogue``: a searchable catalogue of assets from several sources.
-- ``licenses``, ``names``, ``gltf``, ``xml_file``: licenses, object names from file names, and file checks.
+- ``licenses``, ``names``: names of licenses, and names of objects derived from file names.
+- ``gltf``, ``xml_file``: checks of untrusted files.
 """
 
 from betterbench.sim.assets import folders, procedural  # noqa: F401  (imported to register the assets)

@@ -1,4 +1,4 @@
-"""Asset: description of one 3-D object for scenes, experts and predicates."""
+"""The class Asset, which describes one 3-D object for scenes, experts and predicates."""
 
 import hashlib
 from collections.abc import Mapping
@@ -23,10 +23,10 @@ class Texture:
     """Texture image of a visual part.
 
     Attributes:
-        pixels: (height, width, 3) uint8 RGB, at most 1024 pixels a side.
-        uv: (n_vertices, 2) float32 texture coordinates, origin at the lower left.
-        corners: (n_faces, 3) int32 row of ``uv`` for each corner of each face, or None if the row numbers are the
-            vertex numbers.
+        pixels: (height, width, 3) uint8 RGB, at most 1024 pixels on each side.
+        uv: (n_vertices, 2) float32 texture coordinates, with the origin at the lower left.
+        corners: (n_faces, 3) int32 index into ``uv`` for each corner of each face. If None, ``uv`` has one row per
+            vertex.
     """
 
     pixels: np.ndarray
@@ -39,12 +39,12 @@ class VisualPart:
     """Colored mesh of an asset.
 
     Attributes:
-        vertices: (n, 3) float32 positions in the object frame [m].
-        faces: (m, 3) int32 vertex indices, counter-clockwise seen from outside.
-        rgba: Color with components in [0, 1]. It is multiplied with the texture, if any.
+        vertices: (n, 3) float32 positions in the object's frame [m].
+        faces: (m, 3) int32 vertex indices, counterclockwise when seen from outside.
+        rgba: Red, green, blue and opacity in [0, 1]. If there is a texture, it is multiplied by this color.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
-        smooth: Whether normals are shared across faces (for round objects), and False for sharp edges.
+        smooth: Whether normals are averaged across faces, as for round objects. If False, all edges are sharp.
     """
 
     name: str
@@ -62,13 +62,13 @@ class CollisionPart:
     """Convex collision geometry.
 
     Attributes:
-        shape: Primitive type, or "hull" for the convex hull of ``vertices``.
-        size: The primitive's MuJoCo half sizes [m]: box (x, y, z); cylinder and capsule (radius, half length, 0);
-            sphere (radius, 0, 0); ellipsoid (a, b, c); ignored for a hull.
-        position: Center in the object frame [m].
-        quaternion: Rotation in the object frame (w, x, y, z).
-        vertices: (n, 3) points of a hull in the object frame [m].
-        friction: Sliding, torsional [m] and rolling [m] coefficients.
+        shape: Type of primitive, or "hull" for the convex hull of ``vertices``.
+        size: Half sizes of the primitive in MuJoCo's convention [m]: box (x, y, z); cylinder and capsule (radius, half
+            length, 0); sphere (radius, 0, 0); ellipsoid (a, b, c). Ignored for a hull.
+        position: Center in the object's frame [m].
+        quaternion: Rotation in the object's frame (w, x, y, z).
+        vertices: (n, 3) points of a hull in the object's frame [m].
+        friction: Sliding, torsional [m] and rolling [m] friction coefficients.
     """
 
     shape: CollisionShape
@@ -81,16 +81,16 @@ class CollisionPart:
 
 @dataclass(frozen=True, slots=True)
 class Grasp:
-    """Parallel-jaw grasp of an object.
+    """Grasp of an object with a parallel-jaw gripper.
 
     Attributes:
-        name: Grasped part ("handle", "body", "rim").
+        name: Part that is grasped ("handle", "body", "rim").
         pose: Pose ``T_object_tcp`` of the tool center point when the gripper closes. Its z axis is the approach
-            direction, its y axis the finger opening direction.
-        width_m: Thickness of the object between the pads [m].
-        clearance_m: Free space for the open jaw on each side [m].
-        symmetric_yaw: Whether the grasp may be rotated freely about the object's vertical axis.
-        preference: Rank. Lower values are tried first.
+            direction, and its y axis is the direction in which the fingers open.
+        width_m: Thickness of the object between the finger pads [m].
+        clearance_m: Free space for the open jaw on each side of the object [m].
+        symmetric_yaw: Whether the grasp may be rotated freely about the vertical axis of the object.
+        preference: Rank of the grasp. Grasps with lower values are tried first.
     """
 
     name: str
@@ -103,23 +103,24 @@ class Grasp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Asset:
-    """Simulation-ready 3-D object. The origin is the center of the bottom face of the bounding box at rest, z up.
+    """Simulation-ready 3-D object. Its origin is the center of the bottom face of its bounding box at rest, with z up.
 
     Attributes:
-        category: Object kind ("mug").
-        look: Index of the look within the generator's family.
+        category: Kind of object, such as "mug".
+        look: Number of the variant among those that the generator makes.
         color: Color word.
-        shape: Coarse shape word ("round", "cylinder", "box", "irregular").
+        shape: Coarse word for the shape: "round", "cylinder", "box" or "irregular".
         description: One sentence of free text, used for retrieval.
         size_m: Extents of the bounding box [m].
-        center_of_mass: In the object frame [m].
-        inertia: About the center of mass, in object frame axes (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
-        visual: Colored meshes, with at most 600 faces in all, or 1,200 for imported thin walls.
+        center_of_mass: Center of mass in the object's frame [m].
+        inertia: Inertia about the center of mass, along the axes of the object's frame (ixx, iyy, izz, ixy, ixz, iyz)
+            [kg m^2].
+        visual: Colored meshes, with at most 600 faces in total (1,200 for imported objects with thin walls).
         collision: Convex geometries, at most about 12.
         regions: Named regions, such as opening, ring, handle and top.
-        parameters: Parameters drawn by the generator, for the record.
-        keeps_upright: Whether objects of the category, such as drinks, must not lie on their side in a container.
-        traits: Tags that only describe the object's material, place or use and cannot name the object.
+        parameters: Parameters that the generator drew. They are only stored for information.
+        keeps_upright: Whether objects of this category, such as drinks, must not lie on their side in a container.
+        traits: Tags that describe the material, place or use of the object but cannot name the object.
     """
 
     category: str
@@ -144,7 +145,7 @@ class Asset:
 
     @property
     def identity(self) -> str:
-        """Name that is the same for equal assets ("mug-red#3")."""
+        """Name that identifies an asset by its category, color and variant number, such as "mug-red#3"."""
         return f"{self.category}-{self.color}#{self.look}"
 
     @property
@@ -153,7 +154,7 @@ class Asset:
         return sum(len(part.faces) for part in self.visual)
 
     def grasp(self, name: str) -> Grasp:
-        """Return a grasp by name.
+        """Return the grasp with the given name.
 
         Raises:
             UnknownNameError: If the asset has no such grasp.
@@ -161,7 +162,7 @@ class Asset:
         return find_named(f"grasp of {self.category}", name, self.grasps)
 
     def region(self, name: str) -> Region:
-        """Return a region by name.
+        """Return the region with the given name.
 
         Raises:
             UnknownNameError: If the asset has no such region.
@@ -169,7 +170,7 @@ class Asset:
         return find_named(f"region of {self.category}", name, self.regions)
 
     def content_hash(self) -> str:
-        """Return a hash of all data that affect physics or images (hex, 16 characters)."""
+        """Return a hash of everything in the asset that affects physics or images (16 hexadecimal digits)."""
         digest = hashlib.sha256()
         numbers = (self.identity, self.size_m, self.mass_kg, self.center_of_mass, self.inertia, self.grasps)
         digest.update(repr(numbers).encode() + repr(self.regions).encode())
@@ -188,5 +189,8 @@ class Asset:
 
 
 def origin_of(asset: Asset) -> tuple[str, str]:
-    """Return source and license of an asset as listed in records, or empty strings for the procedural library."""
+    """Return the source and the license of an asset, for the list of assets in a record.
+
+    Both are empty for an asset from the procedural library.
+    """
     return ("", "") if asset.source == LIBRARY_SOURCE else (asset.source, asset.license)

@@ -1,4 +1,4 @@
-"""Checks of a glTF file's header and JSON description before it is read (glTF 2.0, sections 3 and 4.4)."""
+"""Checks of a glTF file's header and JSON description before the file is read (glTF 2.0, sections 3 and 4.4)."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _CURE = "Export the object again, or leave out this file"
 
 
 def description_of(file: BinaryIO, where: str, *, binary: bool) -> dict[str, Any]:
-    """Read the JSON description from an open glTF file, positioned at its start.
+    """Read the JSON description of a scene from an open glTF file.
 
     Args:
-        file: The file.
-        where: File name, for messages.
-        binary: Whether the file is GLB.
+        file: The open file.
+        where: Name of the file, for messages.
+        binary: Whether the file is in the binary format (GLB).
 
     Raises:
-        InvalidInputError: If the file is truncated, has another version, or its JSON cannot be read.
+        InvalidInputError: If the file is truncated or has an unsupported version, or its JSON cannot be read.
     """
     size = file.seek(0, 2)
     file.seek(0)

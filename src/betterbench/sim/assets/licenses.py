@@ -1,4 +1,4 @@
-"""Names of licenses and the use that they allow."""
+"""Names of licenses, and the kinds of use that each license allows."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import Literal
 from betterbench.errors import InvalidInputError
 
 LicenseKind = Literal["free", "restricted", "unknown"]
-"""Kind of license: free (commercial use and changes allowed), restricted (one of them forbidden), or unknown."""
+"""Kind of license. A free license allows commercial use and changes, a restricted license forbids at least one of
+them, and of an unknown license this is not known."""
 
 LicenseFilter = Literal["free", "any"]
-"""Licenses that a search admits."""
+"""Licenses that a search allows."""
 
 _SPOKEN = (
     (r"non ?commercial", "nc"),
@@ -21,7 +22,7 @@ _SPOKEN = (
     (r"attribution", "by"),
     (r"creative commons", "cc"),
 )
-"""Conditions of Creative Commons licenses: lower-case long form and abbreviation."""
+"""Conditions of Creative Commons licenses, as a pattern for the long form in lower case, and the abbreviation."""
 
 _CONDITIONS = ("by", "nc", "sa", "nd")
 _FREE = re.compile(r"(apache|mit|bsd|isc|zlib|odc by|public domain|unlicense)\b.*")
@@ -30,7 +31,7 @@ LONGEST_LICENSE = 80
 
 
 def _plain(text: str) -> str:
-    """Return the lower-case words of a license, with its conditions abbreviated."""
+    """Return the text of a license in lower-case words, with the conditions of Creative Commons abbreviated."""
     plain = " ".join(re.sub(r"[^a-z0-9.]+", " ", text.lower()).split())
     for pattern, letters in _SPOKEN:
         plain = re.sub(rf"\b{pattern}\b", letters, plain)
@@ -40,7 +41,7 @@ def _plain(text: str) -> str:
 def license_name(text: str) -> str:
     """Return the usual name of a license, such as "CC-BY-NC-4.0" for "by-nc". Unknown names stay unchanged.
 
-    A Creative Commons license without a version gets version 4.0, the version that Objaverse uses.
+    A Creative Commons license without a version is given version 4.0, the version that Objaverse uses.
     """
     said = " ".join(text.split())[:LONGEST_LICENSE]
     plain = _plain(said)
@@ -56,7 +57,7 @@ def license_name(text: str) -> str:
 
 @functools.lru_cache(maxsize=1024)
 def license_kind(name: str) -> LicenseKind:
-    """Return the kind of a license from its usual name (:func:`license_name`)."""
+    """Return the kind of a license, given its usual name (:func:`license_name`)."""
     plain = _plain(name)
     if {"nc", "nd"} & set(plain.split()):
         return "restricted"
@@ -65,13 +66,13 @@ def license_kind(name: str) -> LicenseKind:
 
 
 def require_license(where: str, name: str, *, any_license: bool, option: str) -> None:
-    """Raise InvalidInputError unless a license is free or the user has allowed any.
+    """Raise InvalidInputError unless the license is free or the user has allowed any license.
 
     Args:
         where: The asset, for the message.
-        name: License name, or empty or "unknown" if it is not known.
-        any_license: Whether restricted and unknown licenses are allowed.
-        option: How the user states the license and allows any, for the message.
+        name: Name of the license. It is empty or "unknown" if the license is not known.
+        any_license: Whether the user has allowed restricted and unknown licenses.
+        option: Remedy for the message, which says how to state the license and how to allow any license.
     """
     kind = license_kind(name)
     if any_license or kind == "free":

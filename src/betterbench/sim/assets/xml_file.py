@@ -1,4 +1,4 @@
-"""Reading of untrusted XML files: no entities, no document type, and limits for size and depth."""
+"""Reading of untrusted XML files. Entities and document types are rejected, and file size and nesting are limited."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from xml.parsers import expat
 from betterbench.errors import InvalidInputError, one_line
 
 MAX_XML_BYTES = 8 << 20
-"""Largest URDF or MJCF file."""
+"""Maximum size of a URDF or MJCF file [byte]."""
 MAX_ELEMENTS = 20_000
 MAX_DEPTH = 100
 
@@ -16,19 +16,19 @@ _CURE = "Export the object again, or leave out this file"
 
 
 def parse_xml(text: bytes, where: str) -> ET.Element:
-    """Return the root of an XML document.
+    """Return the root element of an XML document.
 
-    Entities and document types raise an error as soon as the parser meets them, in any encoding.
+    The parser raises an error as soon as it meets an entity or a document type, in any encoding.
 
     Args:
         text: The document.
-        where: File name, for messages.
+        where: Name of the file, for messages.
 
     Raises:
-        InvalidInputError: If it is not XML, declares a document type or entities, or exceeds a limit.
+        InvalidInputError: If the text is not XML, declares a document type or entities, or exceeds a limit.
     """
     if len(text) > MAX_XML_BYTES:
-        raise InvalidInputError(where, f"it has more than {MAX_XML_BYTES >> 20} MB", "Keep meshes in separate files")
+        raise InvalidInputError(where, f"it has more than {MAX_XML_BYTES >> 20} MB", "Store meshes in separate files")
     builder = ET.TreeBuilder()
     parser = expat.ParserCreate(namespace_separator=None)
     parser.buffer_text = True

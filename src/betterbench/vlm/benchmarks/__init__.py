@@ -1,6 +1,6 @@
 """Static benchmarks, one file each.
 
-To add a benchmark, write a file with a :class:`Benchmark`, and add a line to :data:`BENCHMARKS`.
+To add a benchmark, write a file that defines a :class:`Benchmark`, and add the benchmark to :data:`BENCHMARKS`.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from betterbench.vlm.benchmarks.embspatial import EMBSPATIAL
 from betterbench.vlm.benchmarks.refspatial import REFSPATIAL
 
 BENCHMARKS: tuple[Benchmark, ...] = (BETTER_VQA, EMBSPATIAL, REFSPATIAL, EGOPLAN2)
-"""All benchmarks; the first needs no download."""
+"""All benchmarks. The first one does not need a download."""
 
 __all__ = ["BENCHMARKS", "Benchmark", "DataFile", "DataSource", "Headline", "find_benchmark"]
 
 
 def find_benchmark(name: str) -> Benchmark:
-    """Return a benchmark by its name; raise UnknownNameError if there is none."""
+    """Return the benchmark with the given name. Raises UnknownNameError if there is no such benchmark."""
     return find_named("benchmark", name, BENCHMARKS)

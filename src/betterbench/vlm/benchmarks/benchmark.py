@@ -1,4 +1,4 @@
-"""Description of a static benchmark."""
+"""Description of a static benchmark: its data, its groups of items, and the rule for its headline number."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from betterbench.vqa.coordinates import Coordinates
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """Rule for the headline number of a benchmark.
+    """Rule by which the headline number of a benchmark is computed.
 
     Attributes:
         rule: "micro" for the mean over all items, "macro" for the unweighted mean over groups.
-        over: Kind of group for a macro mean.
-        among: Names of the groups in a macro mean; other groups are reported separately.
+        over: Kind of group over which a macro mean is taken, such as "split".
+        among: Names of the groups that a macro mean includes. All other groups are reported separately. Empty if all
+            groups are included.
     """
 
     rule: Literal["micro", "macro"] = "micro"
@@ -29,7 +30,7 @@ class Headline:
 
     @property
     def words(self) -> str:
-        """The rule in words."""
+        """Description of the rule for the headline number in words."""
         if self.rule == "micro":
             return "micro: mean over all items"
         return f"macro: mean of {' and '.join(self.among) or f'all groups of {self.over}'}"
@@ -37,12 +38,12 @@ class Headline:
 
 @dataclass(frozen=True, slots=True)
 class DataFile:
-    """A file of published data.
+    """A file of the published data.
 
     Attributes:
-        path: Path in the hub repository.
-        megabytes: Published size [MB]; None if unknown.
-        sha256: SHA-256, if known.
+        path: Path of the file in the hub repository.
+        megabytes: Published size [MB], or None if unknown.
+        sha256: SHA-256 of the file, or None if unknown.
     """
 
     path: str
@@ -52,14 +53,14 @@ class DataFile:
 
 @dataclass(frozen=True, slots=True)
 class DataSource:
-    """Source and license terms of a benchmark's data.
+    """Origin of a benchmark's data, and the terms under which the data may be used.
 
     Attributes:
-        repository: Data set on the Hugging Face hub, as OWNER/NAME; empty if nothing must be downloaded.
+        repository: Data set on the Hugging Face hub, as OWNER/NAME. Empty if nothing must be downloaded.
         files: Files to download.
         license: License of the questions.
-        terms: Terms of images and videos, and what cannot be downloaded.
-        layout: Required files and their paths, one phrase per published format.
+        terms: Terms of the images and videos, and what cannot be downloaded.
+        layout: Paths of the files that a data folder must contain. There is one phrase for each published format.
     """
 
     repository: str
@@ -74,16 +75,15 @@ class Benchmark:
     """A static benchmark.
 
     Attributes:
-        title: Name in tables.
-        read: Function that reads the data in a folder, in any published format.
-        source: Origin and terms of the data.
-        headline: Rule for the headline number.
+        title: Name that tables show.
+        read: Function that reads the data in a folder, in any of the published formats.
+        source: Origin of the data, and the terms under which it may be used.
+        headline: Rule by which the headline number is computed.
         groups: Kinds of groups, in the order in which tables show them.
-        coordinates: Default convention of our own prompt; None for a benchmark without points and boxes.
-        published: Number of items in the published data; None if it is not fixed.
-        published_groups: Kind of group, and the published number of items by group name.
-        columns: Kind of group that is shown as columns in the paper's Table 3; empty for a benchmark with a single
-            number.
+        coordinates: Default coordinate convention of betterbench's own prompt. None if no answers are points or boxes.
+        published: Number of items in the published data, or None if the number is not fixed.
+        published_groups: A kind of group, with the published number of items in each group of this kind.
+        columns: Kind of group that the paper's Table 3 shows as columns. Empty if the table shows a single number.
     """
 
     name: str
@@ -101,7 +101,7 @@ class Benchmark:
         """Read the data in a folder.
 
         Raises:
-            InvalidInputError: If the folder contains no data of this benchmark, or a row is invalid.
+            InvalidInputError: If the folder does not contain data of this benchmark, or a row is invalid.
         """
         if not folder.exists():
             raise InvalidInputError("--data", f"{folder} does not exist", f"Run better vlm fetch {self.name}")
@@ -109,5 +109,5 @@ class Benchmark:
 
 
 def missing(name: str, folder: Path, layout: tuple[str, ...]) -> InvalidInputError:
-    """Return the error for a folder that contains no data of a benchmark."""
+    """Return the error for a folder that does not contain data of a benchmark."""
     return InvalidInputError("--data", f"{folder} contains no data of {name}", f"Expected {'; or '.join(layout)}")

@@ -1,4 +1,7 @@
-"""Our own sets of ``better vqa``: questions about recorded frames, with answers computed from the records."""
+"""Question sets made by ``better vqa``, used as a benchmark.
+
+The questions are about recorded frames, and their answers are computed from the records.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,10 @@ def _read(folder: Path) -> ItemSet:
 
 
 def items_of(asked: QuestionSet) -> ItemSet:
-    """Convert a question set to items. Both have the same content hash, so they share answer files."""
+    """Convert a question set to the items of a benchmark.
+
+    The items have the same content hash as the question set, so a model's answers to one can be used for the other.
+    """
     reference = {b.name: {"chance": 100 * b.chance, "blind": 100 * b.blind / max(1, b.n)} for b in asked.baselines}
     items = tuple(map(_item, asked.questions))
     twins = static_twins(asked.questions)
@@ -81,4 +87,5 @@ BETTER_VQA = Benchmark(
     groups=("type", "difficulty", AXIS, "family"),
     coordinates="pixels",
 )
-"""Questions of eight types with difficulty tags, balanced against guessing without the image."""
+"""Questions of eight types, each tagged with its difficulty. They are balanced so that guessing without the image does
+not help."""

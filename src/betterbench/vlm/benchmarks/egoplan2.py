@@ -1,4 +1,4 @@
-"""EgoPlan-Bench2: the next action in an egocentric video, shown as eight key frames, with four options."""
+"""EgoPlan-Bench2: choose the next action in an egocentric video, given eight key frames and four options."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from betterbench.vlm.videos import frames_of
 from betterbench.vqa.question import Form
 
 FRAMES = 8
-"""Number of key frames, at equal distances from the start of the task to the current observation."""
+"""Number of key frames. They are evenly spaced from the start of the task to the current observation."""
 _LAYOUT = (
     "Parquet files with a column keyframes (mirrors)",
     "EgoPlan-Bench2.json with keyframes/SAMPLE_ID/frame-0_frameID-*.png to frame-7_frameID-*.png",
@@ -57,7 +57,8 @@ def _item(row: Row, identifier: str, count: int) -> Item:
         question=_QUESTION.format(goal=goal),
         gold=Gold(row.letter(4, "golden_choice_idx", "ground_truth")),
         pictures=tuple(f"{identifier}/{i}" for i in range(count)),
-        cluster=identifier.split("_", maxsplit=1)[0],  # the video, derived from the identifier as upstream
+        # The identifier begins with the name of the video, as the upstream program assumes, too.
+        cluster=identifier.split("_", maxsplit=1)[0],
         options=options,
         groups={"domain": row.text("domain"), "scenario": row.text_or("unknown", "scenario")},
         words={"goal": goal},
@@ -65,7 +66,10 @@ def _item(row: Row, identifier: str, count: int) -> Item:
 
 
 def _pictures_of(row: Row) -> list[Callable[[], bytes]]:
-    """Return a reader for each key frame. It reads the row, a folder of frames, or the video."""
+    """Return a list of functions, each of which reads the image of one key frame.
+
+    The images come from the row, from a folder of frames, or from the video.
+    """
     if "keyframes" in row.columns:
         return [partial(_embedded, row, i) for i in range(_count(row))]
     identifier, folder = row.text("sample_id"), row.file.parent
@@ -82,7 +86,7 @@ def _pictures_of(row: Row) -> list[Callable[[], bytes]]:
             numbers = tuple(map(int, np.linspace(first, last, FRAMES, endpoint=True, dtype=int)))
             return [partial(_of_video, video, numbers, i) for i in range(FRAMES)]
     problem = f"{identifier} has no images"
-    cure = f"Put them into {folder / 'keyframes' / identifier} or the video into {folder / 'videos'}"
+    cure = f"Put its images into {folder / 'keyframes' / identifier}, or its video into {folder / 'videos'}"
     raise InvalidInputError(row.where("sample_id"), problem, cure)
 
 
@@ -98,7 +102,11 @@ def _embedded(row: Row, number: int) -> bytes:
 
 
 def _in_folder(folder: Path, row: Row) -> list[Path]:
-    """Return the frames in a folder in order: upstream's frame-0_frameID-*.png, or else files in name order."""
+    """Return the image files of the frames in a folder, in order.
+
+    Files with the names that the benchmark's authors use (frame-0_frameID-*.png) are sorted by frame number. Other
+    files are sorted by name.
+    """
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".png", ".jpg", ".jpeg"))
     numbered = {_number(f.name): f for f in files}
     ordered = files if None in numbered else [numbered[n] for n in sorted(n for n in numbered if n is not None)]
@@ -136,4 +144,4 @@ EGOPLAN2 = Benchmark(
     published_groups=("domain", {"daily": 439, "hobbies": 295, "recreation": 183, "work": 404}),
     columns="domain",
 )
-"""1,321 questions in four domains. The "All" number of the paper is the micro mean."""
+"""1,321 questions in four domains. The number that the paper calls "All" is the micro mean."""

@@ -1,4 +1,4 @@
-"""EmbSpatial-Bench (ACL 2024): spatial relations of objects as the camera sees them, with four options."""
+"""EmbSpatial-Bench (ACL 2024): spatial relations between objects from the view of the camera, with four options."""
 
 from __future__ import annotations
 
@@ -83,4 +83,4 @@ EMBSPATIAL = Benchmark(
     groups=("source", "relation", "kind"),
     published=3640,
 )
-"""3,640 questions in six relations, from three sources."""
+"""3,640 questions about six spatial relations, with images from three sources."""

@@ -1,7 +1,7 @@
-"""RefSpatial-Bench (RoboRefer, NeurIPS 2025): points on a described object, or in a described free area.
+"""RefSpatial-Bench (RoboRefer, NeurIPS 2025): give points on an object or in a free area that a prompt describes.
 
-The score of an item is the fraction of its points in the target region. The headline number of the benchmark
-is the mean of Location and Placement; Unseen is reported separately.
+The score of an item is the fraction of its points that are in the target region. The headline number of the benchmark
+is the mean of the splits Location and Placement. The split Unseen is reported separately.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.vqa.question import Form
 SPLITS = ("location", "placement", "unseen")
 _SCORED = ("location", "placement")
 _MOST_STRETCH = 0.02
-"""Maximum relative difference between the aspect ratios of a mask and its image, if their sizes differ."""
+"""Maximum relative difference between the aspect ratios of a mask and of its image."""
 _LAYOUT = (
     "Parquet files location-*, placement-* and unseen-* (the hub's data/ folder)",
     "folders Location, Placement and Unseen with question.json, image/ and mask/",
@@ -44,7 +44,7 @@ def _read(folder: Path) -> ItemSet:
     lacking = [split for split in _SCORED if split not in there]
     if lacking:
         problem = f"has no items of the split {' and '.join(lacking)}, but the score is the mean over both"
-        raise InvalidInputError(str(folder), problem, f"Put there {' or '.join(_LAYOUT)}")
+        raise InvalidInputError(str(folder), problem, f"Add the missing files. Expected {'; or '.join(_LAYOUT)}")
     return ItemSet("refspatial", tuple(items), lambda name: pictures[name](), digests)
 
 
@@ -78,7 +78,7 @@ def _item(row: Row, split: str, identifier: str, pictures: dict[str, Callable[[]
 
 
 def _require_region(mask: bytes, ratio: float, where: str) -> None:
-    """Raise InvalidInputError if a mask is empty or has another aspect ratio than its image."""
+    """Raise InvalidInputError if a mask is empty, or if its aspect ratio differs from that of its image."""
     region = mask_of(mask, where)
     rows, columns = region.shape
     if not region.any():

@@ -1,7 +1,7 @@
-"""Vision-language models and their images: resolutions, InternVL's tiles, and models in this process.
+"""Vision-language models and their images: image resolutions, InternVL's tiles, and models that run in this process.
 
-- ``eyes``: the image resolutions of the paper's ablation with "myopic" eyes.
-- ``tiles``: InternVL's image tiling, and the resulting number of tokens.
-- ``intern_vl``: InternVL checkpoints in the Hugging Face format; needs the extra ``vlm``.
-- ``kind``: kinds of models, recognized by their address; ``endpoint`` and ``hugging_face`` are two of them.
+- ``eyes``: the image resolutions that a model is shown, as in the paper's ablation with a "myopic" model.
+- ``tiles``: InternVL's division of an image into tiles, and the resulting number of tokens.
+- ``intern_vl``: InternVL checkpoints in the Hugging Face format. This needs the extra ``vlm``.
+- ``kind``: kinds of models, which are recognized by their address. ``endpoint`` and ``hugging_face`` are two of them.
 """

@@ -1,7 +1,8 @@
-"""Image resolutions shown to a model, for the paper's ablation with "myopic" eyes (its Table 3).
+"""Image resolutions for the paper's ablation, in which a model has "myopic" eyes (its Table 3).
 
-The paper's "single 224 x 224 picture" can be read in three ways, which lose different information. In each, the
-image is resized to a square without padding, so fractions of its width and height stay the same:
+The paper's "single 224 x 224 picture" can be understood in three ways, which lose different information. In each of
+them, the image is resized to a square without padding. Positions that are given as fractions of width and height
+therefore stay the same:
 
 ======================  ========================================  ==================================================
 eyes                    image                                     loss compared with ``native``
@@ -12,7 +13,7 @@ eyes                    image                                     loss compared 
 ``native-224``          224 x 224 pixels                          detail and three quarters of a tile's tokens
 ======================  ========================================  ==================================================
 
-``tile-1`` and ``blur-224`` differ only in detail; ``blur-224`` and ``native-224`` differ only in tokens.
+``tile-1`` and ``blur-224`` differ only in detail. ``blur-224`` and ``native-224`` differ only in the number of tokens.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ MYOPIC = 224
 
 
 class Eyes(StrEnum):
-    """Resolution of the images shown to a model."""
+    """Resolution of the images that a model is shown."""
 
     NATIVE = "native"
     TILE_1 = "tile-1"
@@ -48,19 +49,19 @@ _STEPS: dict[Eyes, tuple[int, ...]] = {
     Eyes.BLUR_224: (MYOPIC, TILE),
     Eyes.NATIVE_224: (MYOPIC,),
 }
-"""Successive side lengths to which an image is resized [pixel]."""
+"""Side lengths to which an image is resized, one after the other [pixel]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """Image at the resolution shown to a model.
+    """An image as it is shown to a model, i.e. after its resolution was changed.
 
     Attributes:
-        data: The file: the original one for ``native``, otherwise PNG.
-        width: Width of the shown image [pixel]; absolute coordinates in an answer refer to it.
+        data: Content of the image file. It is the original file for ``native``, and otherwise a PNG file.
+        width: Width of the shown image [pixel]. Absolute coordinates in an answer refer to the shown image.
         height: Height of the shown image [pixel].
-        detail: Upper limit of the effective resolution, as width and height [pixel]; smaller than the shown image
-            for ``blur-224``.
+        detail: Width and height of the image at its effective resolution, which limits the detail that it can contain
+            [pixel]. For ``blur-224``, they are smaller than those of the shown image.
     """
 
     data: bytes
@@ -71,10 +72,10 @@ class Shown:
 
 @functools.lru_cache(maxsize=8)  # cached because consecutive questions are often about the same image
 def shown_picture(picture: bytes, eyes: Eyes) -> Shown:
-    """Return an image at the resolution of ``eyes``.
+    """Convert an image to the resolution of the given eyes.
 
     Args:
-        picture: A file that Pillow reads, such as PNG or JPEG.
+        picture: Content of an image file that Pillow can read, such as PNG or JPEG.
         eyes: The resolution.
 
     Raises:
@@ -93,9 +94,10 @@ def shown_picture(picture: bytes, eyes: Eyes) -> Shown:
 
 
 def convention_for(eyes: Eyes, convention: Convention) -> Convention:
-    """Return the coordinate convention of a model at this resolution.
+    """Return the coordinate convention for answers about images that are shown at the given resolution.
 
-    Pixels refer to the image shown, a square of known side. Other conventions stay the same.
+    If the image is not shown unchanged, pixel coordinates refer to the shown image, which is a square of known size.
+    Other conventions stay the same.
     """
     if eyes is Eyes.NATIVE or convention.side is not None:
         return convention
@@ -109,7 +111,7 @@ def size_in_detail(size: tuple[float, float], picture: tuple[int, int], eyes: Ey
     Args:
         size: Width and height of the object in the original image [pixel].
         picture: Width and height of the original image [pixel].
-        eyes: The resolution.
+        eyes: The resolution at which the model is shown the image.
 
     Returns:
         The geometric mean of the object's width and height.
@@ -120,9 +122,9 @@ def size_in_detail(size: tuple[float, float], picture: tuple[int, int], eyes: Ey
 
 
 def contact_sheet(picture: bytes, eyes: Sequence[Eyes] = tuple(Eyes), *, side: int = TILE) -> bytes:
-    """Return a PNG with an image at each resolution, side by side and labeled.
+    """Draw an image at each resolution, side by side and labeled, as a PNG file.
 
-    Below each image is its center, enlarged three times without smoothing to make the pixels visible.
+    Below each image is its center, enlarged three times without smoothing, so that the pixels are visible.
 
     Raises:
         OSError: If the image cannot be decoded.

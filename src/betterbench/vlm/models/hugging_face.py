@@ -1,4 +1,4 @@
-"""InternVL checkpoints in the Hugging Face format, in this process: ``hf:FOLDER``."""
+"""InternVL checkpoints in the Hugging Face format that run in this process. Their address is ``hf:FOLDER``."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""InternVL checkpoints in the Hugging Face format, run in this process.
+"""InternVL checkpoints in the Hugging Face format, which run in this process.
 
-Only the image processor and the tokenizer of a checkpoint are used. The combined processor of transformers needs
-torchvision, whose wheels do not match PyTorch's CPU build. This module therefore expands the placeholder of an image
-into one token per visual feature.
+Only the image processor and the tokenizer of a checkpoint are used. The combined processor of transformers is not used,
+because it needs torchvision, whose wheels do not match the CPU build of PyTorch. Instead, this module replaces the
+placeholder of each image by one token per visual feature.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _SERVE = "Serve other models with vLLM or SGLang, and give the address as URL#MO
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """Images of a request, preprocessed for the vision transformer.
+    """Images of a request after preprocessing for the vision transformer.
 
     Attributes:
-        pixels: Shape (tiles, 3, side, side), normalized.
+        pixels: Normalized pixels of all tiles, (tiles, 3, side, side).
         tiles: Number of tiles of each image, including the thumbnail.
-        tokens: Number of tokens for the language model per tile.
+        tokens: Number of language model tokens for each tile.
     """
 
     pixels: torch.Tensor
@@ -45,10 +45,10 @@ class Sight:
 
 
 class InternVl:
-    """InternVL checkpoint as a model; answers with the most likely tokens (no sampling).
+    """InternVL checkpoint as a model. It always generates the most likely token, without sampling.
 
     Attributes:
-        name: Folder name of the checkpoint, with the number of tiles and their side.
+        name: Folder name of the checkpoint, followed by the number of tiles and their side.
     """
 
     def __init__(
@@ -60,20 +60,20 @@ class InternVl:
         max_tokens: int = 256,
         device: str | None = None,
     ) -> None:
-        """Load the weights.
+        """Load the weights of a checkpoint.
 
         Args:
-            folder: Checkpoint folder, with config.json, tokenizer and weights.
-            most_tiles: Maximum number of tiles per image, not counting the thumbnail. A single tile shows the image
+            folder: Folder of the checkpoint, with config.json, the tokenizer and the weights.
+            most_tiles: Maximum number of tiles per image, not counting the thumbnail. With a single tile, the image is
                 squashed to a square.
-            side: Side of a tile [pixel]; the checkpoint's own (448) if not given. With 224, a tile has 64 tokens
+            side: Side of a tile [pixel]. If None, it is that of the checkpoint (448). With 224, a tile has 64 tokens
                 instead of 256, and the position embeddings are interpolated.
-            max_tokens: Longest answer [tokens].
-            device: PyTorch device; default: the GPU if there is one.
+            max_tokens: Maximum length of an answer [tokens].
+            device: PyTorch device. If None, the GPU is used if there is one, and otherwise the CPU.
 
         Raises:
             MissingDependencyError: If torch or transformers is not installed.
-            InvalidInputError: If the folder does not contain an InternVL checkpoint of transformers.
+            InvalidInputError: If the folder does not contain an InternVL checkpoint that transformers can load.
         """
         _require_libraries()
         import torch  # noqa: PLC0415 - an optional part
@@ -98,7 +98,7 @@ class InternVl:
             problem = f"cannot be loaded as a checkpoint ({one_line(error, most=200)})"
             raise InvalidInputError(str(folder), problem, "Download all files of the checkpoint again") from error
         if not getattr(self._tokenizer, "chat_template", None):
-            raise InvalidInputError(str(folder), "has no chat template", "Download chat_template.jinja, too")
+            raise InvalidInputError(str(folder), "has no chat template", "Download chat_template.jinja as well")
         self._model = model.to(self._device).eval()
         vision = config.vision_config
         self._patch, self._side = int(vision.patch_size[0]), side or int(vision.image_size[0])
@@ -108,14 +108,15 @@ class InternVl:
         self._token = self._tokenizer.convert_ids_to_tokens(config.image_token_id)
 
     def answer(self, prompt: str, pictures: Sequence[bytes]) -> str:
-        """Return the answer to a prompt about images.
+        """Return the model's answer to a prompt about images.
 
         Args:
-            prompt: The prompt. ``<image>`` marks the place of an image; without marks, the images come first.
-            pictures: PNG, JPEG, GIF or WebP files.
+            prompt: The prompt. Each ``<image>`` in it marks the position of an image. Without such marks, the images
+                come first.
+            pictures: Content of PNG, JPEG, GIF or WebP files.
 
         Raises:
-            ModelError: If the model fails, for example because the GPU memory is too small.
+            ModelError: If the model fails, for example because the GPU has too little memory.
         """
         import torch  # noqa: PLC0415 - an optional part
 
@@ -127,13 +128,16 @@ class InternVl:
             with torch.inference_mode():
                 ids = self._model.generate(**inputs, max_new_tokens=self._max_tokens, do_sample=False)
         except RuntimeError as error:  # includes torch.OutOfMemoryError
-            cure = "Give fewer --max-tiles, or serve the model and give its address"
+            cure = "Use a smaller --max-tiles, or serve the model and pass its address"
             raise ModelError(f"{self.name}: the model failed ({one_line(error, most=200)}). {cure}.") from error
         answer = self._tokenizer.decode(ids[0, inputs["input_ids"].shape[1] :], skip_special_tokens=True)
         return str(answer)
 
     def request(self, prompt: str, pictures: Sequence[bytes]) -> tuple[str, Sight | None]:
-        """Return the input text of the language model and the input images of the vision transformer."""
+        """Return the input text for the language model, and the images for the vision transformer.
+
+        None is returned instead of the images if the request has no pictures.
+        """
         sight = self._sight(pictures) if pictures else None
         parts = prompt.split(PICTURE)
         if not pictures or len(parts) != len(pictures) + 1:
@@ -183,10 +187,13 @@ def _require_libraries() -> None:
 
 
 def _read_config(folder: Path) -> PretrainedConfig:
-    """Return the configuration of an InternVL checkpoint; raise InvalidInputError for another folder."""
+    """Read the configuration of an InternVL checkpoint.
+
+    Raises InvalidInputError if the folder does not contain such a checkpoint.
+    """
     import transformers  # noqa: PLC0415 - an optional part
 
-    cure = f"Give the folder of an InternVL checkpoint in the Hugging Face format (its name ends in -HF). {_SERVE}"
+    cure = f"Pass the folder of an InternVL checkpoint in the Hugging Face format (its name ends in -HF). {_SERVE}"
     if not (folder / "config.json").is_file():
         raise InvalidInputError(str(folder), "contains no config.json", cure)
     try:

@@ -1,8 +1,8 @@
-"""Kinds of models for ``better vlm``, recognized by the beginning of the address.
+"""Kinds of models for ``better vlm``, which are recognized by the beginning of their address.
 
 A kind is one module with one :class:`ModelKind`: :mod:`~betterbench.vlm.models.endpoint` (``URL#MODEL``),
-:mod:`~betterbench.vlm.models.hugging_face` (``hf:FOLDER``) and, in the package of the learners,
-``betterbench.learning.training.model_kind`` (``learned:CHECKPOINT``). The command line lists them.
+:mod:`~betterbench.vlm.models.hugging_face` (``hf:FOLDER``) and, in the package for learned policies,
+``betterbench.learning.training.model_kind`` (``learned:CHECKPOINT``). The command line lists all kinds.
 """
 
 from __future__ import annotations
@@ -21,19 +21,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelOptions:
-    """Options of a command that concern its model.
+    """Options of a ``better vlm`` command that affect its model.
 
     Attributes:
         address: Address of the model.
-        own_set: Whether the questions come from a set of ``better vqa`` rather than from a published benchmark or the
-            coordinate probe.
+        own_set: Whether the questions come from a set made by ``better vqa``, rather than from a published benchmark or
+            the coordinate probe.
         eyes: Resolution of the images.
-        max_tiles: Maximum number of tiles per image; None for the model's own.
-        max_tokens: Longest answer [tokens].
-        key_variable: Environment variable with the key of an endpoint.
-        coordinates: Declared coordinate convention, or None.
-        data: Folder of the benchmark's data; None if the command generates the data.
-        records: Run with the frames of the set's questions; only for a model that receives recorded states.
+        max_tiles: Maximum number of tiles per image. If None, it is the model's own maximum.
+        max_tokens: Maximum length of an answer [tokens].
+        key_variable: Environment variable that contains the key of an endpoint.
+        coordinates: Coordinate convention that the user has declared, or None.
+        data: Folder with the data of the benchmark. None if the command generates the data itself.
+        records: Run from which the frames in the questions come. Only used by a model that receives recorded states
+            instead of images.
     """
 
     address: str
@@ -48,15 +49,15 @@ class ModelOptions:
 
     @property
     def target(self) -> str:
-        """The address without the scheme of its kind: ``FOLDER`` of ``hf:FOLDER``."""
+        """Address without its scheme, such as ``FOLDER`` for ``hf:FOLDER``."""
         return self.address.partition(":")[2]
 
 
 def require_no_records(options: ModelOptions) -> None:
-    """Raise InvalidInputError if a run is given, because a model that receives images does not use one."""
+    """Raise InvalidInputError if ``--records`` is given, because a model that receives images does not use it."""
     if options.records is not None:
-        cure = "Leave it out, or give learned:CHECKPOINT"
-        raise InvalidInputError("--records", "applies only to a learner", cure)
+        cure = "Leave it out, or use the model learned:CHECKPOINT"
+        raise InvalidInputError("--records", "applies only to a learned policy", cure)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,11 +65,12 @@ class ModelKind:
     """Kind of model that ``better vlm`` can evaluate.
 
     Attributes:
-        scheme: Part of its addresses before the first colon; empty for the kind that takes all other addresses.
-        make: Function that creates the model at an address; if the cache is not None, equal requests get stored
-            replies. It raises a BetterError if there is no such model.
-        require: Function called before ``make``; it raises InvalidInputError for unsupported options.
-        sees: Whether the model receives images, so that its coordinate convention can be probed.
+        scheme: Part of the address before the first colon. Empty for the kind that accepts all other addresses.
+        make: Function that creates the model at an address. If a cache is passed to it, a request that was sent before
+            gets the stored reply. It raises a BetterError if there is no such model.
+        require: Function that is called before ``make``. It raises InvalidInputError for options that this kind does
+            not support.
+        sees: Whether the model receives images. If it does, its coordinate convention can be probed.
         one_at_a_time: Whether the model answers one request at a time, regardless of ``--at-once``.
     """
 
@@ -80,11 +82,11 @@ class ModelKind:
 
 
 def kind_of(address: str, kinds: Iterable[ModelKind]) -> ModelKind:
-    """Return the kind of a model.
+    """Return the kind of the model at an address.
 
     Args:
         address: Address of the model.
-        kinds: All kinds, one of them with an empty scheme.
+        kinds: All kinds. One of them must have an empty scheme.
     """
     by_scheme = {kind.scheme: kind for kind in kinds}
     return by_scheme.get(address.partition(":")[0], by_scheme[""])

@@ -1,7 +1,7 @@
 """Reproductions of upstream scorers, including their faults, for comparison with published numbers.
 
-Each scorer reproduces an upstream program at a fixed commit and gives the same number for the same replies. The table
-"Official scoring" in ``docs/vlm.md`` lists the differences from our scores.
+Each scorer reproduces an upstream program at a fixed commit, and gives the same score for the same replies. The table
+"Official scoring" in ``docs/vlm.md`` lists how these scores differ from those of betterbench.
 """
 
 from __future__ import annotations
@@ -16,6 +16,6 @@ UPSTREAM: dict[str, tuple[UpstreamScorer, ...]] = {
     "refspatial": (REFSPATIAL_ROBOREFER, REFSPATIAL_LMMS_EVAL, REFSPATIAL_EASI),
     "egoplan2": (EGOPLAN2_EVAL, EGOPLAN2_LMMS_EVAL),
 }
-"""Upstream scorers by benchmark, with the authors' own scorer first if they published one."""
+"""Upstream scorers of each benchmark. If the authors published a scorer, it comes first."""
 
 __all__ = ["UPSTREAM", "UpstreamScore", "UpstreamScorer", "upstream_scores"]

@@ -1,8 +1,8 @@
-"""Scorers of EgoPlan-Bench2 that reproduce its authors' ``eval.py`` and lmms-eval.
+"""Scorers of EgoPlan-Bench2, which reproduce its authors' ``eval.py`` and lmms-eval.
 
-Both programs delete stock phrases and then take the first capital A, B, C or D in the text. For example, "Based on the
-video, the answer is C" gives B. Missing commas in the phrase lists concatenate four phrases into two, which never occur
-in a reply.
+Both programs delete stock phrases from the reply, and then take the first capital A, B, C or D that is left. For
+example, "Based on the video, the answer is C" gives B. Commas are missing in the programs' lists of phrases, so four of
+the phrases are joined into two phrases that never occur in a reply.
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ _AFTER = ("Answer:", "Option:", "The correct answer", "The correct option")
 
 
 def letter_of(text: str, phrases: tuple[str, ...] = (*_BEFORE, *_JOINED, *_AFTER)) -> str:
-    """Return the letter that an upstream program extracts with its list of phrases, or an empty string."""
+    """Return the letter that an upstream program extracts from a reply, given the program's list of stock phrases.
+
+    Returns an empty string if the program finds no letter.
+    """
     rest = text.strip()
     for phrase in phrases:
         rest = rest.replace(phrase, "")
@@ -35,8 +38,8 @@ def _with(phrases: tuple[str, ...]) -> Callable[[ItemSet, Item, str, str], Fract
 EGOPLAN2_EVAL = UpstreamScorer(
     "EgoPlan-Bench2 eval.py", "qiulu66/EgoPlan-Bench2@5be8155 eval.py", _with((*_BEFORE, *_JOINED, *_AFTER))
 )
-"""The authors' program; micro mean over all items."""
+"""The authors' program. Its score is the micro mean over all items."""
 EGOPLAN2_LMMS_EVAL = UpstreamScorer(
     "lmms-eval", "EvolvingLMMs-Lab/lmms-eval@6c3e853 tasks/egoplan2/utils.py", _with((*_BEFORE, *_JOINED))
 )
-"""The same with a shorter list of phrases."""
+"""lmms-eval. It works like the authors' program, but its list of phrases is shorter."""

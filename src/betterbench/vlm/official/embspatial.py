@@ -1,7 +1,7 @@
-"""Scorer of EmbSpatial-Bench that reproduces lmms-eval; the authors published no scorer.
+"""Scorer of EmbSpatial-Bench that reproduces lmms-eval, since the authors have not published a scorer.
 
-The letter is the first Latin letter of the text in upper or lower case, after spaces and opening brackets. Therefore
-"The answer is C" gives T, "Answer: D" gives A, and "cabinet" gives C.
+If the reply begins with a Latin letter (after spaces and opening brackets), this letter is the answer, in upper case.
+Therefore "The answer is C" gives T, "Answer: D" gives A, and "cabinet" gives C.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _FIRST_LETTER = re.compile(r"[\s(]*([a-z])", re.IGNORECASE)
 
 
 def letter_of(text: str) -> str:
-    """Return the letter that lmms-eval finds, or an empty string."""
+    """Return the letter that lmms-eval extracts from a reply, or an empty string if it finds none."""
     found = _FIRST_LETTER.match(text.strip())
     return found[1].upper() if found else ""
 
@@ -28,4 +28,4 @@ def _score(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:
 EMBSPATIAL_LMMS_EVAL = UpstreamScorer(
     "lmms-eval", "EvolvingLMMs-Lab/lmms-eval@2bb5e98 tasks/embspatial/utils.py", _score
 )
-"""First letter of the text; micro mean over all items."""
+"""lmms-eval, which takes the first letter of the reply. Its score is the micro mean over all items."""

@@ -1,7 +1,7 @@
-"""Scorers of RefSpatial-Bench: RoboRefer's evaluation, lmms-eval, and the EASI scorer of VLMEvalKit.
+"""Scorers of RefSpatial-Bench, which reproduce RoboRefer's evaluation, lmms-eval, and VLMEvalKit's EASI scorer.
 
-Each coordinate convention has its own pattern for points. The score of an item is the mean of the mask over its points.
-If an error occurs while a reply is read, the item is dropped from the denominator.
+In RoboRefer's evaluation, each coordinate convention has its own pattern for points. The score of an item is the mean
+of the mask over the points in the reply. If the program fails to read a reply, it omits the item from the denominator.
 """
 
 from __future__ import annotations
@@ -20,14 +20,18 @@ _TUPLE = re.compile(rf"\(({_SIGNED}(?:,\s*{_SIGNED})*?)\)")
 _NUMBERED = re.compile(r'x\d+="(-?\d+\.?\d*)"\s+y\d+="(-?\d+\.?\d*)"')
 _FENCED = re.compile(r"```(?:\w+)?\n(.*?)```", re.DOTALL)
 _MOST_DIGITS = 18
-"""Bound on integers: larger ones do not fit into the program's 64-bit arrays, and no image is that large."""
+"""Maximum number of digits of an integer. Longer integers do not fit into the program's 64-bit arrays, and no image is
+that large."""
 
 Point = tuple[int | float, int | float]
 
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """Box that represents all pixels inside: first column and row, and one past the last column and row."""
+    """Box in a reply. The program scores all pixels inside the box.
+
+    The box is given by its first column and row, and by the column and row after its last ones.
+    """
 
     left: int
     top: int
@@ -36,7 +40,7 @@ class Rectangle:
 
     @property
     def area(self) -> int:
-        """Number of pixels."""
+        """Number of pixels in the box."""
         return (self.right - self.left) * (self.bottom - self.top)
 
 
@@ -44,13 +48,14 @@ Shape = Point | Rectangle
 
 
 def tuples_of(text: str, width: int, height: int, *, absolute: bool = False) -> list[Shape]:
-    """Return the points of ``(x, y)`` and the boxes of ``(x0, y0, x1, y1)``.
+    """Return the points ``(x, y)`` and the boxes ``(x0, y0, x1, y1)`` that the upstream program finds in a reply.
 
-    Without ``absolute``, a pair is scaled if one of its numbers has a decimal point. A pair of integers is interpreted
-    as pixels. A tuple with spaces inside its brackets, or with ".5", is not found.
+    If ``absolute`` is False, the program takes a pair of integers as pixels. It scales a pair by the image size if at
+    least one of the two numbers has a decimal point. It does not find tuples with spaces next to their brackets, or
+    with numbers such as ".5".
 
     Raises:
-        DroppedError: If the program raises an error while it reads the text.
+        DroppedError: If the upstream program raises an error while it reads the reply.
     """
     shapes: list[Shape] = []
     for found in _TUPLE.findall(text):
@@ -84,23 +89,29 @@ def _scaled(value: float, side: int) -> int:
 
 def _rectangle(numbers: Sequence[int | float]) -> list[Shape]:
     if any(isinstance(v, float) for v in numbers):
-        raise DroppedError  # as in the program: the size of an array must be an integer
+        raise DroppedError  # the upstream program raises an error, since the size of an array must be an integer
     box = Rectangle(*map(int, numbers))
     if box.right < box.left or box.bottom < box.top:
-        raise DroppedError  # a negative size
+        raise DroppedError  # the upstream program raises an error for a negative size
     return [box] if box.area else []
 
 
 def tags_of(text: str, width: int, height: int) -> list[Shape]:
-    """Return the points of Molmo's tags with numbered attributes; a single ``x="1" y="2"`` is not found."""
+    """Return the points in Molmo's ``points`` tags, whose attributes are numbered (x1, y1).
+
+    The attributes of a single point (x, y) are not numbered. The upstream program does not find them.
+    """
     return [(int(float(x) / 100 * width), int(float(y) / 100 * height)) for x, y in _NUMBERED.findall(text)]
 
 
 def fenced_points_of(text: str, width: int, height: int) -> list[Shape]:
-    """Return the points of Gemini's JSON in a code fence. JSON without a fence, or broken JSON, has none.
+    """Return the points in a JSON list inside a code fence, which is the format of Gemini's replies.
+
+    The result is empty if the code fence is missing or the JSON is broken.
 
     Raises:
-        DroppedError: If the program raises an error, as for a single object instead of a list.
+        DroppedError: If the upstream program raises an error, for example because the JSON is an object instead of a
+            list.
     """
     fence = _FENCED.search(text)
     if fence is None:
@@ -123,12 +134,12 @@ def fenced_points_of(text: str, width: int, height: int) -> list[Shape]:
 
 
 def share_of(items: ItemSet, item: Item, shapes: Sequence[Shape], *, above: int = 0) -> Fraction:
-    """Return the mean of the mask over all points, counting points outside as 0.
+    """Return the fraction of points, and of pixels in boxes, that are in the mask.
 
-    Mask pixels with values greater than ``above`` are correct.
+    Points outside the image count as wrong.
 
     Raises:
-        StoppedError: If a pixel is not an integer, so that the program ends with an error.
+        StoppedError: If a pixel coordinate is not an integer, because the upstream program would stop with an error.
     """
     if not shapes:
         return Fraction(0)
@@ -150,7 +161,7 @@ def share_of(items: ItemSet, item: Item, shapes: Sequence[Shape], *, above: int 
 
 
 def _sides(items: ItemSet, item: Item) -> tuple[int, int]:
-    """Return the numbers of columns and rows of the mask, with which the programs scale coordinates."""
+    """Return the number of columns and of rows of the mask, by which the upstream programs scale coordinates."""
     rows, columns = items.mask(item.gold.mask or "").shape
     return columns, rows
 
@@ -166,7 +177,11 @@ def _roborefer(items: ItemSet, item: Item, text: str, coordinates: str) -> Fract
 
 
 def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
-    """Score like lmms-eval: all pairs (even integers) are fractions, boxes are ignored, and faint masks are empty."""
+    """Score a reply as lmms-eval does.
+
+    All pairs of numbers, even of integers, count as fractions of the image size. Boxes are ignored. A mask whose values
+    are all small counts as empty.
+    """
     pairs = [[_number(part) for part in found.split(",")] for found in _TUPLE.findall(text)]
     width, height = _sides(items, item)
     shapes: list[Shape] = [(_scaled(x, width), _scaled(y, height)) for x, y in (p for p in pairs if len(p) == 2)]
@@ -174,7 +189,7 @@ def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fract
 
 
 def _easi(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
-    """Return 0, because the EASI scorer raises an AttributeError (undefined logger) for every reply."""
+    """Return 0, because the EASI scorer fails with an AttributeError (its logger is undefined) for every reply."""
     return Fraction(0)
 
 
@@ -186,13 +201,13 @@ REFSPATIAL_ROBOREFER = UpstreamScorer(
     among=("location", "placement"),
     conventions=("fractions", "pixels", "percent-xml", "thousandths-yx-json"),
 )
-"""The authors' program, mean of Location and Placement."""
+"""The authors' program. Its score is the mean of the splits Location and Placement."""
 REFSPATIAL_LMMS_EVAL = UpstreamScorer(
     "lmms-eval",
     "EvolvingLMMs-Lab/lmms-eval@110165a tasks/refspatial/utils.py",
     _lmms_eval,
     conventions=("fractions",),
 )
-"""Micro mean over all three splits."""
+"""lmms-eval. Its score is the micro mean over all three splits."""
 REFSPATIAL_EASI = UpstreamScorer("VLMEvalKit (EASI)", "open-compass/VLMEvalKit@e8e78f0 refspatialbench.py", _easi)
-"""0 on every item."""
+"""VLMEvalKit's EASI scorer. Its score is 0 on every item, because the program fails."""

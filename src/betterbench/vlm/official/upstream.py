@@ -1,4 +1,4 @@
-"""Interface of upstream scorers, and comparison of their results with ours."""
+"""Interface of upstream scorers, and comparison of their scores with those of betterbench."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ from betterbench.vlm.scoring import StaticScore
 
 
 class DroppedError(Exception):
-    """Signal that the upstream program omits this item from its denominator."""
+    """Raised if the upstream program omits an item from its denominator."""
 
 
 class StoppedError(Exception):
-    """Signal that the upstream program ends with an error at this item."""
+    """Raised if the upstream program stops with an error at an item."""
 
 
 @dataclass(frozen=True, slots=True)
 class UpstreamScorer:
-    """Scorer of an upstream program.
+    """Scorer that reproduces an upstream program.
 
     Attributes:
         name: Short name of the program.
-        source: Repository, commit and file.
-        score: Returns the score of a text; raises DroppedError or StoppedError.
-        group: Kind of group whose means are averaged; None for the mean over all counted items.
-        among: Groups that are averaged; all of them if empty.
-        conventions: Coordinate conventions that the program reads; all if empty.
+        source: Repository, commit and file of the program.
+        score: Function that returns the score of a reply. It raises DroppedError or StoppedError.
+        group: Kind of group. The program's score is the mean over the mean scores of these groups. If None, it is the
+            mean over all counted items.
+        among: Names of the groups that are included in the mean. Empty if all groups are included.
+        conventions: Coordinate conventions that the program can read. Empty if it can read all conventions.
     """
 
     name: str
@@ -45,13 +46,13 @@ class UpstreamScore:
     """Result of an upstream scorer.
 
     Attributes:
-        value: Score given by the program, or None if the program ends with an error or scores no item.
-        scored: Number of items in the denominator of the program.
-        total: Number of items of the benchmark.
-        differs: Number of items whose score differs from our score (of the values that our parser read).
-        stopped_at: Identifier of the item at which the program ends with an error.
-        moved: Score given by the program minus our score.
-        note: Reason why there is no score.
+        value: Score that the program gives, or None if it stops with an error or scores no item.
+        scored: Number of items in the program's denominator.
+        total: Number of items in the benchmark.
+        differs: Number of items whose score differs from betterbench's score in the column "parsed".
+        stopped_at: Identifier of the item at which the program stops with an error, or None.
+        moved: Score that the program gives, minus betterbench's score in the column "parsed".
+        note: Reason why there is no score. Empty if there is a score.
     """
 
     name: str
@@ -65,7 +66,7 @@ class UpstreamScore:
     note: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; rates are fractions."""
+        """Return a JSON-serializable dict. Rates in it are fractions."""
         return {
             "name": self.name,
             "source": self.source,
@@ -86,7 +87,7 @@ def upstream_scores(
     ours: StaticScore,
     coordinates: str,
 ) -> list[UpstreamScore]:
-    """Score the same replies with upstream programs; a missing reply is scored as an empty one."""
+    """Score the same replies with several upstream programs. A missing reply is scored like an empty reply."""
     return [_scored(scorer, items, texts, ours, coordinates) for scorer in scorers]
 
 

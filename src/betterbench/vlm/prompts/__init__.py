@@ -1,4 +1,4 @@
-"""Prompts as data, chosen by an identifier; see :data:`PROMPTS`."""
+"""Prompts, which are stored as data and chosen by an identifier (see :data:`PROMPTS`)."""
 
 from betterbench.vlm.prompts.prompt import PROMPTS, Prompt, find_prompt, prompts_of
 

@@ -1,4 +1,4 @@
-"""Prompt templates, and the packaged prompts."""
+"""Prompt templates, and the prompts that come with the package."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ _FIELD = re.compile(r"\{(\w+)\}")
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """Prompt template.
+    """Template for a prompt.
 
     Attributes:
-        id: Identifier, which a run stores.
-        benchmarks: Benchmarks that the prompt is for; the first listed prompt of a benchmark is its default.
+        id: Identifier, which is stored in a run.
+        benchmarks: Benchmarks for which the prompt is meant. The first prompt that lists a benchmark is its default.
         template: String with the fields ``{question}``, ``{options}``, ``{request}`` (the required format of the
-            answer), ``{frames}`` and those of :attr:`Item.words`.
-        source: Origin of the wording.
-        option: Form of one option, with ``{letter}`` and ``{text}``.
-        frame: Form of one image's line, with ``{number}`` and ``<image>``.
-        coordinates: Convention stated in the wording; None if the wording states none, or leaves it to ``{request}``.
+            answer), ``{frames}`` and the fields of :attr:`Item.words`.
+        source: Where the wording comes from.
+        option: Template for one option, with ``{letter}`` and ``{text}``.
+        frame: Template for the line about one image, with ``{number}`` and ``<image>``.
+        coordinates: Coordinate convention that the wording states. None if the wording states none, or if ``{request}``
+            states it.
     """
 
     id: str
@@ -47,7 +48,7 @@ class Prompt:
     def text(self, item: Item, convention: Convention) -> str:
         """Return the prompt for an item.
 
-        The item's text is inserted verbatim, except that image markers in it are replaced.
+        The strings of the item are inserted verbatim, except that image markers in these strings are replaced.
         """
         letters = ((chr(ord("A") + i), option) for i, option in enumerate(item.options))
         options = [_filled(self.option, {"letter": a, "text": _plain(option)}) for a, option in letters]
@@ -58,25 +59,25 @@ class Prompt:
         return _filled(template, words | {"options": "\n".join(options), "frames": "\n".join(frames)})
 
     def convention(self, declared: Coordinates | None, usual: Coordinates | None) -> Coordinates:
-        """Return the coordinate convention of the answers.
+        """Return the coordinate convention for the answers.
 
         Args:
-            declared: Convention that the user declared, if any.
-            usual: Default convention of a prompt with ``{request}``; None for items without points and boxes.
+            declared: Convention that the user has declared, or None if the user has declared none.
+            usual: Default convention for a prompt with ``{request}``. None for items without points and boxes.
 
         Raises:
-            InvalidInputError: If the wording states a convention other than the declared one, or if neither the wording
-                nor the user states one.
+            InvalidInputError: If the wording states a convention that differs from the declared one, or if neither the
+                wording nor the user states a convention.
         """
         if usual is None:
             return declared or "pixels"
         if self.coordinates is not None and declared not in (None, self.coordinates):
             problem = f"the prompt {self.id} asks for {self.coordinates}, but {declared} is declared"
-            cure = f"Give --coordinates {self.coordinates}, or another --prompt"
+            cure = f"Use --coordinates {self.coordinates}, or a different --prompt"
             raise InvalidInputError("--coordinates", problem, cure)
         if declared is None and self.coordinates is None and "{request}" not in self.template:
             problem = f"is missing, and the prompt {self.id} does not state a coordinate convention"
-            raise InvalidInputError("--coordinates", problem, f"Declare one of {', '.join(CONVENTIONS)}")
+            raise InvalidInputError("--coordinates", problem, f"Set it to one of {', '.join(CONVENTIONS)}")
         return declared or self.coordinates or usual
 
 
@@ -96,16 +97,16 @@ def _packaged() -> dict[str, Prompt]:
 
 
 PROMPTS: Mapping[str, Prompt] = _packaged()
-"""All prompts by identifier."""
+"""All prompts, keyed by their identifier."""
 
 
 def prompts_of(benchmark: str) -> tuple[Prompt, ...]:
-    """Return the prompts for a benchmark, the default first."""
+    """Return the prompts for a benchmark. The first one is the default."""
     return tuple(prompt for prompt in PROMPTS.values() if benchmark in prompt.benchmarks)
 
 
 def find_prompt(benchmark: str, identifier: str | None) -> Prompt:
-    """Return a prompt for a benchmark, or its default.
+    """Return the prompt with the given identifier, or the default prompt of a benchmark if the identifier is None.
 
     Raises:
         UnknownNameError: If the benchmark has no prompt with this identifier.

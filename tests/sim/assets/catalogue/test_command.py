@@ -87,7 +87,7 @@ def test_licenses_and_one_asset_are_shown(indexed, place, capsys):
         (("show",), "0 ids are given"),
         (("search", "mug", "--out", "sheet.gif"), "ends with '.gif'"),
         (("search", "mug", "--num", "50"), "2 assets of the catalogue fit 'mug', but 50 are requested"),
-        (("search", "zebra", "--num", "2"), "query: no asset of the catalogue fits 'zebra'. Use other words"),
+        (("search", "zebra", "--num", "2"), "query: no asset in the catalogue fits 'zebra'. Use other words"),
         (("index", "nowhere"), "Unknown source of assets 'nowhere'"),
         (("index", "procedural", "--license", "mit"), "it does not take a target, license, author or name"),
     ],

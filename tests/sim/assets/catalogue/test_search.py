@@ -294,7 +294,7 @@ def test_sources_keep_to_themselves(tmp_path):
         assert names(opened.search("spoon", filters=Filters(source="others"))) == ["spoon"]
     elsewhere = Listed("things")
     elsewhere.address = "folder:/elsewhere"
-    with pytest.raises(InvalidInputError, match=r"the catalogue has this name for folder:/things.*--name"):
+    with pytest.raises(InvalidInputError, match=r"the catalogue already uses this name for folder:/things.*--name"):
         index(tmp_path, elsewhere)
 
 
@@ -326,8 +326,8 @@ def spoil_tables(folder):
 
 
 SPOILT = {
-    "text": (lambda folder: (folder / FILE).write_bytes(b"no database" * 99), "not a catalogue of assets"),
-    "foreign": (spoil_application, "is not a catalogue of assets"),
+    "text": (lambda folder: (folder / FILE).write_bytes(b"no database" * 99), "not an asset catalogue"),
+    "foreign": (spoil_application, "is not an asset catalogue"),
     "version": (spoil_version, "is a catalogue of version 99, expected version 3"),
     "tables": (spoil_tables, "is damaged"),
     "cut": (lambda folder: (folder / "vectors.npy").write_bytes(b"\x93NUMPY\x01\x00"), "vectors.npy: "),
@@ -350,7 +350,7 @@ def test_a_damaged_catalogue_is_one_clear_error(tmp_path, kind):
     spoil(tmp_path)
     with pytest.raises(RecordError, match=text) as caught:
         Catalogue(tmp_path, encoder=lambda _: bag)
-    assert "index the sources again" in str(caught.value) or "Give another folder" in str(caught.value)
+    assert "index the sources again" in str(caught.value) or "Use a different folder" in str(caught.value)
 
 
 def test_without_a_catalogue_the_command_is_named(tmp_path):

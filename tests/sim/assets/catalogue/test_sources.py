@@ -240,7 +240,7 @@ def test_a_damaged_shard_is_skipped(objaverse):
 
 def test_without_its_package_objaverse_says_what_to_do(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "objaverse", None)
-    with pytest.raises(MissingDependencyError, match=r"objaverse.*or give a folder with its files: objaverse:FOLDER"):
+    with pytest.raises(MissingDependencyError, match=r"objaverse.*or read its files from a folder: objaverse:FOLDER"):
         open_source("objaverse")
 
 

@@ -155,7 +155,7 @@ def test_a_mesh_of_a_prop_outside_the_folder_is_not_read(folder, name, kind):
     }
     path = folder / f"a.{kind}"
     path.write_text(texts[kind])
-    with pytest.raises(InvalidInputError, match=r"outside its folder|not a file of its folder"):
+    with pytest.raises(InvalidInputError, match=r"outside its folder|not a file in its folder"):
         read_object(path, FolderResolver(folder, path.name))
 
 

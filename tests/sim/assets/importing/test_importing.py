@@ -101,7 +101,7 @@ def glb_of(form, binary=b""):
         ("a.obj", b"v 0 0 0\nv 1e30 0 0\nv 0 1 0\nf 1 2 3\n", "longest side"),
         ("a.stl", b"solid\n", "cannot be read|no triangle"),
         ("a.ply", b"ply\nformat ascii 1.0\n", "cannot be read|no triangle"),
-        ("a.fbx", b"Kaydara FBX Binary", "its format is not known"),
+        ("a.fbx", b"Kaydara FBX Binary", "its format is not supported"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_clear_line(tmp_path, name, data, text):

@@ -112,7 +112,7 @@ def test_mass_of_several_links_is_that_of_the_whole(folder):
 def test_a_joint_that_moves_is_named_unless_it_is_frozen(folder):
     text = urdf(LINK.format("a", "", BOX) + LINK.format("b", "", BOX) + FIXED.format("lid hinge", "revolute", "0 0 0"))
     path = write(folder / "toy.urdf", text)
-    with pytest.raises(InvalidInputError, match=r"joint 'lid hinge' \(revolute\) moves.*--freeze"):
+    with pytest.raises(InvalidInputError, match=r"joint 'lid hinge' \(revolute\) is movable.*--freeze"):
         read(path)
     mesh = read(path, freeze=True)
     assert mesh.stated.notes == ("joint 'lid hinge' is fixed at 0",)
@@ -131,7 +131,7 @@ RING = FIXED.format("j", "fixed", "0 0 0") + FIXED.format("k", "fixed", "0 0 0")
         ("", "has no link"),
         ('<link name="a"/>', "none of its links has a shape"),
         ("<link><visual/></link>", "a link has no name"),
-        (LINK.format("a", "", "<blob/>"), "geometry 'blob' is not known"),
+        (LINK.format("a", "", "<blob/>"), "geometry type 'blob' is not supported"),
         (LINK.format("a", "", '<box size="0.1 0.1"/>'), "box size is '0.1 0.1', expected 3 finite numbers"),
         (LINK.format("a", "", '<box size="0.1 nan 0.1"/>'), "expected 3 finite numbers"),
         (LINK.format("a", "", '<sphere radius="-1"/>'), "radius is -1"),
@@ -145,7 +145,7 @@ RING = FIXED.format("j", "fixed", "0 0 0") + FIXED.format("k", "fixed", "0 0 0")
         (ONE + FIXED.format("j", "fixed", "0 0 0"), "the child of its joint 'j' is 'b', which is not a link"),
         (ONE + LINK.format("b", "", BOX) + FIXED.format("j", "screw", "0 0 0"), "has the type 'screw'"),
         ('<xacro:macro name="m"/>' + ONE, "not XML|macro"),
-        (LINK.format("a", "", BOX * 3), "has no geometry"),
+        (LINK.format("a", "", BOX * 3), "does not have exactly one geometry"),
         ("".join(f'<link name="l{k}"/>' for k in range(300)), "300 links"),
     ],
 )
@@ -224,7 +224,7 @@ def test_a_texture_is_the_right_way_up(folder):
 def test_a_joint_that_moves_is_named_in_mjcf_too(folder):
     text = mjcf(BODY.format('<joint name="drawer" type="slide" range="0 1"/>'), MESH.format("box.obj"))
     path = write(folder / "toy.xml", text)
-    with pytest.raises(InvalidInputError, match=r"joint 'drawer' moves.*--freeze"):
+    with pytest.raises(InvalidInputError, match=r"joint 'drawer' is movable.*--freeze"):
         read(path)
     assert read(path, freeze=True).stated.notes == ("joint 'drawer' is fixed at its reference",)
 

@@ -170,7 +170,7 @@ def test_grasps_and_frames_are_added_moved_and_removed(block):
     undone = apply(done, [RegionChange(slot, None), GraspChange(new, None), GraspChange(moved, first)])
     assert undone.draft.grasps == block.draft.grasps
     assert undone.draft.regions == block.draft.regions
-    with pytest.raises(InvalidInputError, match="exists already"):
+    with pytest.raises(InvalidInputError, match="already exists"):
         apply(done, [GraspChange(None, new)])
     with pytest.raises(InvalidInputError, match="no grasp 'rim'"):
         apply(block, [GraspChange(new, None)])

@@ -1,6 +1,6 @@
-"""Checks of the asset certificate, one topic per file. Importing a file registers its checks.
+"""Checks of the asset certificate, one topic per file. Importing a file registers the checks in it.
 
-Results are in import order, with cheap checks of the description first and simulations last.
+The import order is the order of the results: cheap checks of the asset's description first, simulations last.
 """
 
 from betterbench.sim.asset_checks.checks import license, surfaces, size, upright, mass, collision  # noqa: A004, F401, I001

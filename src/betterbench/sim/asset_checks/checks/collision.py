@@ -1,4 +1,4 @@
-"""Checks that compare the collision shape with the visual shape."""
+"""Checks that compare the collision shape of an asset with its visual shape."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _CURE = "Add or move collision parts. For an imported mesh, first close holes an
 
 @check
 def collision_outside(subject: Subject) -> Finding:
-    """Check that collision parts do not extend beyond the visible surface."""
+    """Check that the collision parts do not extend beyond the visible surface."""
     found = 1000.0 * subject.distances.outside_m
     limit = max(limits.OUTSIDE_MM, 1000.0 * limits.OUTSIDE_SHARE * subject.middle_m)
     return at_most(found, limit, "mm", f"collision shape up to {found:.2g} mm away from the visible surface", _CURE)
@@ -19,7 +19,7 @@ def collision_outside(subject: Subject) -> Finding:
 
 @check
 def collision_inside(subject: Subject) -> Finding:
-    """Check that collision parts cover nearly the whole visible surface."""
+    """Check that the collision parts cover nearly the whole visible surface."""
     found = 1000.0 * subject.distances.inside_m
     limit = 1000.0 * subject.inside_limit_m
     return at_most(found, limit, "mm", f"visible surface up to {found:.2g} mm away from the collision shape", _CURE)
@@ -27,7 +27,7 @@ def collision_inside(subject: Subject) -> Finding:
 
 @check
 def collision_complete(subject: Subject) -> Finding:
-    """Check that no visible part, such as a handle, is without collision parts."""
+    """Check that no visible part of the asset, such as a handle, lacks collision parts."""
     share = subject.distances.bare_share
     said = (
         f"the largest visible part farther than {1000.0 * subject.inside_limit_m:.2g} mm from the collision parts has "

@@ -1,4 +1,4 @@
-"""Checks that a container holds a ball and that a support carries a block."""
+"""Checks that a container can hold a ball, and that a block can stand on top of an object such as a plate."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SECONDS = 2.0
 
 @check
 def holds_ball(subject: Subject) -> Finding:
-    """Check that a ball dropped into a container comes to rest near its floor."""
+    """Check that a ball that is dropped into a container comes to rest near the container's floor."""
     asset = subject.asset
     if not subject.holds:
         return not_applicable("it is not a container")
@@ -55,7 +55,7 @@ def _judged(height: float, aside: float, radius: float, depth: float) -> Finding
 
 
 def _dropped(subject: Subject, *, ball: tuple[float, float, float], radius: float) -> Pose:
-    """Drop a ball into the asset, which is fixed in the air, and return the final pose ``T_object_ball``."""
+    """Drop a ball into the asset, which is fixed in the air. Return the final pose ``T_object_ball``."""
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)
     add_asset(spec, "asset", subject.asset, pose=subject.rest.pose)
@@ -67,12 +67,12 @@ def _dropped(subject: Subject, *, ball: tuple[float, float, float], radius: floa
 
 
 def _after(spec: mujoco.MjSpec, free: list[Pose], held: Pose | None) -> Pose:
-    """Simulate two seconds, and return the pose of the last free body relative to the asset.
+    """Simulate two seconds, and return the final pose of the last free body relative to the asset.
 
     Args:
-        spec: The model.
-        free: Initial world poses of the free bodies, in model order.
-        held: Pose of the asset if it is fixed, or None if the asset is the first free body.
+        spec: The MuJoCo model.
+        free: Initial world poses of the free bodies, in the order of the model.
+        held: Pose of the asset if it is fixed. None if the asset is the first free body.
     """
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -87,7 +87,7 @@ def _after(spec: mujoco.MjSpec, free: list[Pose], held: Pose | None) -> Pose:
 
 @check
 def carries_block(subject: Subject) -> Finding:
-    """Check that a block placed on top of a support stays there."""
+    """Check that a block stays where it is put on top of the asset, if the asset declares a top."""
     top = next((region for region in subject.asset.regions if region.name == "top"), None)
     if top is None:
         return not_applicable("it does not declare a top")

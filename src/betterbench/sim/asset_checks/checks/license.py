@@ -1,4 +1,4 @@
-"""License check."""
+"""Check that the license of an asset is stated."""
 
 from betterbench.sim.asset_checks.check import Finding, check
 from betterbench.sim.asset_checks.subject import Subject
@@ -8,7 +8,7 @@ _UNKNOWN = frozenset({"", "unknown", "none", "?", "-"})
 
 @check
 def license_known(subject: Subject) -> Finding:
-    """Check that the asset names a license."""
+    """Check that the asset states a license."""
     name = subject.asset.license.strip()
     fails = name.lower() in _UNKNOWN
     said = "its license is not known" if fails else f"license {name}"

@@ -1,4 +1,4 @@
-"""Checks that a parallel jaw fits around an asset, and can lift, hold and carry the asset by its proposed grasps."""
+"""Checks that the gripper fits around an asset, and that the asset's grasps can lift, hold and carry it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _CURE = "Move a grasp to a part with two parallel sides, or check mass and frict
 
 @check
 def grasp_width(subject: Subject) -> Finding:
-    """Check that the gripper opens wide enough for one of the first grasps, and that this grasp's width is right."""
+    """Check that at least one of the preferred grasps fits the gripper and has a correct stated width."""
     grasps = sorted(subject.asset.grasps, key=lambda grasp: grasp.preference)[: limits.GRASPS_TRIED]
     if not grasps:
         return not_applicable("it has no grasp for a parallel jaw")
@@ -38,7 +38,7 @@ def grasp_width(subject: Subject) -> Finding:
 
 @check
 def lift(subject: Subject) -> Finding:
-    """Check that one of the first grasps lifts the asset by 15 cm, holds it and carries it sideways."""
+    """Check that one of the asset's preferred grasps can lift the asset by 15 cm, hold it and carry it sideways."""
     asset, kind = subject.asset, subject.kind
     must = kind is not None and kind.name in limits.ALWAYS_LIFTED_KINDS
     if asset.mass_kg > limits.PAYLOAD_KG and not must:

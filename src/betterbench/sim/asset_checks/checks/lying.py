@@ -1,4 +1,4 @@
-"""Checks that an asset stays at rest on a table in its described pose."""
+"""Checks that an asset stays at rest when it is put on a table in its upright pose."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _CURE = "Give the axis that points up with --up, or flatten its base in a mesh e
 
 @check
 def rest_tilt(subject: Subject) -> Finding:
-    """Check that the asset does not tip over."""
+    """Check that the asset does not tip over when it is put on a table."""
     found = subject.rest.tilt_degrees
     is_ball = float(subject.size_m.min()) > limits.ROUND_SHARE * subject.longest_m
     limit = limits.ROUND_TILT_DEGREES if is_ball and not subject.is_open else limits.TILT_DEGREES
@@ -22,7 +22,7 @@ def rest_tilt(subject: Subject) -> Finding:
 
 @check
 def rest_drift(subject: Subject) -> Finding:
-    """Check that the asset does not move after it has come to rest."""
+    """Check that the asset does not drift while it rests on a table."""
     found = subject.rest.drift_mm
     said = f"moves {found:.2g} mm in {limits.WATCH_S:g} s"
     return at_most(found, limits.DRIFT_MM, "mm", said, _CURE)
@@ -30,7 +30,7 @@ def rest_drift(subject: Subject) -> Finding:
 
 @check
 def rest_jitter(subject: Subject) -> Finding:
-    """Check that the asset does not jitter."""
+    """Check that the surface of the asset does not jitter while it rests on a table."""
     found = subject.rest.jitter_mm_s
     said = f"its surface moves at {found:.2g} mm/s at rest"
     return at_most(
@@ -40,7 +40,7 @@ def rest_jitter(subject: Subject) -> Finding:
 
 @check
 def rest_depth(subject: Subject) -> Finding:
-    """Check that the asset neither sinks into the table nor floats above it."""
+    """Check that the asset neither sinks into the table nor floats above it while it is at rest."""
     cure = "Its collision parts do not end at its visible surface; import it again"
     vertices, faces = subject.surface
     lowest = min(float(corners[:, 2].min()) for corners in subject.hulls)

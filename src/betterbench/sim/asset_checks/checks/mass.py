@@ -1,4 +1,4 @@
-"""Checks that center of mass and inertia match the shape, and that friction has a usual value."""
+"""Checks that center of mass and inertia match the shape of an asset, and that its friction is plausible."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def center_of_mass(subject: Subject) -> Finding:
 
 @check
 def inertia(subject: Subject) -> Finding:
-    """Check the principal moments of inertia against those of a uniform body of the visible shape."""
+    """Check that the principal moments of inertia are close to those of a uniform body with the visible shape."""
     ixx, iyy, izz, ixy, ixz, iyz = subject.asset.inertia
     own = np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]))
     if not np.isfinite(own).all() or own[0] <= 0.0 or own[0] + own[1] < own[2] * (1.0 - 1e-6):
@@ -37,7 +37,10 @@ def inertia(subject: Subject) -> Finding:
 
 @check
 def friction(subject: Subject) -> Finding:
-    """Check the sliding friction of the collision parts. The first unusual part is named."""
+    """Check that the sliding friction of all collision parts is plausible.
+
+    The finding shows the first implausible value.
+    """
     values = [part.friction[0] for part in subject.asset.collision]
     usual = f"{limits.LEAST_FRICTION:g} to {limits.MOST_FRICTION:g}"
     cure = "Give a coefficient of two dry surfaces, such as 0.6"

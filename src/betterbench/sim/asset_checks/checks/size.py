@@ -1,4 +1,4 @@
-"""Checks that size and mass are plausible for the kind."""
+"""Checks that the size and the mass of an asset are plausible for its kind."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.sim.asset_checks.subject import Subject
 
 @check
 def size(subject: Subject) -> Finding:
-    """Check the longest side against the usual sizes of the kind."""
+    """Check that the longest side is within the usual range of the asset's kind."""
     kind, longest = subject.kind, subject.longest_m
     if kind is None:
         low, high, of = limits.LEAST_M, limits.MOST_M, "an object on a table"
@@ -28,7 +28,7 @@ def size(subject: Subject) -> Finding:
 
 @check
 def mass(subject: Subject) -> Finding:
-    """Check the mass against the usual mass of the kind, and the density of the visible solid."""
+    """Check that the mass is usual for the asset's kind, and that the density of the visible solid is plausible."""
     asset, kind = subject.asset, subject.kind
     if kind is not None:
         usual = kind.mass_at(subject.longest_m)

@@ -1,4 +1,4 @@
-"""Checks of the visual shape, with triangles, their orientation, textures and gaps between parts."""
+"""Checks of the visual shape: triangles, their orientation, textures, and gaps between parts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SAME_UV = 1e-6
 
 @check
 def triangles(subject: Subject) -> Finding:
-    """Check that few triangles have zero area, and that all vertices are finite."""
+    """Check that hardly any triangles have zero area, and that all vertices are finite."""
     share = degenerate_share(*subject.surface)
     return at_most(
         share,
@@ -28,7 +28,7 @@ def triangles(subject: Subject) -> Finding:
 
 @check
 def faces_outward(subject: Subject) -> Finding:
-    """Check that triangles do not face inward. Such a surface would be invisible from outside."""
+    """Check that the triangles face outward. A surface that faces inward would be invisible from outside."""
     share = share_from_behind(*subject.surface)
     return at_most(
         share,
@@ -41,7 +41,7 @@ def faces_outward(subject: Subject) -> Finding:
 
 @check
 def textures(subject: Subject) -> Finding:
-    """Check that every part is visible and that no texture is missing, black or a placeholder."""
+    """Check that every part is visible, and that no texture is missing, entirely black or a placeholder."""
     for part in subject.asset.visual:
         problem = _problem(part)
         if problem:
@@ -70,7 +70,7 @@ def _problem(part: VisualPart) -> str:
 
 
 def _shown(part: VisualPart, texture: Texture) -> np.ndarray | None:
-    """Return the color at the center of each triangle, (k, 3), or None if the texture coordinates are not usable."""
+    """Return the texture's color at the center of each triangle, (k, 3), or None if its coordinates cannot be used."""
     corners = part.faces if texture.corners is None else texture.corners
     if len(corners) != len(part.faces) or corners.max(initial=0) >= len(texture.uv):
         return None

@@ -1,4 +1,4 @@
-"""Check that an asset has the usual upright pose of its kind."""
+"""Check that an asset is upright in the pose that is usual for its kind."""
 
 from __future__ import annotations
 
@@ -13,13 +13,16 @@ from betterbench.sim.assets.importing.solid import solid_of
 from betterbench.sim.assets.importing.upright import end_areas, footing
 
 _AXIS_ERROR_DEGREES = 6.0
-"""Largest angle between the axis of a round object and the nearest principal axis of its surface points."""
+"""Maximum angle between the axis of a round object and the nearest principal axis of its surface points [degrees]."""
 _CURE = "Give the axis of the file that points up with --up"
 
 
 @check
 def upright(subject: Subject) -> Finding:
-    """Check that the pose fits the kind, for example that a tall kind is tall, or a container is open at the top."""
+    """Check that the asset's pose fits its kind.
+
+    For example, an object of a tall kind must stand, and a container must be open at the top.
+    """
     kind = subject.kind
     if kind is None:
         return not_applicable("its kind is not known")
@@ -66,7 +69,11 @@ def _flat(subject: Subject) -> Finding:
 
 
 def _round(subject: Subject) -> Finding:
-    """Compare the widths across vertical and horizontal axes. Across its own axis, a cylinder has a constant width."""
+    """Check that a round object does not lie on its side.
+
+    The check compares how much the object's width varies around a vertical axis and around a horizontal axis. The width
+    of a cylinder, for example, is the same in all directions across its own axis.
+    """
     points = subject.solid.points[:: max(1, len(subject.solid.points) // 4_000)]
     vertical = _uneven(points, np.array([0.0, 0.0, 1.0]))
     turns = np.pi * np.arange(12) / 12.0
@@ -79,7 +86,10 @@ def _round(subject: Subject) -> Finding:
 
 
 def _leaning(subject: Subject) -> Finding:
-    """Compare the widths across the vertical and across the axis of the shape, for an object that leans in its file."""
+    """Check that the axis of a round object does not lean.
+
+    The check compares how much the object's width varies around the vertical axis and around the object's own axis.
+    """
     points = subject.solid.points[:: max(1, len(subject.solid.points) // 4_000)]
     directions = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     near = directions[int(np.argmax(np.abs(directions[:, 2])))]
@@ -97,7 +107,7 @@ def _leaning(subject: Subject) -> Finding:
 
 
 def _uneven(points: np.ndarray, axis: np.ndarray) -> float:
-    """Return the ratio of the largest to the smallest width across an axis, over twelve directions."""
+    """Return the ratio of the largest to the smallest width of an object, over twelve directions across an axis."""
     first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     first = first / np.linalg.norm(first)
     second = np.cross(axis, first)
@@ -126,9 +136,9 @@ def _narrow_top(subject: Subject) -> Finding:
 
 
 def _hollow_top(subject: Subject) -> Finding:
-    """Compare the hollows of the upper and the lower side.
+    """Check that the hollow on the upper side of the object holds more than the hollow on its lower side.
 
-    This also works for filled bowls and for plates without a rim.
+    Because it only compares the two volumes, the check also works for filled bowls and for plates without a rim.
     """
     vertices, faces = subject.surface
     above, below = subject.cavity, cavity_of(solid_of(vertices * (1.0, -1.0, -1.0), faces))

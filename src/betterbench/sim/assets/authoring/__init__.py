@@ -1,7 +1,7 @@
-"""Building blocks of assets: solids, meshes, textures, grasps and regions (see docs/adding-an-asset.md).
+"""Building blocks for writing assets: solids, meshes, textures, grasps and regions (see docs/adding-an-asset.md).
 
-A generator is one decorated function that returns a :class:`Draft`. The registry derives all other data for scenes,
-experts and predicates from the draft.
+A generator is one decorated function that returns a :class:`Draft`. The registry derives from the draft everything else
+that scenes, experts and predicates need.
 """
 
 from betterbench.sim.assets.authoring.ceramics import glazed

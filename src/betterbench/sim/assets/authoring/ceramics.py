@@ -1,4 +1,4 @@
-"""Glaze textures for hollow tableware: mugs and cups."""
+"""Glaze textures for hollow tableware such as mugs and cups."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,7 +14,8 @@ FORMS: Mapping[str, tuple[float, float, float]] = {
     "round foot": (0.80, 0.98, 1.0),
     "step": (0.93, 0.93, 1.0),
 }
-"""Mug shapes, given by the relative radius at the foot, at one third and at two thirds of the height."""
+"""Shapes of mugs. The three numbers are the radii at the foot, at one third and at two thirds of the height, relative
+to the radius at the rim."""
 
 DECORATIONS = ("plain", "band", "rim", "stripes", "two-tone", "dots")
 """Names of mug decorations."""
@@ -25,8 +26,8 @@ BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
     "stripes": ((0.20, 0.29), (0.42, 0.51), (0.64, 0.73)),
     "two-tone": ((-0.05, 0.36),),
 }
-"""Painted bands by decoration: lower and upper edge as fractions of the wall height. Values above 1 are on the rim.
-"""
+"""Painted bands of each decoration. A band is given by its lower and upper edge, as fractions of the wall height.
+Values above 1 are on the rim."""
 
 
 def glazed(
@@ -42,21 +43,21 @@ def glazed(
     shadow: tuple[float, float] = (0.80, 0.38),
     unglazed: float = 0.75,
 ) -> Canvas:
-    """Paint a glazed vessel from the foot over the rim to the inner floor, with a shaded inside.
+    """Paint the texture of a glazed vessel. It runs from the foot over the rim to the floor inside, which is shaded.
 
-    The glaze is thinner and brighter on the rim.
+    On the rim, the glaze is thinner and therefore brighter.
 
     Args:
-        rng: Random generator of the speckles.
+        rng: Random generator for the speckles.
         vessel: Profile of the vessel.
         shade: Color of the outside.
-        decoration: A key of ``bands``, "speckled" or "dots". Any other value gives no decoration.
-        rows: Indices of the profile points where the unglazed foot ends, and where wall, rim, inside and inner floor
-            begin.
-        lining: Inside color, or None for the outside color.
+        decoration: Either a key of ``bands``, or "speckled", or "dots". Any other value gives no decoration.
+        rows: Indices of five profile points: the end of the unglazed foot, and the beginnings of the wall, the rim, the
+            inside and the inner floor.
+        lining: Color of the inside. If None, the inside has the color of the outside.
         ink: Color of the decoration. If None, it is cream on dark glazes and dark gray on light glazes.
-        bands: Painted bands by the name of their decoration.
-        shadow: Brightness of the inside just below the rim, and its decrease down to the floor.
+        bands: Painted bands of each decoration.
+        shadow: Brightness of the inside just below the rim, and its decrease from there down to the floor.
         unglazed: Brightness of the foot.
     """
     foot, wall, rim, inner, floor = (vessel.rows[k] for k in rows)

@@ -1,4 +1,4 @@
-"""Asset drafts (the results of generators), and helpers for their parts, grasps and regions."""
+"""Drafts of assets, which generators return, and helpers for the parts, grasps and regions of a draft."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,33 +16,34 @@ from betterbench.sim.assets.authoring.paint import Canvas, Rgb
 from betterbench.sim.assets.authoring.solids import solid_box
 
 JAW_OPENS_ALONG_Y = normalize((0.0, 1.0, 0.0, 0.0))
-"""Orientation of a gripper from above: z down (approach), y along the opening direction of the fingers."""
+"""Orientation of a gripper that approaches from above: z points down, and y is the direction in which the fingers
+open."""
 
 JAW_OPENS_ALONG_X = normalize(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), JAW_OPENS_ALONG_Y))
-"""The same orientation, rotated so that the fingers open along x of the object."""
+"""The same orientation, rotated so that the fingers open along the x axis of the object."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Draft:
     """Description of one object, from which the registry makes an asset.
 
-    The registry adds the category, the look and the color word (also as the last tag), distributes the mass over the
-    collision parts and measures the size. Other fields are as in
+    The registry adds the category, the variant number and the color word (also as the last tag). It also distributes
+    the mass over the collision parts and measures the size. The fields that are not listed here are explained in
     :class:`~betterbench.sim.assets.asset.Asset`.
 
     Attributes:
-        tags: Search words, without the color word.
-        traits: Tags that only describe the object's material, place or use and cannot name the object: "glass" for a
+        tags: Search words. The color word is not among them, since the registry adds it.
+        traits: Tags that describe the material, place or use of the object but cannot name the object: "glass" for a
             jar, "desk" for a mouse.
         parts: Visual and collision parts, in any order.
-        densities: Relative density of each collision part, in order. Parts beyond the list have no mass. If not given,
-            all densities are equal.
+        densities: Relative density of each collision part, in order. If there are fewer densities than parts, the
+            remaining parts have no mass. If None, all parts have the same density.
         material: Name of the surface material (see :mod:`~betterbench.sim.assets.authoring.materials`). It sets the
-            friction of all collision parts except those with their own friction (:func:`surfaced`). Without a material
-            each part keeps its friction.
-        body: Mass, center of mass and inertia from another source. By default, the mass is distributed over the
-            collision parts, which then must not be hulls.
-        source: Origin of the shape.
+            friction of all collision parts, except parts with a friction of their own (:func:`surfaced`). If None, all
+            parts keep their friction.
+        body: Mass, center of mass and inertia, if they come from another source. If None, the mass is distributed over
+            the collision parts, which then must not be hulls.
+        source: Where the shape comes from.
         license: License of the shape.
     """
 
@@ -72,10 +73,11 @@ def part(
     shininess: float = 0.3,
     opacity: float = 1.0,
 ) -> VisualPart:
-    """Return a visual part: a mesh in one color, or with a texture mapped by the mesh's texture coordinates.
+    """Return a visual part, i.e. a mesh in one color or with a texture.
 
-    A ``view`` (:data:`FRONT`, :data:`ABOVE`) projects the texture onto the mesh instead. It consists of the directions
-    of the texture's columns and rows. Colors, ``specular``, ``shininess`` and ``opacity`` are in [0, 1].
+    A texture is mapped by the texture coordinates of the mesh. If ``view`` is given (such as :data:`FRONT` or
+    :data:`ABOVE`), the texture is projected onto the mesh instead. A view consists of the directions of the texture's
+    columns and rows. Colors, ``specular``, ``shininess`` and ``opacity`` are in [0, 1].
     """
     mesh = mesh if view is None else mapped(mesh, *view)
     color, texture = (1.0, 1.0, 1.0), None
@@ -90,7 +92,10 @@ def part(
 
 
 def frozen(array: np.ndarray) -> np.ndarray:
-    """Return a contiguous, read-only copy of an array, because assets are cached and shared."""
+    """Return a contiguous, read-only copy of an array.
+
+    Arrays of assets are read-only because assets are cached and shared.
+    """
     array = np.ascontiguousarray(array)
     array.setflags(write=False)
     return array
@@ -109,10 +114,10 @@ def block(
     specular: float = 0.2,
     shininess: float = 0.3,
 ) -> tuple[VisualPart, CollisionPart]:
-    """Return the visual and the collision part of one box from its corner ``low`` to its corner ``high`` [m].
+    """Return the visual and the collision part of a box that extends from corner ``low`` to corner ``high`` [m].
 
-    The bevel of the top and bottom edges and the rounded vertical edges are only visual (see :func:`box` and
-    :func:`part`).
+    Only the visual part has beveled top and bottom edges and rounded vertical edges. The remaining arguments are
+    explained in :func:`box` and :func:`part`.
     """
     solid = solid_box(low, high)
     x, y, z = solid.size
@@ -132,19 +137,20 @@ def grip(
     symmetric_yaw: bool = False,
     preference: int = 0,
 ) -> Grasp:
-    """Return a grasp at (x, y) by a jaw from straight above, with the center of its pads at ``height`` [m].
+    """Return a grasp from straight above at (x, y), with the center of the finger pads at ``height`` [m].
 
-    The fingers open along the object's axis ``across`` around a thickness of ``width`` [m]. For the other arguments,
-    see :class:`Grasp`.
+    The fingers open along the axis ``across`` of the object, around a part that is ``width`` thick [m]. The remaining
+    arguments are explained in :class:`Grasp`.
     """
     pose = Pose((x, y, height), JAW_OPENS_ALONG_X if across == "x" else JAW_OPENS_ALONG_Y)
     return Grasp(name, pose, width, clearance, symmetric_yaw, preference)
 
 
 def grip_across(height: float, radius: float, *, clearance: float | None = None) -> Grasp:
-    """Return a top-down grasp at ``height`` across a body with this ``radius`` there [m]. The yaw is free.
+    """Return a grasp from above across a round body with the given radius at ``height`` [m].
 
-    By default, the clearance on each side is 12 mm, or less if the jaw would otherwise open wider than 79 mm.
+    The gripper may have any yaw. The default clearance is 12 mm on each side, or less if the jaw would otherwise have
+    to open wider than 79 mm.
     """
     free = min(0.012, 0.0395 - radius) if clearance is None else clearance
     return grip("body", height, 2.0 * radius, clearance=free, symmetric_yaw=True)
@@ -153,17 +159,20 @@ def grip_across(height: float, radius: float, *, clearance: float | None = None)
 def zone(
     name: str, half_x: float, half_y: float, z: float = 0.0, *, x: float = 0.0, y: float = 0.0, half_z: float = 0.001
 ) -> Region:
-    """Return a rectangular region with half extents and a center [m]. It is flat unless ``half_z`` is given."""
+    """Return a rectangular region, given by its half extents and its center [m].
+
+    The region is flat unless its half height ``half_z`` is given.
+    """
     return Region(name, (x, y, z), (half_x, half_y, half_z))
 
 
 def disc(name: str, radius: float, z: float = 0.0, *, x: float = 0.0) -> Region:
-    """Return a flat round region with a radius [m] at height ``z`` [m]."""
+    """Return a flat round region with the given radius [m] at height ``z`` [m]."""
     return zone(name, radius, radius, z, x=x)
 
 
 def centered(*meshes: Mesh) -> Vector:
-    """Return the shift [m] that moves the center of the bounding box's bottom face to the origin."""
+    """Return the translation [m] that moves the center of the bounding box's bottom face to the origin."""
     points = np.concatenate([m.vertices for m in meshes])
     low, high = points.min(axis=0), points.max(axis=0)
     return (-0.5 * float(low[0] + high[0]), -0.5 * float(low[1] + high[1]), -float(low[2]))

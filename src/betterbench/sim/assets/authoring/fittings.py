@@ -1,4 +1,4 @@
-"""Appliance fittings: instruments, control panels, grilles, outlets, tubes and marks, each with its texture."""
+"""Fittings of appliances, each with its texture: gauges, control panels, grilles, outlets, tubes and markings."""
 
 import math
 
@@ -13,7 +13,10 @@ from betterbench.sim.assets.authoring.turned import Turned
 
 
 def water_tank(x: tuple[float, float], half_y: float, z: tuple[float, float]) -> VisualPart:
-    """Return a tinted water tank between two x and two heights [m], four fifths full, with a dark lid."""
+    """Return a tinted water tank with a dark lid, filled to four fifths.
+
+    The tank extends between the two given positions in x and between the two given heights in z [m].
+    """
     canvas = Canvas(1.0, 1.0, (32, 64), (0.66, 0.75, 0.80))
     canvas.band(0.0, 0.80, (0.38, 0.58, 0.72))
     canvas.band(0.79, 0.81, (0.80, 0.90, 0.95))
@@ -22,7 +25,7 @@ def water_tank(x: tuple[float, float], half_y: float, z: tuple[float, float]) ->
 
 
 def grille(x: tuple[float, float], half_y: float, z: float, *, slots: float) -> VisualPart:
-    """Return a steel grille on a surface at height ``z`` between two positions along x [m]."""
+    """Return a steel grille that lies on a surface at height ``z`` and extends between two positions in x [m]."""
     metal: Rgb = (0.62, 0.63, 0.65)
     canvas = Canvas(1.0, 1.0, (128, 128), metal)
     canvas.paint((np.abs((canvas.x * slots) % 1.0 - 0.5) < 0.24) & (np.abs(canvas.y - 0.5) < 0.45), (0.14, 0.14, 0.15))
@@ -31,13 +34,17 @@ def grille(x: tuple[float, float], half_y: float, z: float, *, slots: float) -> 
 
 
 def ring_mark(radius: float, width: float, x: float, z: float, paint: Rgb) -> VisualPart:
-    """Return a flat ring on a surface at height ``z`` around ``x``, with an outer radius and a width [m]."""
+    """Return a flat ring with the given outer radius and width, on a surface at height ``z``, centered at ``x`` [m]."""
     radii, low = (radius, radius, radius - width, radius - width), z - 0.0004
     return part("ring", Turned(radii, (low, z + 0.0011, z + 0.0014, low), wrap=False).mesh().moved(x), paint)
 
 
 def outlet(x: float, tip: float, top: float) -> tuple[VisualPart, CollisionPart]:
-    """Return a chrome outlet at ``x``: a collar under a surface at height ``top``, two spouts down to ``tip`` [m]."""
+    """Return a chrome coffee outlet at ``x`` [m].
+
+    A collar is attached to the underside of a surface at height ``top``. Two spouts reach from the collar down to
+    height ``tip`` [m].
+    """
     solid = solid_span((x - 0.009, x + 0.009), 0.014, (tip, top))
     collar = Turned((0.0, 0.0125, 0.0140, 0.0), (tip + 0.0055, tip + 0.0055, top + 0.001, top + 0.001), 12, wrap=False)
     spout = Turned((0.0, 0.0038, 0.0045, 0.0), (tip, tip, tip + 0.006, tip + 0.006), 6, wrap=False).mesh()
@@ -46,16 +53,19 @@ def outlet(x: float, tip: float, top: float) -> tuple[VisualPart, CollisionPart]
 
 
 def steam_wand(x: float, y: float, z: float) -> VisualPart:
-    """Return a bent chrome tube that starts at a front at (x, y) a little above height ``z`` and ends below it [m]."""
+    """Return a bent chrome tube that sticks out of the front of an appliance.
+
+    The tube begins at (x, y), slightly above height ``z``, and its tip points down and ends below ``z`` [m].
+    """
     along, up = (x - 0.004, x + 0.022, x + 0.030, x + 0.038), (z + 0.012, z + 0.010, z - 0.004, z - 0.078)
     mesh = sweep(along, up, tube_section(0.0042, 6), crease_degrees=70.0).moved(y=y)
     return part("wand", mesh, CHROME, specular=0.9, shininess=0.8)
 
 
 def gauge(rng: np.random.Generator, radius: float, x: float, z: float) -> VisualPart:
-    """Return a round instrument that faces +x, with a red range and a needle at a random angle.
+    """Return a round gauge that faces +x, with a red range on its scale and a needle at a random angle.
 
-    Its back is at ``x``, its center at height ``z`` [m].
+    The back of the gauge is at ``x`` and its center at height ``z`` [m].
     """
     canvas = Canvas(2.0, 2.0, (64, 64), CHROME)
     r, up = canvas.radius, canvas.y - 1.0
@@ -82,10 +92,11 @@ def panel(
     split: float,
     display: bool,
 ) -> VisualPart:
-    """Return an appliance front at ``x`` between two heights [m]: lamps above a plate of brushed steel.
+    """Return the front panel of an appliance: a plate of brushed steel with a field of lamps above it.
 
-    The trim is the color of the edges and, on a bright housing, of the field behind the lamps. The controls begin at
-    ``split``, a fraction of the front's height. A display is in their center.
+    The panel is at ``x``, between the two heights in ``z`` [m]. ``split`` is the height at which the field with the
+    lamps begins, as a fraction of the panel's height. ``trim`` is the color of the panel's edges. On a bright housing,
+    it is also the color of the field. If ``display`` is True, there is a display in the center of the field.
     """
     canvas = Canvas(1.6, 2.3, (128, 192), mixed(CHROME, trim, 0.25))
     canvas.grain(rng, cells=(3, 90), amount=0.035)

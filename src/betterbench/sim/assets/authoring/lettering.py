@@ -1,4 +1,7 @@
-"""Stroke font for printed letters and digits, with only the characters that the library needs."""
+"""Stroke font for letters and digits printed on objects.
+
+It has only the characters that the procedural library needs.
+"""
 
 from betterbench.sim.assets.authoring.paint import Canvas, Rgb
 
@@ -32,9 +35,9 @@ _ADVANCE = 0.86
 def write_word(
     canvas: Canvas, text: str, center: tuple[float, float], *, height: float, ink: Rgb, weight: float = 0.16
 ) -> None:
-    """Write a word of upper-case characters on a texture, centered.
+    """Write a word of upper-case characters on a texture, centered at ``center``.
 
-    The height of a capital letter is in canvas units. The stroke weight is relative to that height.
+    The height of the letters is in units of the canvas. The width of the strokes is a fraction of the letter height.
     """
     left = center[0] - 0.5 * height * (_ADVANCE * (len(text) - 1) + 0.6)
     low = center[1] - 0.5 * height

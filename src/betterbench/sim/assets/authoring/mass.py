@@ -1,4 +1,4 @@
-"""Mass properties of a body composed of simple solids."""
+"""Mass properties of a body that is composed of primitive shapes."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from betterbench.sim.assets.asset import CollisionPart
 
 @dataclass(frozen=True, slots=True)
 class MassProperties:
-    """Mass, center of mass and inertia of a rigid body, in the frames and units of an asset."""
+    """Mass, center of mass and inertia of a rigid body, in the same frames and units as in an asset."""
 
     mass_kg: float
     center_of_mass: Vector
@@ -21,7 +21,7 @@ class MassProperties:
 
 
 def volume_of(part: CollisionPart) -> float:
-    """Return the volume of a primitive [m^3].
+    """Return the volume of a primitive collision part [m^3].
 
     Raises:
         InvalidInputError: If the part is a hull.
@@ -41,7 +41,7 @@ def volume_of(part: CollisionPart) -> float:
 
 
 def _own_inertia(part: CollisionPart, mass: float) -> np.ndarray:
-    """Return a primitive's principal moments about its own center and axes [kg m^2]."""
+    """Return the principal moments of inertia of a primitive about its own center and axes [kg m^2]."""
     a, b, c = part.size
     if part.shape == "box":
         return mass / 3.0 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
@@ -59,9 +59,11 @@ def _own_inertia(part: CollisionPart, mass: float) -> np.ndarray:
 def mass_properties(
     parts: Sequence[CollisionPart], mass_kg: float, *, densities: Sequence[float] | None = None
 ) -> MassProperties:
-    """Distribute a mass over primitives. Results are rounded to nine digits for equal results on all machines.
+    """Distribute a mass over primitive collision parts, and return the mass properties of the whole body.
 
-    Densities are relative, with one for each part. Parts beyond the list have density zero. By default, all are equal.
+    The densities are relative, one for each part. If there are fewer densities than parts, the remaining parts have no
+    mass. If None, all parts have the same density. The results are rounded to nine digits, so that they are equal on
+    all machines.
 
     Raises:
         InvalidInputError: If a part is a hull, or all densities are zero.
@@ -70,7 +72,7 @@ def mass_properties(
     if densities is not None:
         weights = weights * [*densities, *[0.0] * (len(parts) - len(densities))]
     if weights.sum() <= 0.0:
-        raise InvalidInputError("densities", "all densities are zero", "Give at least one positive density")
+        raise InvalidInputError("densities", "all densities are zero", "Set at least one positive density")
     masses = mass_kg * weights / weights.sum()
     centers = np.array([p.position for p in parts])
     center = masses @ centers / mass_kg

@@ -1,7 +1,7 @@
-"""Object materials with friction, density and the sources of these values.
+"""Materials of objects, with their friction, their density and the sources of these values.
 
-A friction coefficient belongs to a pair of surfaces, but MuJoCo uses the larger of two numbers, one per surface. The
-coefficient of a material here is for contact with itself or with a painted or laminated table top. The table's
+A friction coefficient belongs to two surfaces in contact, but MuJoCo has one number per surface and uses the larger
+one. The coefficient of a material here is for contact with itself or with a painted or laminated table top. The table's
 coefficient, 0.5, does not exceed any of these, so MuJoCo uses the object's coefficient. The gripper's rubber pads have
 1.2, more than any material, so that a grasp holds every object equally.
 
@@ -42,10 +42,10 @@ class Material:
     """Material of an object.
 
     Attributes:
-        sliding: Coefficient of sliding friction, against itself or a table.
+        sliding: Coefficient of sliding friction against the same material or a table.
         density: Density of the solid material [kg/m^3].
         soft: Whether the material is soft and yields at contacts.
-        reason: Source of the sliding friction coefficient.
+        reason: Where the coefficient of sliding friction comes from.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Material:
 
     @property
     def friction(self) -> Vector:
-        """Sliding, torsional [m] and rolling [m] coefficients for a collision part."""
+        """Sliding, torsional [m] and rolling [m] friction coefficients for a collision part."""
         torsional = round(2.0 / 3.0 * _PATCH_RADIUS_M * self.sliding, 5)
         return (self.sliding, torsional, _SOFT_M if self.soft else _HARD_M)
 
@@ -85,10 +85,10 @@ MATERIALS: Mapping[str, Material] = {material.name: material for material in _AL
 
 
 def material(name: str) -> Material:
-    """Return a material.
+    """Return the material with the given name.
 
     Raises:
-        UnknownNameError: If no such material exists.
+        UnknownNameError: If there is no such material.
     """
     try:
         return MATERIALS[name]

@@ -1,8 +1,9 @@
-"""Triangle meshes lofted from rings, from which every procedural shape is constructed.
+"""Triangle meshes made from rings of points, from which all procedural shapes are built.
 
-A loft connects rings of points by strips of triangles. A lathe, a beveled box, a swept tube and a takeaway box are all
-lofts. Vertices are shared on round surfaces and duplicated at edges, so a renderer that averages normals over shared
-vertices shows both correctly. All lengths are in meters, all coordinates in the object frame.
+A loft connects rings of points by strips of triangles. Solids of revolution, beveled boxes, swept tubes and takeaway
+boxes are all lofts. Vertices are shared on round surfaces and duplicated at edges. A renderer that averages normals
+over shared vertices therefore shows both correctly. All lengths are in meters, and all coordinates are in the object's
+frame.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 FRONT = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-"""Directions of a texture's columns and rows for :func:`mapped`, for the front of an object seen from +x."""
+"""Directions of a texture's columns and rows for :func:`mapped`, if the texture is on the front of an object, which
+faces +x."""
 
 ABOVE = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
-"""The same for the top of an object seen from +x."""
+"""Directions of a texture's columns and rows for :func:`mapped`, if the texture is on the top of an object whose front
+faces +x."""
 
 # vertices that agree to this number of decimals [m] are merged, so that rounding errors do not matter
 _DECIMALS = 7
@@ -29,8 +32,8 @@ class Mesh:
 
     Attributes:
         vertices: (n, 3) float64 positions [m].
-        faces: (m, 3) int32 vertex indices, counter-clockwise seen from outside.
-        uv: (n, 2) float64 texture coordinates, origin at the lower left of the texture.
+        faces: (m, 3) int32 vertex indices, counterclockwise when seen from outside.
+        uv: (n, 2) float64 texture coordinates, with the origin at the lower left of the texture.
     """
 
     vertices: np.ndarray
@@ -38,24 +41,25 @@ class Mesh:
     uv: np.ndarray
 
     def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
-        """Return the mesh shifted by (x, y, z) [m]."""
+        """Return the mesh translated by (x, y, z) [m]."""
         return Mesh(self.vertices + np.array([x, y, z]), self.faces, self.uv)
 
     def scaled_across(self, factor: np.ndarray) -> Mesh:
-        """Return the mesh with the x and y of each vertex multiplied by ``factor`` (n,)."""
+        """Return the mesh with the x and y coordinates of each vertex multiplied by ``factor`` (n,)."""
         return Mesh(self.vertices * np.stack([factor, factor, np.ones_like(factor)], axis=1), self.faces, self.uv)
 
     def seen_from_above(self, radius: float, share: np.ndarray | float = 0.5) -> Mesh:
-        """Return the mesh with a texture projected from above. The edge of the texture is at ``radius`` [m].
+        """Return the mesh with a texture that is projected from above. The edge of the texture is at ``radius`` [m].
 
-        The texture is stretched per vertex by ``share`` (n,), 0.5 for none.
+        ``share`` (n,) stretches the texture at each vertex: a vertex at horizontal distance r from the axis is shown at
+        the distance ``share * r / radius`` from the center of the texture. At 0.5, the texture is not stretched.
         """
         return Mesh(self.vertices, self.faces, 0.5 + np.reshape(share, (-1, 1)) * self.vertices[:, :2] / radius)
 
     def domed(self, radius: float, top: float, rise: float) -> Mesh:
-        """Return a dome with a texture projected from above and stretched outward where the dome is steep.
+        """Return the mesh of a dome with a texture projected from above, stretched outward where the dome is steep.
 
-        The crown is at height ``top``, higher than the edge by ``rise`` [m].
+        The highest point of the dome is at height ``top``, and its edge is lower by ``rise`` [m].
         """
         distance = np.hypot(self.vertices[:, 0], self.vertices[:, 1])
         below = np.clip((top - self.vertices[:, 2]) / rise, 0.0, 1.0)
@@ -63,9 +67,10 @@ class Mesh:
         return self.seen_from_above(1.0, 0.5 * reach / np.maximum(distance, 1e-9))
 
     def hinged(self, angle: float, x: float, z: float) -> Mesh:
-        """Return a mesh with a hinge at the origin, opened by ``angle`` [rad] and moved to the hinge (x, z) [m].
+        """Return a mesh opened about its hinge by ``angle`` [rad], and moved so that the hinge is at (x, z) [m].
 
-        The hinge is along y. A positive angle lifts the part at +x.
+        Before the move, the hinge is at the origin and parallel to the y axis. A positive angle lifts the part of the
+        mesh at +x.
         """
         return self.rotated("y", -angle).moved(x, 0.0, z)
 
@@ -81,7 +86,7 @@ class Mesh:
 
 
 def merge(meshes: Sequence[Mesh]) -> Mesh:
-    """Return one mesh with all triangles of ``meshes``."""
+    """Combine several meshes into one mesh with all their triangles."""
     offsets = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
     return Mesh(
         np.concatenate([m.vertices for m in meshes]),
@@ -91,7 +96,10 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return (m, 3) outward normals of triangles, twice as long as their areas [m^2]."""
+    """Return the outward normals of triangles as an (m, 3) array.
+
+    The length of a normal is twice the triangle's area [m^2].
+    """
     a, b, c = vertices[faces].transpose(1, 2, 0)
     (ux, uy, uz), (vx, vy, vz) = b - a, c - a
     # ten times as fast as numpy.cross for a hundred triangles, with bit-identical results
@@ -99,9 +107,10 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _welded(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
-    """Merge vertices with equal position and texture coordinate, and drop triangles that have lost their area.
+    """Merge vertices with equal positions and texture coordinates, and drop triangles whose area is zero afterwards.
 
-    Also returns the :func:`face_normals` of the result.
+    Returns:
+        The merged mesh and its :func:`face_normals`.
     """
     # numpy.unique with an axis takes three times as long as this sort, with the same result
     key = np.round(np.hstack([mesh.vertices, mesh.uv]), _DECIMALS) + 0.0
@@ -120,14 +129,18 @@ def _welded(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
 
 
 def _renumbered(numbers: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sorted unique elements of an array of numbers below ``count``, and the rank of each number in them."""
+    """Renumber the integers in an array, all of which are below ``count``, without gaps.
+
+    Returns:
+        The sorted unique elements, and an array of the same shape with the rank of each element among them.
+    """
     used = np.zeros(count, dtype=bool)
     used[numbers] = True
     return np.flatnonzero(used), (np.cumsum(used) - 1)[numbers]
 
 
 def creased(mesh: Mesh, degrees: float = 40.0) -> Mesh:
-    """Weld a mesh, and split it along sharp edges, at which faces meet at an angle above ``degrees``."""
+    """Weld a mesh, and then split it along sharp edges, where two faces meet at an angle above ``degrees``."""
     mesh, normals = _welded(mesh)
     # corner c is vertex c % 3 of face c // 3; corners at one vertex are merged again if smooth edges connect them
     corners = mesh.faces.reshape(-1)
@@ -141,9 +154,12 @@ def creased(mesh: Mesh, degrees: float = 40.0) -> Mesh:
 
 
 def _last_joined(mesh: Mesh, normals: np.ndarray, limit: float) -> np.ndarray:
-    """Return the last corner at the same vertex connected to each corner by smooth edges, shape (3 m,).
+    """Group the triangle corners at each vertex: corners that are connected by smooth edges belong to the same group.
 
-    An edge is smooth if the cosine between its faces, which have these ``normals``, is above ``limit``.
+    An edge is smooth if the cosine of the angle between the ``normals`` of its two faces is above ``limit``.
+
+    Returns:
+        For each of the 3 m triangle corners, the index of the last corner in its group, as a (3 m,) array.
     """
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     # each face edge is a pair of corners, smaller vertex first; sorting makes equal edges adjacent
@@ -181,14 +197,14 @@ def loft(
     v: Sequence[float] | None = None,
     caps: tuple[bool, bool] = (True, True),
 ) -> Mesh:
-    """Connect closed rings of points by triangle strips. The result is neither welded nor creased.
+    """Connect closed rings of points by strips of triangles. The resulting mesh is neither welded nor creased.
 
     Args:
-        rings: Arrays (n, 3) of points [m], all of the same length. The direction of a ring crossed with the direction
-            from ring to ring must point outward.
-        u: (n,) horizontal texture coordinate of each point of a ring. If not given, it is 0.5 everywhere.
-        v: Vertical texture coordinate of each ring. If not given, it is 0.5 everywhere.
-        caps: Whether to close the first and the last ring by a fan around its center.
+        rings: Arrays (n, 3) of points [m], all of the same length. The cross product of the direction along a ring and
+            the direction to the next ring must point outward.
+        u: (n,) horizontal texture coordinate of each point of a ring. If None, it is 0.5 everywhere.
+        v: Vertical texture coordinate of each ring. If None, it is 0.5 everywhere.
+        caps: Whether to close the first and the last ring by a fan of triangles around its center.
     """
     points = np.asarray(rings, dtype=float)
     n_rings, n = points.shape[:2]
@@ -214,23 +230,23 @@ def loft(
 
 
 def mirrored_u(n: int, *, start: int = 0) -> np.ndarray:
-    """Return texture columns that go from 0 to 1 over half a ring of ``n`` points (even) and back over the other half.
+    """Return texture columns that rise from 0 to 1 over one half of a ring, and fall back to 0 over the other half.
 
-    A print for half of the circumference then appears on both halves, and no seam interrupts the shading of a round
-    body.
+    A print that is painted for half of the circumference then appears on both halves, and no seam interrupts the
+    shading of a round body. The number of points ``n`` must be even.
     """
     index = (np.arange(n) - start) % n
     return 1.0 - np.abs(index / (n / 2) - 1.0)
 
 
 def circle(radius: float, z: float, segments: int, *, phase: float = 0.0) -> np.ndarray:
-    """Return (segments, 3) points of a horizontal circle, counter-clockwise from the x axis."""
+    """Return (segments, 3) points on a horizontal circle, counterclockwise from the x axis."""
     points: np.ndarray = _circles([(radius, z)], segments, phase)[0]
     return points
 
 
 def _circles(profile: Sequence[tuple[float, float]], segments: int, phase: float) -> np.ndarray:
-    """Return the :func:`circle` of each point (radius, height) of a profile, shape (n, segments, 3)."""
+    """Return one :func:`circle` for each point (radius, height) of a profile, as an (n, segments, 3) array."""
     angle = phase + 2.0 * math.pi * np.arange(segments) / segments
     radii, heights = np.asarray(profile, dtype=float).T[:, :, None]
     points = np.empty((len(profile), segments, 3))
@@ -246,10 +262,10 @@ def lathe(
     wrap: bool = False,
     phase: float = 0.0,
 ) -> Mesh:
-    """Revolve a profile about the vertical axis and crease the mesh. For the arguments, see :class:`Turned`.
+    """Return the creased mesh of a profile that is revolved about the vertical axis (see :class:`Turned`).
 
-    The texture row ``v`` is the relative length along the profile (see :func:`profile_length`). A wrapped texture has
-    the columns of :func:`mirrored_u`.
+    The vertical texture coordinate is the distance along the profile (see :func:`profile_length`) as a fraction of the
+    whole length. If ``wrap`` is True, the horizontal texture coordinates are those of :func:`mirrored_u`.
     """
     length = profile_length(profile)
     rings = _circles(profile, segments, phase)
@@ -258,15 +274,16 @@ def lathe(
 
 
 def profile_length(profile: Sequence[tuple[float, float]]) -> np.ndarray:
-    """Return the distance [m] along the profile from its first point to each of its points."""
+    """Return the distance along the profile [m] from its first point to each of its points."""
     steps = np.linalg.norm(np.diff(np.asarray(profile, dtype=float), axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, steps: int = 1) -> np.ndarray:
-    """Return the (n, 3) points of a horizontal rectangle at height ``z``, counter-clockwise [m].
+    """Return the (n, 3) points of a horizontal rectangle at height ``z``, counterclockwise [m].
 
-    Corners of a radius above 0 are rounded by ``steps`` segments each. A single segment gives a chamfer.
+    If ``corner`` is above 0, each corner is rounded with this radius by ``steps`` segments. A single segment gives a
+    chamfer.
     """
     if corner <= 0.0:
         corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
@@ -288,7 +305,11 @@ def box(
     corner: float = 0.0,
     steps: int = 1,
 ) -> Mesh:
-    """Return a creased box with bevelled horizontal edges and vertical edges rounded in ``steps`` segments [m]."""
+    """Return a creased box.
+
+    Its horizontal edges are beveled by ``bevel`` [m], and its vertical edges are rounded with the radius ``corner``
+    [m], in ``steps`` segments each.
+    """
     hx, hy, hz = (0.5 * s for s in size)
     heights = [(-hz, bevel), (-hz + bevel, 0.0), (hz - bevel, 0.0), (hz, bevel)] if bevel > 0.0 else [(-hz, 0), (hz, 0)]
     rings = [rectangle(hx - e, hy - e, z, corner=max(corner - e, 0.3 * corner), steps=steps) for z, e in heights]
@@ -304,13 +325,16 @@ def span(
     corner: float = 0.0,
     steps: int = 1,
 ) -> Mesh:
-    """Return a :func:`box` that is symmetric about y = 0, between two positions along x and two heights [m]."""
+    """Return a :func:`box` that is symmetric about y = 0.
+
+    It extends between the two given positions in x and between the two given heights in z [m].
+    """
     size, center = (x[1] - x[0], 2.0 * half_y, z[1] - z[0]), (0.5 * (x[0] + x[1]), 0.0, 0.5 * (z[0] + z[1]))
     return box(size, center, bevel=bevel, corner=corner, steps=steps)
 
 
 def _flat_caps(rings: Sequence[np.ndarray]) -> Mesh:
-    """Loft rings and close both ends by triangles between the points of a convex ring, without a center point."""
+    """Loft convex rings, and close each end with triangles between the points of its ring, without a center point."""
     side = loft(rings, caps=(False, False))
     n = len(rings[0])
     last = (len(rings) - 1) * n
@@ -321,17 +345,17 @@ def _flat_caps(rings: Sequence[np.ndarray]) -> Mesh:
 
 
 def prism(rings: Sequence[np.ndarray], *, crease_degrees: float = 40.0) -> Mesh:
-    """Return the creased loft of convex rings, closed at both ends with the fewest triangles."""
+    """Return the creased loft of convex rings. Both ends are closed with as few triangles as possible."""
     return creased(_flat_caps(rings), crease_degrees)
 
 
 def sweep(
     x: Sequence[float], z: Sequence[float], section: Sequence[tuple[float, float]], *, crease_degrees: float = 40.0
 ) -> Mesh:
-    """Move a cross section along a path in the plane y = 0 and close both ends.
+    """Move a cross section along a path in the plane y = 0, and close both ends.
 
-    The path is given by its positions along x and its heights [m]. Points (a, b) of the cross section [m],
-    counter-clockwise, are measured along y and along the normal of the path in its plane.
+    The path is given by the x coordinates and the heights of its points [m]. The points (a, b) of the cross section [m]
+    are in counterclockwise order: a is measured along y, and b along the normal of the path within the plane.
     """
     points = np.column_stack([x, np.zeros(len(x)), z])
     normal = np.array([0.0, 1.0, 0.0])
@@ -349,7 +373,7 @@ def sweep(
 
 
 def chamfered(half_width: float, low: float, high: float, chamfer: float) -> list[tuple[float, float]]:
-    """Return the eight points (across, up) of a rectangle with cut corners [m], counter-clockwise seen from +x."""
+    """Return the eight points (across, up) of a rectangle with cut corners [m], counterclockwise when seen from +x."""
     w, c = half_width, chamfer
     right = [(w, low + c), (w, high - c), (w - c, high)]
     return [*right, (-w + c, high), (-w, high - c), (-w, low + c), (-w + c, low), (w - c, low)]
@@ -362,10 +386,10 @@ def rod(
     y: float = 0.0,
     crease_degrees: float = 32.0,
 ) -> Mesh:
-    """Return the closed loft of upright rectangles along x. The center of each is at ``y`` [m].
+    """Return a rod along x, lofted from upright rectangles that are all centered at ``y`` [m]. Its ends are closed.
 
-    A station is the position along x, half the width, the bottom and the top of a rectangle [m]. Its corners are cut by
-    ``chamfer``, or less in small rectangles.
+    Each station gives the x coordinate, half the width, the bottom and the top of one rectangle [m]. The corners of the
+    rectangles are cut by ``chamfer``, or by less if the rectangle is small.
     """
     rings = []
     for x, w, low, high in stations:
@@ -376,7 +400,10 @@ def rod(
 
 
 def slab(x: Sequence[float], z: Sequence[float], half_y: float, *, bevel: float) -> Mesh:
-    """Return a plate with bevelled rims from its convex side view: x and z of each point, counter-clockwise [m]."""
+    """Return a plate with beveled rims, given the x and z of each point of its convex side view [m].
+
+    The points are in counterclockwise order.
+    """
     points = np.column_stack([x, z])
     center = points.mean(axis=0)
     away = points - center
@@ -388,13 +415,13 @@ def slab(x: Sequence[float], z: Sequence[float], half_y: float, *, bevel: float)
 
 
 def tube_section(radius: float, sides: int) -> list[tuple[float, float]]:
-    """Return the points of a round cross section for :func:`sweep`."""
+    """Return the points of a circular cross section for :func:`sweep`."""
     angles = [2.0 * math.pi * k / sides for k in range(sides)]
     return [(radius * math.cos(a), radius * math.sin(a)) for a in angles]
 
 
 def mapped(mesh: Mesh, right: tuple[float, float, float], up: tuple[float, float, float]) -> Mesh:
-    """Return the mesh with a texture projected onto it, its columns along ``right`` and its rows along ``up``."""
+    """Project a texture onto a mesh, with the texture's columns along ``right`` and its rows along ``up``."""
     flat = np.stack([mesh.vertices @ np.array(right), mesh.vertices @ np.array(up)], axis=1)
     low, high = flat.min(axis=0), flat.max(axis=0)
     return Mesh(mesh.vertices, mesh.faces, (flat - low) / (high - low))

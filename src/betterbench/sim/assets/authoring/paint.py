@@ -1,4 +1,4 @@
-"""Procedural textures for visual parts, drawn with NumPy: bands, discs, waves and noise."""
+"""Procedural textures for visual parts, drawn with NumPy: bands, discs, lines and noise."""
 
 import functools
 import itertools
@@ -20,9 +20,9 @@ _unpainted: ContextVar[bool] = ContextVar("unpainted", default=False)
 
 @contextmanager
 def unpainted() -> Iterator[None]:
-    """Context manager in which canvases have one pixel.
+    """Context manager in which textures are not painted, to build assets in a tenth of the time.
 
-    The random draws stay the same, but take a tenth of the time.
+    Canvases then have only one pixel. All random numbers are still drawn, so shapes stay the same.
     """
     token = _unpainted.set(True)
     try:
@@ -32,16 +32,22 @@ def unpainted() -> Iterator[None]:
 
 
 class Canvas:
-    """Texture with coordinates in meters or another unit, origin at the lower left.
+    """Texture on which generators paint.
+
+    Its coordinates are in meters or another unit, with the origin at the lower left.
 
     Attributes:
         x: (1, width) horizontal coordinate of each column of samples.
         y: (height, 1) vertical coordinate of each row of samples, upward. Expressions of ``x`` and ``y`` broadcast to
-            the size of the texture, so that masks and factors of rows or columns alone take almost no time.
+            the size of the texture. Masks and factors that only depend on rows, or only on columns, therefore take
+            almost no time.
     """
 
     def __init__(self, width: float, height: float, pixels: tuple[int, int], color: Rgb) -> None:
-        """Fill a canvas with a color. The finished texture has (width, height) ``pixels``, at most 256 a side."""
+        """Create a canvas of one color.
+
+        The finished texture has ``pixels`` = (width, height) pixels, at most 256 on each side.
+        """
         columns, rows = (_OVERSAMPLING * side for side in ((1, 1) if _unpainted.get() else pixels))
         self.x = ((np.arange(columns) + 0.5) / columns * width)[None, :]
         self.y = ((rows - 0.5 - np.arange(rows)) / rows * height)[:, None]
@@ -52,26 +58,29 @@ class Canvas:
 
     @functools.cached_property
     def radius(self) -> np.ndarray:
-        """(height, width) distance of each sample from the center."""
+        """Distance of each sample from the center of the canvas, as a (height, width) array."""
         away: np.ndarray = np.hypot(self.x - 0.5 * self.width, self.y - 0.5 * self.height)
         return away
 
     @functools.cached_property
     def angle(self) -> np.ndarray:
-        """(height, width) direction of each sample from the center [rad], from -pi to pi, 0 to the right."""
+        """Direction of each sample as seen from the center, as a (height, width) array [rad]. 0 is to the right."""
         turn: np.ndarray = np.arctan2(self.y - 0.5 * self.height, self.x - 0.5 * self.width)
         return turn
 
     def between(self, low: float, high: float) -> np.ndarray:
-        """Return the mask (height, 1) of the rows above ``low`` and below ``high``."""
+        """Return a (height, 1) mask of the rows above ``low`` and below ``high``."""
         return (self.y > low) & (self.y < high)
 
     def near(self, x: float, y: float, reach_x: float, reach_y: float) -> np.ndarray:
-        """Return the mask of the rectangle around (x, y) with half extents ``reach_x`` and ``reach_y``."""
+        """Return a mask of the rectangle around (x, y) with the half extents ``reach_x`` and ``reach_y``."""
         return (np.abs(self.y - y) < reach_y) & (np.abs(self.x - x) < reach_x)
 
     def paint(self, mask: np.ndarray, color: Rgb, *, strength: float = 1.0) -> None:
-        """Blend in a color where ``mask`` (boolean, or a weight in [0, 1]) is set; it broadcasts to the texture."""
+        """Blend a color into the texture where the mask is set.
+
+        The mask is boolean, or has weights in [0, 1], and must broadcast to the size of the texture.
+        """
         wanted: np.ndarray = mask.astype(bool, copy=False)
         rows, columns = _run(np.any(wanted, axis=1)), _run(np.any(wanted, axis=0))
         mask = mask[rows, columns]
@@ -85,14 +94,15 @@ class Canvas:
             self._blend(window, mask * strength, color)
 
     def _fill(self, window: tuple[slice, slice], inside: np.ndarray, color: Rgb, strength: float = 1.0) -> None:
-        """Blend in a color with one weight, where the mask of the window is set."""
+        """Blend a color into a window of the texture, with the same weight wherever the mask of the window is set."""
         planes, new = self._planes[:, *window], _by_plane(color)
         np.copyto(planes, new if strength == 1.0 else planes * (1.0 - strength) + new * strength, where=inside)
 
     def paint_rectangle(self, rows: np.ndarray, columns: np.ndarray, weight: np.ndarray, color: Rgb) -> None:
-        """Blend in a color where the row mask (height,) and the column mask (width,) are both set.
+        """Blend a color into the texture where the row mask (height,) and the column mask (width,) are both set.
 
-        ``weight`` is (width,) in [0, 1]. Hundreds of small marks are painted without masks of the whole canvas.
+        ``weight`` is a (width,) array in [0, 1]. This method paints hundreds of small marks quickly, because it does
+        not need a mask of the whole canvas for each mark.
         """
         window = (_run(rows), _run(columns))
         inside = rows[window[0], None] & columns[None, window[1]]
@@ -105,7 +115,10 @@ class Canvas:
             planes[channel] += value * weight
 
     def _window(self, center: tuple[float, float], reach_x: float, reach_y: float) -> tuple[slice, slice]:
-        """Return the rows and columns of the samples within reach, which speeds up textures with hundreds of marks."""
+        """Return the slices of rows and columns that contain all samples within reach of a point.
+
+        Small marks are painted faster if only this part of the texture is changed.
+        """
         return _run(np.abs(self.y[:, 0] - center[1]) <= reach_y), _run(np.abs(self.x[0] - center[0]) <= reach_x)
 
     def shade(self, factor: np.ndarray) -> None:
@@ -113,31 +126,34 @@ class Canvas:
         self._planes *= factor
 
     def brighten(self, dark: float, top: float) -> None:
-        """Multiply by a factor that rises from ``dark`` at the lower edge to 1 at row ``top``."""
+        """Multiply the colors by a factor that rises from ``dark`` at the lower edge to 1 at row ``top``."""
         self.shade(dark + (1.0 - dark) * np.clip(self.y / top, 0.0, 1.0))
 
     def shadow(self, start: float, end: float, light: float, loss: float) -> None:
-        """Darken the area above row ``start``: brightness ``light`` at ``start``, lower by ``loss`` at row ``end``."""
+        """Darken the texture above row ``start``.
+
+        The brightness is ``light`` at row ``start``. It decreases by ``loss`` up to row ``end``.
+        """
         down = np.clip((self.y - start) / (end - start), 0.0, 1.0)
         self.shade(np.where(self.y > start, light - loss * down, 1.0))
 
     def band(self, low: float, high: float, color: Rgb) -> None:
-        """Paint a horizontal band from ``low`` to ``high``."""
+        """Paint a horizontal band that extends from row ``low`` to row ``high``."""
         self.paint((self.y >= low) & (self.y < high), color)
 
     def ellipse(self, center: tuple[float, float], radii: tuple[float, float], color: Rgb, turn: float = 0) -> None:
-        """Paint a filled ellipse, rotated by ``turn`` [rad]."""
+        """Paint a filled ellipse that is rotated by ``turn`` [rad]."""
         window = self._window(center, max(radii), max(radii))
         self._fill(window, self._in_ellipse(window, center, radii, turn), color)
 
     def inside_ellipse(self, center: tuple[float, float], radii: tuple[float, float], turn: float = 0.0) -> np.ndarray:
-        """Return the mask of a filled ellipse."""
+        """Return a mask of the samples inside an ellipse that is rotated by ``turn`` [rad]."""
         return self._in_ellipse((slice(None), slice(None)), center, radii, turn)
 
     def _in_ellipse(
         self, window: tuple[slice, slice], center: tuple[float, float], radii: tuple[float, float], turn: float
     ) -> np.ndarray:
-        """Return the mask of the samples of a window that are inside an ellipse."""
+        """Return a mask of the samples in a window that are inside an ellipse."""
         c, s = math.cos(turn), math.sin(turn)
         dx, dy = self.x[:, window[1]] - center[0], self.y[window[0]] - center[1]
         inside: np.ndarray = ((c * dx + s * dy) / radii[0]) ** 2 + ((c * dy - s * dx) / radii[1]) ** 2 <= 1.0
@@ -156,7 +172,10 @@ class Canvas:
         self.paint(mask, color, strength=strength)
 
     def grain(self, rng: np.random.Generator, *, cells: tuple[int, int], amount: float) -> None:
-        """Multiply by smooth noise with mean 1, a standard deviation, and numbers of cells across and up."""
+        """Multiply the colors by smooth noise with mean 1 and standard deviation ``amount``.
+
+        ``cells`` is the number of noise cells in the horizontal and in the vertical direction.
+        """
         columns, rows = cells
         grid = rng.standard_normal((rows + 1, columns + 1))
         u = np.linspace(0.0, columns, self.x.size, endpoint=False)
@@ -183,16 +202,16 @@ class Canvas:
         rows: tuple[float, float],
         stretch: float = 1.0,
     ) -> None:
-        """Paint spots with random centers between two rows, ``stretch`` times as wide as high.
+        """Paint spots with random centers between two rows. The spots are ``stretch`` times as wide as high.
 
-        ``radius`` gives the smallest and the largest radius.
+        ``radius`` gives the smallest and the largest radius of a spot.
         """
         for u, v, size in rng.uniform(0.0, 1.0, (count, 3)).tolist():
             r = radius[0] + (radius[1] - radius[0]) * size
             self.ellipse((u * self.width, rows[0] + v * (rows[1] - rows[0])), (stretch * r, r), color)
 
     def pixels(self) -> np.ndarray:
-        """Return the finished texture, (height, width, 3) uint8; its first row is the top."""
+        """Return the finished texture as a (height, width, 3) uint8 array, in which the first row is the top row."""
         height, width = (side // _OVERSAMPLING for side in self._planes.shape[1:])
         pixels = np.empty((height, width, 3), dtype=np.uint8)
         for channel, plane in enumerate(self._planes):
@@ -206,27 +225,28 @@ class Canvas:
 
 
 def _by_plane(color: Rgb) -> np.ndarray:
-    """Return a color as an array of shape (3, 1, 1)."""
+    """Reshape a color to (3, 1, 1), so that it broadcasts over the pixels of a texture."""
     return np.array(color, dtype=float).reshape(3, 1, 1)
 
 
 def _run(wanted: np.ndarray) -> slice:
-    """Return the shortest slice that contains all wanted samples; it is empty if there are none."""
+    """Return the shortest slice that contains all True elements. The slice is empty if there are none."""
     at = wanted.nonzero()[0]
     return slice(at[0], at[-1] + 1) if at.size else slice(0, 0)
 
 
 def uniforms(rng: np.random.Generator, *ranges: tuple[float, float]) -> list[float]:
-    """Draw one number from each range (low, high), in order."""
+    """Draw one random number from each range (low, high), in order."""
     return [rng.uniform(low, high) for low, high in ranges]
 
 
 def scattered(
     rng: np.random.Generator, *, tries: int, gap: float, reach: float, count: int | None = None
 ) -> Iterator[tuple[float, float]]:
-    """Yield up to ``count`` random points in a disc about (1, 1), at least ``gap`` apart.
+    """Yield up to ``count`` random points in a disc around (1, 1). They are at least ``gap`` apart.
 
-    The caller may draw from ``rng`` between two points. Without ``count``, the number of tries is the only limit.
+    While iterating, the caller may draw other random numbers from ``rng``. If ``count`` is None, the number of points
+    is limited only by the number of tries.
     """
     placed: list[tuple[float, float]] = []
     for _ in range(tries):
@@ -255,7 +275,7 @@ PALETTE: dict[str, Rgb] = {
     "purple": (0.42, 0.14, 0.52),
     "pink": (0.90, 0.48, 0.58),
 }
-"""Colors by the words of instructions."""
+"""The color that each color word in an instruction stands for."""
 
 
 STEEL: Rgb = (0.74, 0.75, 0.77)
@@ -264,7 +284,7 @@ CHROME: Rgb = (0.80, 0.81, 0.83)
 
 
 def shaded(color: Rgb, factor: float) -> Rgb:
-    """Return a color made darker (factor < 1) or lighter (factor > 1, toward white)."""
+    """Return a darker color (if factor < 1) or a lighter color (if factor > 1, toward white)."""
     if factor <= 1.0:
         return (color[0] * factor, color[1] * factor, color[2] * factor)
     lift = 1.0 - 1.0 / factor
@@ -272,10 +292,10 @@ def shaded(color: Rgb, factor: float) -> Rgb:
 
 
 def mixed(a: Rgb, b: Rgb, fraction: float) -> Rgb:
-    """Return the color at ``fraction`` of the way from ``a`` to ``b``."""
+    """Mix two colors. The result is ``a`` at fraction 0 and ``b`` at fraction 1."""
     return (a[0] + (b[0] - a[0]) * fraction, a[1] + (b[1] - a[1]) * fraction, a[2] + (b[2] - a[2]) * fraction)
 
 
 def jittered(color: Rgb, rng: np.random.Generator, *, amount: float = 0.08) -> Rgb:
-    """Return a slightly lighter or darker shade of a color with the same hue."""
+    """Return a randomly lighter or darker shade of a color."""
     return shaded(color, 1.0 + float(rng.uniform(-amount, amount)))

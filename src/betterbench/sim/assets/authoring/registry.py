@@ -1,4 +1,7 @@
-"""Registry of asset generators. A category is one decorated function; all other data are derived from it."""
+"""Registry of asset generators.
+
+A category is registered by decorating one function; everything else is derived from it.
+"""
 
 import functools
 import hashlib
@@ -23,7 +26,7 @@ Generator = Callable[[np.random.Generator, str], Draft]
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """A registered generator."""
+    """Registered generator of a category, and the options of its registration."""
 
     make: Generator
     colors: tuple[str, ...]
@@ -39,12 +42,12 @@ _folders_read: set[str] = set()
 
 
 def read_folders_with(reader: Callable[[TaskFile], None]) -> None:
-    """Set the function that registers a loaded folder's assets from its manifest."""
+    """Set the function that registers the assets of a loaded folder, as listed in the folder's manifest."""
     _FOLDER_READERS.append(reader)
 
 
 def _load_declared() -> None:
-    """Load the user's plugins, task files and folders of assets."""
+    """Load the plugins, task files and asset folders that the user has given."""
     load_declared()
     for file in loaded_files():
         if file.is_asset_folder and file.path not in _folders_read:
@@ -62,22 +65,31 @@ def generator(
     family: str | None = None,
     keeps_upright: bool = False,
 ) -> Callable[[Generator], Generator]:
-    """Register a function as the generator of a category, from any file that is imported.
+    """Register a function as the generator of a category. The function may be in any file that is imported.
 
-    The function takes a random generator and a color word. All differences between looks come from the random
-    generator. The first color is the default. The function must draw the same numbers for each color, so that the color
-    never changes the shape. The first ``looks`` numbers are the looks for training and test, the following
-    ``unseen_looks`` are held out. Categories of one ``family`` draw the same random numbers for a look, so that related
-    objects (a cabinet and its drawers, the plates of a set) match. Objects that ``keeps_upright`` marks, such as
-    drinks, are inside a container only if they do not lie on their side.
+    The function takes a random generator and a color word. All differences between variants of an object come from the
+    random generator. The function must draw the same random numbers for every color, so that the color never changes
+    the shape.
+
+    Args:
+        category: Name of the category.
+        colors: Color words. The first one is the default.
+        looks: Number of variants for training and test. They are numbered from 0.
+        unseen_looks: Number of held-out variants. Their numbers continue those of ``looks``.
+        family: Categories of the same family draw the same random numbers for a variant, so that related objects (a
+            cabinet and its drawers, the plates of a set) match. If None, the category is its own family.
+        keeps_upright: Whether objects of this category, such as drinks, must not lie on their side to count as inside a
+            container.
 
     Raises:
-        InvalidInputError: If there is no color, no seen look or no unseen look, or if another function has registered
-            the category.
+        InvalidInputError: If there is no color, no variant or no held-out variant, or if a different function has
+            already registered the category.
     """
     if not category or not colors or looks < 1 or unseen_looks < 1:
-        problem = "it needs a name, and at least one color, one look and one unseen look"
-        raise InvalidInputError(f"asset category {category!r}", problem, 'Write @generator("kite", ...)')
+        problem = "a category needs a name, and at least one color, one look and one unseen look"
+        raise InvalidInputError(
+            f"asset category {category!r}", problem, 'Write, for example, @generator("kite", colors=("red",))'
+        )
 
     def register(make: Generator) -> Generator:
         named = registered("asset", category, make, _REGISTER)
@@ -94,7 +106,7 @@ def generator(
 
 
 def unregister(category: str) -> None:
-    """Remove a category, for tests.
+    """Remove a category. This is meant for tests.
 
     Raises:
         UnknownNameError: If the category does not exist.
@@ -105,13 +117,13 @@ def unregister(category: str) -> None:
 
 
 def _origin(make: Generator) -> str:
-    """Return a generator's file and name, for messages."""
+    """Return the name of a generator and the file in which it is defined, for messages."""
     code = getattr(inspect.unwrap(make), "__code__", None)
     return f"{getattr(make, '__qualname__', make)} in {getattr(code, 'co_filename', 'an unknown file')}"
 
 
 def generator_of(category: str) -> Generator:
-    """Return the generator of a category, for user generators that modify its result.
+    """Return the generator of a category, so that a user's generator can modify its result.
 
     Raises:
         UnknownNameError: If the category does not exist.
@@ -126,7 +138,6 @@ def categories() -> tuple[str, ...]:
 
 
 def _entry(category: str) -> _Entry:
-    """Return the entry of a category."""
     _load_declared()
     if category not in _REGISTER:
         raise UnknownNameError("asset category", category, _REGISTER)
@@ -134,40 +145,40 @@ def _entry(category: str) -> _Entry:
 
 
 def colors(category: str) -> tuple[str, ...]:
-    """Return the possible colors of a category, the default first.
+    """Return the possible colors of a category. The first one is the default.
 
     Raises:
-        UnknownNameError: If no such category exists.
+        UnknownNameError: If there is no such category.
     """
     return _entry(category).colors
 
 
 def looks(category: str) -> range:
-    """Return the indices of the category's looks that occur in both training and test.
+    """Return the numbers of a category's variants that are used both for training and for test.
 
-    :func:`unseen_looks` returns the held-out looks.
+    The held-out variants are returned by :func:`unseen_looks`.
 
     Raises:
-        UnknownNameError: If no such category exists.
+        UnknownNameError: If there is no such category.
     """
     return range(_entry(category).looks)
 
 
 def unseen_looks(category: str) -> range:
-    """Return the indices of the category's held-out looks. They do not occur in demonstrations.
+    """Return the numbers of a category's held-out variants, which do not occur in demonstrations.
 
     Raises:
-        UnknownNameError: If no such category exists.
+        UnknownNameError: If there is no such category.
     """
     entry = _entry(category)
     return range(entry.looks, entry.looks + entry.unseen_looks)
 
 
 def family_of(category: str) -> str:
-    """Return the family of a category, by default its own name.
+    """Return the family of a category. A category without a family is its own family.
 
     Raises:
-        UnknownNameError: If no such category exists.
+        UnknownNameError: If there is no such category.
     """
     return _entry(category).family
 
@@ -175,31 +186,36 @@ def family_of(category: str) -> str:
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     """Make an asset. The same arguments give the same bits in every process. The color never changes the shape.
 
-    Without a color, the category's first color is used (see :func:`colors`). The look is one of :func:`looks` or
-    :func:`unseen_looks`.
+    Args:
+        category: Name of the category.
+        look: Number of the variant, from :func:`looks` or :func:`unseen_looks`.
+        color: Color word. If None, the first color of the category is used (see :func:`colors`).
 
     Raises:
         UnknownNameError: If the category or the color is not known.
-        InvalidInputError: If the look does not exist.
+        InvalidInputError: If there is no variant with this number.
     """
     return _with_moved_regions(_build(category, look, _checked_color(category, look, color)))
 
 
 def build_unpainted(category: str, *, look: int = 0, color: str | None = None) -> Asset:
-    """Make an asset without textures, for measurements.
+    """Make an asset without textures, for measurements. This takes about a third of the time of :func:`build`.
 
-    Shape, mass, grasps and regions are those of :func:`build`, in about a third of the time. The asset must not be put
-    into a scene.
+    Shape, mass, grasps and regions are the same as with :func:`build`. The asset must not be used in a scene, because
+    it would be drawn without its textures.
 
     Raises:
         UnknownNameError: If the category or the color is not known.
-        InvalidInputError: If the look does not exist.
+        InvalidInputError: If there is no variant with this number.
     """
     return _with_moved_regions(_build_unpainted(category, look, _checked_color(category, look, color)))
 
 
 def _checked_color(category: str, look: int, color: str | None) -> str:
-    """Return the color of an asset, by default the first one of its category, and check that the look exists."""
+    """Check that a category has the given color and variant.
+
+    Return the color. If no color is given, it is the first color of the category.
+    """
     entry = _entry(category)
     chosen = entry.colors[0] if color is None else color
     if chosen not in entry.colors:
@@ -216,7 +232,7 @@ _moved_regions: dict[str, Mapping[str, Region]] = {}
 
 @contextmanager
 def moved_regions(moved: Mapping[str, Mapping[str, Region]]) -> Iterator[None]:
-    """Context manager that moves regions, given by category and name, of the assets built inside it."""
+    """Context manager that replaces regions of assets built in it. They are keyed by category and region name."""
     before = dict(_moved_regions)
     _moved_regions.update(moved)
     try:
@@ -235,7 +251,7 @@ def _with_moved_regions(asset: Asset) -> Asset:
 
 @functools.lru_cache(maxsize=512)
 def _build(category: str, look: int, color: str) -> Asset:
-    """Make an asset from checked arguments."""
+    """Make an asset. The caller has already checked the arguments."""
     entry = _REGISTER[category]
     seed = int.from_bytes(hashlib.sha256(f"betterbench asset {entry.family} {look}".encode()).digest()[:8], "big")
     draft = entry.make(np.random.default_rng(seed), color)
@@ -244,7 +260,7 @@ def _build(category: str, look: int, color: str) -> Asset:
 
 @functools.lru_cache(maxsize=4096)
 def _build_unpainted(category: str, look: int, color: str) -> Asset:
-    """Make an asset without textures from checked arguments."""
+    """Make an asset without textures. The caller has already checked the arguments."""
     with unpainted():
         asset = _build.__wrapped__(category, look, color)
     return replace(asset, visual=tuple(replace(part, texture=None) for part in asset.visual))
@@ -257,7 +273,7 @@ def _forget_built() -> None:
 
 
 def asset_of(draft: Draft, category: str, *, look: int = 0, color: str, keeps_upright: bool = False) -> Asset:
-    """Return the asset of a draft.
+    """Make an asset from the draft that a generator has returned.
 
     Raises:
         InvalidInputError: If the draft has no visual part or no collision part.
@@ -267,7 +283,9 @@ def asset_of(draft: Draft, category: str, *, look: int = 0, color: str, keeps_up
     if draft.material is not None:
         collision = surfaced(collision, draft.material, only_plain=True)
     if not visual or not collision:
-        raise InvalidInputError(f"asset {category!r}", "it has no visual part or no collision part", "Add a part")
+        raise InvalidInputError(
+            f"asset {category!r}", "it has no visual part or no collision part", "Add the missing part"
+        )
     points = np.concatenate([part.vertices for part in visual]).astype(float)
     x, y, z = (round(float(e), 6) for e in np.ptp(points, axis=0))
     body = draft.body or mass_properties(collision, draft.mass_kg, densities=draft.densities)

@@ -1,4 +1,4 @@
-"""Solids of revolution: mesh, wrapped texture and collision shapes from one profile."""
+"""Solids of revolution, whose mesh, wrapped texture and collision shapes are made from the same profile."""
 
 import math
 from collections.abc import Sequence
@@ -15,12 +15,13 @@ class Turned:
     """Profile that is revolved about the vertical axis.
 
     Attributes:
-        radii: Radius at each profile point [m], from the bottom on the outside upward. A radius of zero closes the
-            surface.
+        radii: Radius at each point of the profile [m]. The profile begins at the bottom and goes up on the outside. A
+            radius of zero closes the surface.
         heights: Height of each point [m].
-        crease_degrees: Angle above which an edge is drawn sharp.
-        wrap: Whether to wrap the texture around each half of the circumference. Otherwise, the texture has one column.
-        phase: Angle of the first side [rad].
+        crease_degrees: Angle between two faces above which the edge between them is drawn as a sharp edge.
+        wrap: Whether to wrap the texture around each half of the circumference. If False, the texture has only one
+            column.
+        phase: Angle about the vertical axis at which the first side of the surface begins [rad].
     """
 
     radii: Sequence[float]
@@ -32,31 +33,41 @@ class Turned:
 
     @property
     def profile(self) -> list[tuple[float, float]]:
-        """The points (radius, height) [m]."""
+        """Points (radius, height) of the profile [m]."""
         return list(zip(self.radii, self.heights, strict=True))
 
     @property
     def rows(self) -> list[float]:
-        """Distance [m] along the profile from its first point to each point. It is the texture row of the point."""
+        """Distances along the profile from its first point to each of its points [m].
+
+        These are also the texture rows of the points.
+        """
         return [float(e) for e in profile_length(self.profile)]
 
     def mesh(self) -> Mesh:
-        """Return the creased mesh with the texture coordinates of :meth:`canvas`."""
+        """Return the creased mesh, with texture coordinates for a texture created by :meth:`canvas`."""
         return lathe(self.profile, self.sides, crease_degrees=self.crease_degrees, wrap=self.wrap, phase=self.phase)
 
     def facing_front(self, x: float, z: float) -> Mesh:
-        """Return the mesh with its axis along +x, its lower end at ``x`` and its center at height ``z`` [m]."""
+        """Return the mesh turned so that its axis points along +x.
+
+        The lower end of the solid is at ``x`` and its axis at height ``z`` [m].
+        """
         return self.mesh().rotated("y", math.pi / 2).moved(x, 0.0, z)
 
     def canvas(self, color: Rgb, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
-        """Create an empty texture for the surface, with rows upward along the profile.
+        """Create an empty texture for the surface. Its rows go up along the profile.
 
-        By default, its horizontal extent is half of the largest circumference [m], or 1 for a one-column texture.
+        If ``width`` is None, the width of the texture is half of the largest circumference [m]. It is 1 if the texture
+        is not wrapped and therefore has only one column.
         """
         if width is None:
             width = math.pi * max(self.radii) if self.wrap else 1.0
         return Canvas(width, self.rows[-1], pixels, color)
 
     def filled(self, foot_half: float, top: float | None = None) -> tuple[CollisionPart, ...]:
-        """Return the bounding cylinder of the solid on a square foot, up to ``top`` or the top of the solid [m]."""
+        """Return the collision shape of the filled solid: its bounding cylinder, which stands on a square foot.
+
+        The cylinder ends at height ``top`` [m]. If ``top`` is None, it ends at the top of the solid.
+        """
         return standing(foot_half, (max(self.radii), max(self.heights) if top is None else top))

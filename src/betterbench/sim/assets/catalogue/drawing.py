@@ -1,6 +1,6 @@
-"""Previews of mesh files, drawn from surface points without a simulator or graphics library.
+"""Preview images of mesh files, drawn from surface points without a simulator or graphics library.
 
-The mesh is loaded with trimesh, which reads additional files through a resolver that stays in the mesh folder.
+Meshes are loaded with trimesh. Files to which a mesh refers are only read if they are in the mesh's folder.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_bounded
 
 MAX_BYTES = 64 << 20
-"""Maximum size of a mesh file to draw and of each file that it references [byte]."""
+"""Maximum size of a mesh file that is drawn, and of each file that it refers to [byte]."""
 MAX_FACES = 400_000
 """Maximum number of triangles that are drawn."""
 _POINTS = 400_000
@@ -28,57 +28,57 @@ _LIGHT = np.array([0.45, -0.35, 0.82])
 
 
 class _SameFolder(trimesh.resolvers.Resolver):
-    """Resolver for the files referenced by a mesh, restricted to the mesh's folder and its subfolders."""
+    """Resolver that reads the files to which a mesh refers, if they are in the mesh's folder or its subfolders."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder.resolve()
 
     def get(self, name: str) -> bytes:
-        """Return a file's content."""
+        """Return the content of a file that the mesh refers to."""
         path = (self._folder / name).resolve() if "\0" not in name else self._folder
         if not path.is_relative_to(self._folder):
             raise ValueError(f"{name!r} is outside the folder of the mesh")
         return read_bounded(path, max_bytes=MAX_BYTES, cure="Repair the mesh")
 
     def keys(self) -> list[str]:
-        """Return an empty list, because folders are not listed."""
+        """Return an empty list. trimesh asks for the names of all files, but listing the folder is not supported."""
         return []
 
     def namespaced(self, namespace: str) -> _SameFolder:
-        """Return the resolver of a subfolder."""
+        """Return a resolver for a subfolder."""
         return _SameFolder(self._folder / namespace)
 
     def write(self, name: str, data: object) -> None:
-        """Raise an error, because nothing may be written."""
-        raise ValueError(f"{name!r} is not written ({type(data).__name__})")
+        """Raise an error, because a preview must not write files."""
+        raise ValueError(f"a preview must not write files, but trimesh tried to write {name!r} ({type(data).__name__})")
 
 
 def mesh_picture(path: Path, *, pixels: int) -> np.ndarray:
-    """Return an image of a mesh file, (pixels, pixels, 3) uint8.
+    """Draw the mesh in a file, as a (pixels, pixels, 3) uint8 image.
 
     Raises:
-        InvalidInputError: If the file is too large, damaged or empty, or trimesh cannot read it.
+        InvalidInputError: If the file is too large, damaged or empty, or if trimesh cannot read it.
     """
-    data = read_bounded(path, max_bytes=MAX_BYTES, cure="Give a smaller mesh")
+    data = read_bounded(path, max_bytes=MAX_BYTES, cure="Use a smaller mesh")
     try:
         kind = path.suffix.lower().removeprefix(".")
         loaded: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=_SameFolder(path.parent))
         points, normals, colors = _surface(loaded.dump())
     except Exception as error:  # mesh readers may raise any exception for damaged files
-        raise InvalidInputError(str(path), f"cannot be drawn ({error})", "Check it in a mesh editor") from error
+        raise InvalidInputError(str(path), f"cannot be drawn ({error})", "Check the file in a mesh editor") from error
     if kind in ("glb", "gltf"):
         points, normals = (values[:, [2, 0, 1]] for values in (points, normals))
     return _drawn(points, normals, colors, pixels)
 
 
 def _surface(geometry: Sequence[object]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points on the surface (n, 3), their normals (n, 3) and colors (n, 3) in [0, 1]."""
+    """Return (n, 3) points on the surface, their (n, 3) normals, and their (n, 3) colors in [0, 1]."""
     meshes = [mesh for mesh in geometry if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
     if not meshes or sum(len(mesh.faces) for mesh in meshes) > MAX_FACES:
-        raise ValueError(f"it has no triangles, or more than {MAX_FACES}")
+        raise ValueError(f"the mesh has no triangles, or more than {MAX_FACES}")
     whole = sum(float(mesh.area) for mesh in meshes)
     if not np.isfinite(whole) or whole <= 0.0:
-        raise ValueError("its surface is empty or not finite")
+        raise ValueError("the surface of the mesh is empty or not finite")
     rng = np.random.default_rng(0)
     points, normals, colors = [], [], []
     for mesh in meshes:
@@ -97,7 +97,7 @@ def _surface(geometry: Sequence[object]) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def _colors(mesh: trimesh.Trimesh, faces: np.ndarray, corners: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Return each point's color, from the texture, the material, or the corners and faces."""
+    """Return the color of each point, taken from the mesh's texture, its material, or its vertex or face colors."""
     visual: Any = mesh.visual
     material = getattr(visual, "material", None)
     uv = getattr(visual, "uv", None)
@@ -119,7 +119,7 @@ def _colors(mesh: trimesh.Trimesh, faces: np.ndarray, corners: np.ndarray, share
 
 
 def _drawn(points: np.ndarray, normals: np.ndarray, colors: np.ndarray, pixels: int) -> np.ndarray:
-    """Render points with normals, seen from the front and above, on a plain background."""
+    """Draw shaded points, seen from the front and above, on a plain background."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     half = float(np.linalg.norm(np.ptp(points, axis=0))) / 2.0
     if not np.isfinite(half) or half <= 0.0:

@@ -1,4 +1,4 @@
-"""Rows of the catalogue."""
+"""Type of a row in the asset catalogue."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from betterbench.sim.assets.licenses import license_kind
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CatalogueEntry:
-    """Catalogue row: one asset from a source.
+    """One asset in the catalogue.
 
     Attributes:
-        id: Unique name ("procedural/mug-red", "objaverse/UID").
-        source: Source name ("procedural", "kenney_food").
-        name: Common noun for the object ("coffee mug").
-        content_hash: SHA-256 of the file's bytes (64 hex digits); for a generated asset, the asset hash; empty for a
-            file that has not been downloaded.
-        path: Absolute path of the file, empty for an asset without a file.
+        id: Unique name, such as "procedural/mug-red" or "objaverse/UID".
+        source: Name of the asset's source, such as "procedural" or "kenney_food".
+        name: Common noun for the object, such as "coffee mug".
+        content_hash: SHA-256 of the file's content (64 hex digits). For a generated asset, it is the asset hash. Empty
+            if the file has not been downloaded.
+        path: Absolute path of the file. Empty if the asset has no file.
         description: Free text.
-        category: Object kind, empty if the source does not give it.
-        color: Color word, empty if it is not known.
-        size_m: Extents in the unit of the file, interpreted as meters, although few collections use meters; None if
-            unknown.
-        faces: Number of triangles, None if unknown.
-        license: License name, empty if unknown.
-        author: Asset author.
-        variants: Number of looks that the source generates; 1 for a file.
+        category: Kind of object. Empty if the source does not state it.
+        color: Color word. Empty if the color is not known.
+        size_m: Extents in the unit of the file. The unit is assumed to be a meter, although few collections use meters.
+            None if the extents are unknown.
+        faces: Number of triangles. None if unknown.
+        license: Name of the license. Empty if unknown.
+        author: Author of the asset.
+        variants: Number of variants of the object that the source generates. For a file, it is 1.
     """
 
     id: str
@@ -47,13 +47,13 @@ class CatalogueEntry:
 
     @property
     def text(self) -> str:
-        """Sentence that the text encoder maps to a vector."""
+        """Text that the text encoder converts to a vector: the name, the description and the tags."""
         said = ". ".join(part.rstrip(".") for part in (self.name, self.description, ", ".join(self.tags)) if part)
         return said[:400]
 
     @property
     def largest_m(self) -> float | None:
-        """Largest extent [m], None if unknown."""
+        """Largest extent [m], or None if unknown."""
         return None if self.size_m is None else max(self.size_m)
 
     def to_json(self) -> dict[str, object]:

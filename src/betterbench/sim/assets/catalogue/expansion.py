@@ -1,4 +1,4 @@
-"""Query expansion with synonyms, object kinds and descriptions, from the built-in word list."""
+"""Expansion of queries with synonyms, kinds of objects and descriptions from the built-in word lists."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _COLOR_WORDS = """
 red blue green yellow orange purple white black brown gray silver gold golden pink cream beige turquoise
 """
 COLORS = frozenset(_COLOR_WORDS.split())
-"""Words for colors; a color alone does not name an object."""
+"""Color words. A color word alone does not name an object."""
 
 _LITTLE = """
 a an the of for with without to in on at and or some any is are it its that this from by into my your our i me we you
@@ -28,7 +28,7 @@ _BEFORE_THE_VERB = """
 anything everything he how i it nothing one she something that they thing things this we what which who you
 """
 _ASKS = frozenset(_BEFORE_THE_VERB.split())
-"""Words before or after "can" that show that "can" is a verb: "that can hold", "what can I use", "can be"."""
+"""Words that show, before or after "can", that "can" is a verb: "that can hold", "what can I use", "can be"."""
 _ENDS_THE_HEAD = "of with for in on without that to from which used made holding containing like"
 AFTER_THE_HEAD = frozenset(_ENDS_THE_HEAD.split())
 """Words that end the head noun phrase of a description, such as "with" in "a blue mug with a handle"."""
@@ -45,9 +45,9 @@ _GENERIC_NAMES = """
 contraption device equipment gadget implement instrument item object one piece something stuff thing tool utensil
 """
 _GENERIC = frozenset(_GENERIC_NAMES.split())
-"""Nouns that name no object, after which a use follows: "thing to eat soup with"."""
+"""Nouns that do not name an object, if the use of the object follows: "thing to eat soup with"."""
 _STARTS_A_USE = frozenset(["for", "to", "that", "which", "you", "i", "we", "people", "used"])
-"""Words between a noun that names no object and its use."""
+"""Words that connect such a noun with the use of the object."""
 _BY_PREPOSITION = {
     "with": "tool",
     "using": "tool",
@@ -71,39 +71,40 @@ _BY_NOUN = {
 _PLACES = frozenset(
     ["around", "at", "behind", "beside", "between", "near", "next", "on", "onto", "over", "under", "inside", "outside"]
 )
-"""Words that start the place of an object: "next to the bowl"."""
+"""Words that begin a phrase for the place of an object: "next to the bowl"."""
 _THIRD_PERSON = """
 carries cleans comes crushes fits goes grinds grows helps holds joins keeps lets lies makes moves opens plays protects
 removes serves sits stores tells washes
 """
 _VERBS = frozenset(_THIRD_PERSON.split())
-"""Verbs that start a use: "holds a boiled egg"."""
+"""Verbs that begin a phrase for the use of an object: "holds a boiled egg"."""
 _IT = frozenset(["it", "them", "this", "these"])
 _JOINS = frozenset(["with", "that", "which", "has", "having"])
-"""Words after which "it" is the object already named: "a mug with an apple on it"."""
+"""Words after which "it" refers to the object that was already named: "a mug with an apple on it"."""
 _REFERS = _IT | {"which", "that"}
 _LONGEST_PHRASE = 5
 _INFLECTED = re.compile("(ed|ing|ly|ish|less)$")
 """Endings of words that are not in the lists although they are spelled correctly."""
 _SHORTEST_NAME, _SHORTEST_WORD = 5, 4
-"""Minimum lengths of a name that may be misspelled, and of a word that may be a misspelling."""
+"""Minimum length of a name for which misspellings are recognized, and minimum length of a misspelled word."""
 _BEFORE_THE_NOUN = 0.4
 """Weight of a variety or brand name before another noun."""
 _COLOR_WEIGHT, _OTHER_WEIGHT, _HEAD_WEIGHT = 0.35, 0.55, 1.0
 _SYNONYM, _KIND = 0.95, 0.8
 
 Expander = Callable[[str], Sequence[str]]
-"""Function that returns alternative descriptions of the same object, for example from a language model. Each is
-searched like the query."""
+"""Function that returns alternative descriptions of the same object, for example written by a language model. Each
+description is searched for, like the query."""
 
 
 @dataclass(frozen=True, slots=True)
 class Concept:
-    """Concept in a query.
+    """A concept in a search query, such as the object, its color or its material.
 
     Attributes:
         weight: Weight of the concept in the word score.
-        alternatives: Phrases for the concept, as terms, with a weight in (0, 1]; the first phrase is from the query.
+        alternatives: Phrases that express the concept, each a tuple of terms with a weight in (0, 1]. The first phrase
+            is the one in the query.
     """
 
     weight: float
@@ -112,21 +113,24 @@ class Concept:
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """Search query with its possible meanings.
+    """Parsed search query with its possible meanings.
 
     Attributes:
-        text: The original query.
+        text: The query, without words such as "find me", and without words for what the object should not have.
         concepts: Concepts for the search by words.
-        readings: Sentences for the search by meaning; the first is the query.
-        asked: The query and the descriptions by the expander. They are compared with the descriptions of kinds.
+        readings: Sentences for the search by meaning. The first sentence is the query.
+        asked: The query and the alternative descriptions that the expander returned. They are compared with the
+            descriptions of the kinds of objects.
         head: Part of the query that names the object: "a bowl" in "a bowl for fruit".
-        words: Terms of the query, without ignored words.
+        words: Terms of the query, without words that say little.
         colors: Colors that the query names.
-        beside: Words that do not name the object itself, such as objects with which it is used.
-        kinds: Kinds that a variety or brand in the query belongs to, by name, with a weight in (0, 1].
-        is_use: Whether the query says only what the object is for; other objects that it names are then not meant.
-        role: Role of the object in its use: "tool", "vessel", "surface" or "".
-        lacks: Words for what the object does not have.
+        beside: Words that do not name the object itself, such as "steak" in "a plate for steak".
+        kinds: Kinds to which a variety or brand in the query belongs, such as apple for "granny smith", each with a
+            weight in (0, 1].
+        is_use: Whether the query only says what the object is used for ("it opens wine"). The nouns in such a query do
+            not name the object.
+        role: Role of the object in its use: "tool", "vessel" or "surface". Empty if the role is not known.
+        lacks: Words for what the object should not have, such as "label" in "a jar without a label".
     """
 
     text: str
@@ -145,9 +149,10 @@ class Query:
 
 @functools.cache
 def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ...]]:
-    """Return, for each listed phrase, its synonyms and subordinate phrases with their weights.
+    """Return the synonyms of each listed phrase, and the narrower phrases that it includes, with their weights.
 
-    In a line ``a = b > c, d``, a and b are synonyms, and a query for either also finds c and d, but not the reverse.
+    A line ``a = b > c, d`` of the word list means that a and b are synonyms. It also means that a query for a or b
+    finds c and d, but a query for c or d does not find a or b.
     """
     found: dict[tuple[str, ...], dict[tuple[str, ...], float]] = {}
 
@@ -173,7 +178,10 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
 
 @functools.cache
 def variety_list() -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Return, for each listed variety or brand as terms, the names of its kinds."""
+    """Return the names of the kinds to which each listed variety or brand belongs, such as apple for "granny smith".
+
+    The keys are the varieties and brands, each as a tuple of terms.
+    """
     found: dict[tuple[str, ...], list[str]] = {}
     for kind, varieties in entries_by_name("varieties.txt", ","):
         for variety in varieties:
@@ -202,15 +210,15 @@ _REQUEST = re.compile(
 
 
 def _without_request(text: str) -> str:
-    """Return a query without the words of a request: "a skillet" for "Can you find me a skillet?"."""
+    """Remove the words of a request from a query: "Can you find me a skillet?" becomes "a skillet"."""
     kept = _REQUEST.sub("", text)
     return kept if any(word not in SAYS_LITTLE for word in terms(kept)) else text
 
 
 def _affirmed(text: str) -> tuple[str, tuple[str, ...]]:
-    """Return a description without what the object does not have, and the words for the latter.
+    """Split a description into what the object is and has, and what it lacks.
 
-    "A jar without a label" gives "a jar" and "label".
+    "A jar without a label" gives "a jar" and the word "label".
     """
     kept = " ".join(_NEGATED.sub(" ", text).split())
     if not any(word not in SAYS_LITTLE for word in terms(kept)):
@@ -221,14 +229,14 @@ def _affirmed(text: str) -> tuple[str, tuple[str, ...]]:
 
 @functools.cache
 def _listed_words() -> frozenset[str]:
-    """Return the words of all lists, which are spelled correctly."""
+    """Return all words that occur in the word lists. All of these words count as correctly spelled."""
     files = ("kinds.txt", "uses.txt", "words.txt", "varieties.txt", "hypernyms.txt")
     return frozenset(word for file in files for line in list_lines(file) for word in terms(line)) | SAYS_LITTLE
 
 
 @functools.cache
 def _by_spelling() -> dict[str, frozenset[str]]:
-    """Return the names of objects by their spelling with at most one letter left out."""
+    """Index the listed names of objects by their spellings, including misspellings that lack one letter."""
     names = set[str]()
     for file in ("words.txt", "kinds.txt", "hypernyms.txt"):
         lines = (line.partition("~")[0].partition(">")[0] for line in list_lines(file) if not line[0].isspace())
@@ -246,11 +254,11 @@ def _spellings(word: str) -> list[str]:
 
 
 def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
-    """Return the names of objects that misspelled words of a query stand for: "cutlery" for "cutery".
+    """Find misspelled words in a query, and return the object name that each one stands for: "cutlery" for "cutery".
 
-    A word is misspelled if it is no word, and a name with the same first letter differs from it by one letter that is
-    added, missing or different, or by two letters in the wrong order. "Toasted" and "rubbery" are words: they have an
-    ending.
+    An unknown word counts as misspelled if exactly one name with the same first letter is nearly equal to it. The two
+    may differ by one added, missing or different letter, or by two exchanged letters. Inflected words such as "toasted"
+    and "rubbery" are never corrected, because the lists do not contain all inflected forms.
     """
     known, found = _listed_words(), {}
     for written in text.lower().split():
@@ -268,24 +276,24 @@ def _misspelled(text: str, is_word: Callable[[str], bool]) -> dict[str, str]:
 
 
 def _differ_by_one(word: str, name: str) -> bool:
-    """Return whether words differ by one letter, or by two neighboring letters that are exchanged."""
+    """Return whether two words differ by one letter, or by the order of two neighboring letters."""
     if len(word) != len(name):
-        return True  # they have a spelling in common, so one has a letter more
+        return True  # the words share a spelling with one letter left out, so one of them has an additional letter
     at = next(at for at, (a, b) in enumerate(zip(word, name, strict=True)) if a != b)
     swapped = word[at + 1 : at + 2] + word[at]
-    # short words have many neighbors
+    # a replaced letter only counts in longer words, because short words are similar to many others
     return (word[at + 1 :] == name[at + 1 :] and len(word) > _SHORTEST_NAME) or (
         name[at : at + 2] == swapped and word[at + 2 :] == name[at + 2 :]
     )
 
 
 def understood(text: str, *, expander: Expander | None = None, is_word: Callable[[str], bool] | None = None) -> Query:
-    """Parse a query into concepts.
+    """Parse a query into concepts, colors, kinds and other parts.
 
     Args:
-        text: Description in plain words.
-        expander: Adds alternative readings.
-        is_word: Returns whether a word is spelled correctly; None if misspelled words are not corrected.
+        text: Description of the object in plain words.
+        expander: Function that returns alternative descriptions of the object. None if only the query is used.
+        is_word: Function that returns whether a word is spelled correctly. If None, misspelled words are not corrected.
     """
     written, lacks = _affirmed(_without_request(text))
     corrected = {} if is_word is None else _misspelled(written, is_word)
@@ -340,10 +348,10 @@ def understood(text: str, *, expander: Expander | None = None, is_word: Callable
 
 
 def _kinds_of_varieties(words: Sequence[str], head: int, *, names_nothing: bool) -> dict[str, float]:
-    """Return the kinds that belong to varieties and brands in the object-naming part of the query.
+    """Return the kinds to which the varieties and brands in the query belong, each with a weight.
 
-    A variety used as the noun has the full weight ("a green granny smith"). Before another noun it has less weight,
-    because the noun may name another object ("a cheddar sandwich").
+    The weight is 1 if the variety is itself the noun that names the object ("a green granny smith"). It is smaller if
+    the variety stands before another noun, which may name a different object ("a cheddar sandwich").
     """
     if head < 0 or names_nothing:
         return {}
@@ -356,14 +364,14 @@ def _kinds_of_varieties(words: Sequence[str], head: int, *, names_nothing: bool)
 
 
 def is_use(words: Sequence[str]) -> bool:
-    """Return whether a query describes an object only by its use: "it opens wine", "you eat soup from it"."""
+    """Return whether a query describes an object only by its use, such as "it opens wine" or "you eat soup from it"."""
     names = len(words) > 1 and words[0] in ("it", "this", "that", "what") and words[1] in ("is", "s")
     refers = bool(words) and words[-1] in ("it", "them", "this") and not _JOINS.intersection(words[:-1])
     return bool(words) and not names and (words[0] in _ASKS or refers)
 
 
 def _names_nothing(text: str) -> bool:
-    """Return whether a query names no object: "it opens wine", "thing to eat soup with", "next to the bowl"."""
+    """Return whether a query does not name any object, such as "it opens wine" or "thing to eat soup with"."""
     words = [word for word in terms(text) if word not in ("a", "an", "any", "some", "the")]
     if is_use(words):
         return True
@@ -381,8 +389,9 @@ def _names_nothing(text: str) -> bool:
 def role_of(words: Sequence[str]) -> str:
     """Return the role of an object in a use: "tool" for "eat soup with it", "vessel" for "eat soup from it".
 
-    The role is given by the preposition before "it" or at the end or, without one, by the noun before the use ("a tool
-    for cutting"); it is empty if there is neither.
+    The role is determined from the preposition before "it" or at the end of the query. If there is no such preposition,
+    it is determined from the noun before the use ("a tool for cutting"). If there is no such noun either, the role is
+    empty.
     """
     for at, word in enumerate(words):
         last = at + 1 == len(words) and word != "inside"  # "green outside and red inside"
@@ -393,7 +402,10 @@ def role_of(words: Sequence[str]) -> str:
 
 
 def _beside(words: Sequence[str], head: int, *, names_nothing: bool) -> tuple[str, ...]:
-    """Return words that do not name the object: "steak" in "a plate for steak", all of "you serve a steak on it"."""
+    """Return the words that do not name the object itself: "steak" in "a plate for steak".
+
+    If the query does not name an object at all ("you serve a steak on it"), all its words are returned.
+    """
     if names_nothing:
         return tuple(words)
     after = next((at for at in range(head + 1, len(words)) if words[at] in AFTER_THE_HEAD - {"of", "like"}), len(words))
@@ -401,7 +413,7 @@ def _beside(words: Sequence[str], head: int, *, names_nothing: bool) -> tuple[st
 
 
 def _without_verb(words: Sequence[str]) -> list[str]:
-    """Remove the verb "can" from words. The noun is kept, as in "a trash can"."""
+    """Remove the word "can" if it is a verb, as in "can you find". The noun, as in "a trash can", is kept."""
     kept = []
     for before, word, after in zip(["", *words], words, [*words[1:], ""], strict=False):
         if word != "can" or (before not in _ASKS and after not in _ASKS | {"be"}):
@@ -410,9 +422,9 @@ def _without_verb(words: Sequence[str]) -> list[str]:
 
 
 def _head_part(text: str) -> str:
-    """Return the text before the first use or attribute of the object.
+    """Return the part of the query before the first use or attribute of the object: "a bowl" for "a bowl for fruit".
 
-    The word "of" does not start one ("a slice of cheese").
+    The word "of" does not begin a use or an attribute ("a slice of cheese").
     """
     words = text.split()
     named = False
@@ -434,7 +446,7 @@ def _is_phrase(
 
 
 def _head(words: Sequence[str]) -> int:
-    """Return the index of the noun that names the object, or -1."""
+    """Return the index of the noun that names the object, or -1 if the query contains no such noun."""
     head = -1
     for place, word in enumerate(words):
         if word in AFTER_THE_HEAD and head >= 0:

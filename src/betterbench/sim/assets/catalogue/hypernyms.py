@@ -1,4 +1,4 @@
-"""Broader words, such as "cutlery" or "container", and the kinds of objects that they include."""
+"""Broader words, such as "cutlery" or "container", and the kinds of objects that these words include."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.sim.assets.catalogue.terms import terms
 _GENERAL = frozenset(
     ["article", "equipment", "food", "good", "item", "object", "piece", "product", "stuff", "supply", "thing", "ware"]
 )
-"""Nouns that may follow a broader word without changing it: "bakery item", "an article of stationery"."""
+"""Nouns that do not change the meaning of a broader word beside them: "bakery item", "an article of stationery"."""
 _MANY = frozenset(
     [
         "assortment",
@@ -106,27 +106,34 @@ _PARTICIPLES = frozenset(
         "wrapped",
     ]
 )
-"""Words that end the noun phrase after the name of a kind: "hot dog topped with mustard"."""
+"""Words that end the noun phrase if they follow the name of a kind: "hot dog topped with mustard"."""
 _DISHES = frozenset(["cuisine", "dish", "food", "meal", "snack", "specialty", "speciality", "stuff", "treat"])
-"""Nouns that a word for a kind of food may precede: "Mexican dish" is not crockery, but Mexican food."""
+"""Nouns that mean food if a word for a type of food precedes them. A "Mexican dish" is not crockery, but food."""
 _ENDS_WITH_COMMA = re.compile(r"[,;:.(]")
 
 
 @functools.cache
 def hypernym_list() -> dict[tuple[str, ...], frozenset[int]]:
-    """Return, for each listed broader word or phrase as terms, the numbers of its kinds."""
+    """Return the indices of the kinds that each listed broader word or phrase includes, such as forks for "cutlery".
+
+    The keys are the words and phrases, each as a tuple of terms.
+    """
     return _listed(">")
 
 
 @functools.cache
 def attribute_list() -> dict[tuple[str, ...], frozenset[int]]:
-    """Return, for each word that narrows a broader word ("breakfast crockery"), the numbers of its kinds."""
+    """Return the indices of the kinds to which each attribute applies, such as "breakfast" in "breakfast crockery"."""
     return hypernym_list() | _listed("~")
 
 
 @functools.cache
 def _listed(mark: str) -> dict[tuple[str, ...], frozenset[int]]:
-    """Return the phrases of the lines with a mark between the phrases and their kinds."""
+    """Read the lines of ``hypernyms.txt`` in which the given mark separates the phrases from their kinds.
+
+    Returns:
+        The indices of the kinds for each phrase. The phrases are tuples of terms.
+    """
     found: dict[tuple[str, ...], frozenset[int]] = {}
     for line in list_lines("hypernyms.txt"):
         broader, marked, members = line.partition(mark)
@@ -148,11 +155,11 @@ def _longest() -> int:
 
 
 def members_named(text: str) -> frozenset[int]:
-    """Return the kinds included in the broader word by which a description names the object, or none.
+    """Return the kinds that a description names by a broader word ("cutlery"), or an empty set if it contains none.
 
-    The word is the last noun before the first use or attribute: "vegetables" in "fresh vegetables for a soup", but not
-    in "a vegetable knife". If the words before it and the word are the name of a kind ("egg holder"), this kind is also
-    included.
+    The broader word is the last noun before the first use or attribute: "vegetables" in "fresh vegetables for a soup".
+    Therefore "a vegetable knife" does not mean vegetables. If the broader word and the words before it are together the
+    name of a kind ("egg holder"), that kind is included as well.
     """
     words = terms(text)
     start = next((at for at, word in enumerate(words) if word not in SAYS_LITTLE or word in _GENERAL | _ANYTHING), 0)
@@ -175,7 +182,10 @@ def members_named(text: str) -> frozenset[int]:
 
 
 def kind_named(text: str) -> frozenset[int]:
-    """Return the kind whose name ends the noun phrase for the object: a plate in "small plate under a cup", or none."""
+    """Find the kind whose name is at the end of the noun phrase for the object: plate in "small plate under a cup".
+
+    Return a set with the index of the kind, or an empty set if there is no such kind.
+    """
     words = terms(text)
     if not words or is_use(words):
         return frozenset()
@@ -189,11 +199,11 @@ def kind_named(text: str) -> frozenset[int]:
 
 
 def _noun_phrase(words: Sequence[str]) -> list[str]:
-    """Return the words up to the noun that names the object: "fresh vegetable" in "fresh vegetables to cook"."""
+    """Return the words up to the noun that names the object: "fresh vegetable" for "fresh vegetables to cook"."""
     phrase: list[str] = []
     for word in words:
         if word == "shaped":
-            phrase = phrase[:-1]  # "bowl-shaped vessel" is no bowl
+            phrase = phrase[:-1]  # a "bowl-shaped vessel" is not a bowl
         elif word in ("and", "or") and phrase and (phrase[-1] in COLORS or (phrase[-1],) in _listed("~")):
             continue  # "a glass or plastic vessel"
         elif word == "of":
@@ -208,12 +218,16 @@ def _noun_phrase(words: Sequence[str]) -> list[str]:
 
 
 def _is_named(phrase: Sequence[str], after: str) -> bool:
-    """Return whether words end with the name of a kind, without the word after them ("cheese cut" is a name)."""
+    """Return whether a phrase ends with the name of a kind, and the next word does not belong to the name.
+
+    For example, "cheese cut" is the name of a kind. Therefore the phrase "cheese" is not a complete name if the next
+    word is "cut".
+    """
     return bool(named_last(phrase)) and not named_last([*phrase, after])
 
 
 def _members(phrase: Sequence[str]) -> frozenset[int]:
-    """Return the kinds that the broader word at the end of a noun phrase includes."""
+    """Return the kinds of objects for which the broader word at the end of a noun phrase stands."""
     known = hypernym_list()
     words = list(phrase)
     while words:
@@ -231,10 +245,10 @@ def _members(phrase: Sequence[str]) -> frozenset[int]:
 
 
 def _narrowed(words: Sequence[str], start: int, found: frozenset[int]) -> frozenset[int]:
-    """Return the kinds of a broader word that the attributes before it also include: "breakfast crockery".
+    """Keep those kinds of a broader word to which the attributes before the word apply, as in "breakfast crockery".
 
-    Attributes that have no kind in common with it are ignored, except before a word such as "dish": a "Mexican dish" is
-    Mexican food.
+    An attribute that applies to none of the kinds is ignored, except before a word such as "dish", since a "Mexican
+    dish" is Mexican food.
     """
     known = attribute_list()
     end = start
@@ -250,7 +264,10 @@ def _narrowed(words: Sequence[str], start: int, found: frozenset[int]) -> frozen
 
 
 def _narrower(words: Sequence[str], length: int) -> frozenset[int]:
-    """Return the kinds of a longer phrase at the end of words: "egg holder" for "holder", "canned meat" for "meat"."""
+    """Return the kinds that a longer phrase names, if the words end with the phrase and it includes the broader word.
+
+    For example, "egg holder" is longer than "holder", and "canned meat" is longer than "meat".
+    """
     listed = word_list()
     for start in range(len(words) - length):
         means = listed.get(tuple(words[start:]), ())

@@ -1,4 +1,7 @@
-"""Resumable indexing job. It writes source rows and text vectors."""
+"""Indexing job for the asset catalogue. An interrupted job can be resumed.
+
+The job writes the rows of all sources, and a vector for the text of each row.
+"""
 
 from __future__ import annotations
 
@@ -32,21 +35,21 @@ from betterbench.sim.assets.catalogue.vectors import (
 from betterbench.sim.assets.licenses import license_kind
 
 LICENSE_KINDS = ("free", "restricted", "unknown")
-"""License kinds, in the order of their numbers in the columns."""
+"""Kinds of licenses. The columns store the index of a kind in this tuple."""
 
 JOURNAL = "encoded.bin"
-"""Name of the file with the vectors computed by a running job."""
+"""Name of the file in which a running job stores the vectors that it has computed so far."""
 _BATCH = 256
-"""Batch sizes for writing rows and for encoding texts."""
+"""Batch size for writing rows and for encoding texts."""
 MOST_NAMED = 20
-"""Maximum number of skipped assets to list by name; all skipped assets are counted."""
+"""Maximum number of skipped assets that are listed by name. Further skipped assets are only counted."""
 
 
 class OnProgress(Protocol):
-    """Callback for the progress of the job."""
+    """Callback that reports the progress of the indexing job."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Report the name of a stage, the number done and the total (0 if unknown)."""
+        """Report the name of the current stage, how many items are done, and their total number (0 if unknown)."""
 
 
 @dataclass(slots=True)
@@ -57,10 +60,10 @@ class IndexReport:
         added: Number of new rows.
         updated: Number of rows whose asset had changed.
         kept: Number of unchanged rows.
-        removed: Number of rows whose asset is gone.
-        encoded: Number of encoded asset texts.
+        removed: Number of rows that were removed because their asset no longer exists.
+        encoded: Number of texts for which a vector was computed.
         skipped: Number of assets that could not be read.
-        named: The first skipped assets, with the reason.
+        named: Names of the first skipped assets, each with the reason.
         total: Total number of rows in the catalogue.
     """
 
@@ -83,17 +86,17 @@ class IndexReport:
 def index_sources(
     folder: Path, sources: Sequence[AssetSource], *, encoder: TextEncoder | None = None, on_progress: OnProgress
 ) -> IndexReport:
-    """Update the rows of some sources; the rows of other sources stay unchanged.
+    """Update the rows of the given sources. The rows of all other sources stay unchanged.
 
     Args:
-        folder: Catalogue folder, created if it is missing.
+        folder: Folder of the catalogue. It is created if it does not exist.
         sources: Sources to read.
-        encoder: Encoder of meaning; without an encoder, the catalogue is searched by words only.
+        encoder: Text encoder for semantic search. If None, the catalogue can only be searched by words.
         on_progress: Called with the progress of the job.
 
     Raises:
-        RunConflictError: If another process indexes into the folder.
-        RecordError: If the folder has a damaged catalogue or files of another program.
+        RunConflictError: If another process is indexing into the folder.
+        RecordError: If the folder contains a damaged catalogue, or files of another program.
         InvalidInputError: If a source cannot be read.
     """
     report = IndexReport()
@@ -120,7 +123,7 @@ def index_sources(
 
 
 def _read_source(store: Store, source: AssetSource, report: IndexReport, on_progress: OnProgress) -> None:
-    """Write new and changed rows of a source, and remove rows whose asset is gone."""
+    """Write the new rows and the changed rows of a source, and remove the rows whose asset no longer exists."""
     number = store.add_source(source.name, source.address)
     before, seen = store.fingerprints(number), set[str]()
     rows: list[tuple[str, CatalogueEntry]] = []
@@ -149,9 +152,10 @@ def _read_source(store: Store, source: AssetSource, report: IndexReport, on_prog
 
 
 class _Vectors:
-    """Vectors by text digest, from the previous catalogue and from this job.
+    """Vectors from the previous catalogue and from this job, each looked up by the digest of its text.
 
-    New vectors are appended to a file at once, so that a killed job can resume.
+    New vectors are immediately appended to a file. A job that is killed can therefore resume without computing them
+    again.
     """
 
     def __init__(self, folder: Path, dimension: int) -> None:
@@ -163,17 +167,17 @@ class _Vectors:
         self._handle: int | None = None
 
     def take_index(self, index: VectorIndex) -> None:
-        """Add all vectors of a catalogue."""
+        """Add all vectors of an existing catalogue to the known vectors."""
         self._index = index
         for place, digest in enumerate(np.asarray(index.digests)):
             self._places.setdefault(digest.tobytes(), (-1, place))
 
     def take_table(self, lines: np.ndarray) -> None:
-        """Add vectors given with their digest and scale, (n,) structured."""
+        """Add vectors from a structured array (n,) with the fields digest, scale and vector."""
         self._take(lines)
 
     def open_journal(self) -> None:
-        """Load the vectors of a killed job, without an unfinished last entry."""
+        """Load the vectors that a killed job has already computed. An incomplete last entry is dropped."""
         self._handle = open_in_place(self._path)
         whole = os.fstat(self._handle).st_size // self._line.itemsize
         os.ftruncate(self._handle, whole * self._line.itemsize)
@@ -189,7 +193,7 @@ class _Vectors:
         return digest in self._places
 
     def add(self, digests: Sequence[bytes], vectors: np.ndarray) -> None:
-        """Append vectors to the file and force them to disk."""
+        """Append vectors to the file, and make sure that they are on disk."""
         if self._handle is None:
             raise ValueError("the journal is closed")
         lines = np.zeros(len(digests), self._line)
@@ -203,7 +207,7 @@ class _Vectors:
         self._take(lines)
 
     def of(self, digests: Sequence[bytes]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the vectors (n, d) int8 and scales (n,) of some texts."""
+        """Return the vectors (n, d) int8 and their scales (n,) for texts given by their digests."""
         vectors = np.zeros((len(digests), self._dimension), np.int8)
         scales = np.zeros(len(digests), np.float32)
         for i, digest in enumerate(digests):
@@ -221,7 +225,7 @@ class _Vectors:
         self.close()
 
     def close(self) -> None:
-        """Close the files; a second call has no effect."""
+        """Close all files. A second call has no effect."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
@@ -229,12 +233,12 @@ class _Vectors:
             self._index.close()
 
     def remove(self) -> None:
-        """Remove the file, when its vectors are in the catalogue."""
+        """Remove the file of new vectors, after the vectors have been written to the catalogue."""
         self._path.unlink(missing_ok=True)
 
 
 def _known_vectors(folder: Path, store: Store, encoder: TextEncoder | None) -> _Vectors:
-    """Return the reusable vectors: those of the same encoder."""
+    """Return the vectors of the previous catalogue that can be reused, i.e. those from the same encoder."""
     known = _Vectors(folder, 0 if encoder is None else encoder.dimension)
     if encoder is None:
         return known
@@ -251,7 +255,7 @@ def _known_vectors(folder: Path, store: Store, encoder: TextEncoder | None) -> _
 
 
 def _encode(store: Store, known: _Vectors, encoder: TextEncoder, report: IndexReport, on_progress: OnProgress) -> None:
-    """Compute the vectors of all texts without one."""
+    """Compute the vectors of all texts that do not have one yet."""
     waiting: dict[bytes, str] = {}
 
     def flush() -> None:
@@ -279,7 +283,7 @@ def _all_rows(store: Store) -> Iterator[tuple[int, int, CatalogueEntry]]:
 
 
 def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> None:
-    """Write the vectors of all rows in row order, with the filter columns."""
+    """Write the vectors of all rows, in the order of the rows, and the columns that are used for filters."""
     values, digests, kinds = [], [], []
     for row, source, entry in _all_rows(store):
         kind = LICENSE_KINDS.index(license_kind(entry.license))
@@ -299,7 +303,7 @@ def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> 
 
 
 def _seal_kinds(folder: Path, known: _Vectors, encoder: TextEncoder, rows: Sequence[int]) -> None:
-    """Write the kinds of all rows and the vectors of the kinds' texts, computing missing ones."""
+    """Write the kind of each row and the vectors of the kinds' texts. Missing vectors are computed."""
     listed = listed_kinds()
     texts = [(kind, text) for kind in sorted(set(rows) - {-1}) for text in listed[kind].texts]
     digests = [text_digest(text) for _, text in texts]
@@ -312,7 +316,7 @@ def _seal_kinds(folder: Path, known: _Vectors, encoder: TextEncoder, rows: Seque
 
 
 def vector_files(folder: Path) -> tuple[Path, ...]:
-    """Return the vector files of a catalogue."""
+    """Return the paths of a catalogue's vector files."""
     return tuple(folder / f"{name}.npy" for name in FILES)
 
 

@@ -1,4 +1,4 @@
-"""Kinds of catalogue rows, and vectors of the descriptions of the kinds."""
+"""The kind of object in each catalogue row, and vectors of the texts that describe the kinds."""
 
 from __future__ import annotations
 
@@ -20,26 +20,32 @@ from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.sim.assets.catalogue.vectors import text_digest
 
 HEAD_SHARE = 0.2
-"""Weight of a query's head in the similarity to a kind; the whole query has the remaining weight."""
+"""Weight of a query's head ("a bowl" in "a bowl for fruit") in the similarity to a kind. The whole query has the
+remaining weight."""
 WORDS_SHARE = 0.2
-"""Weight of the fraction of query words that occur in the texts of a kind, which is added to the mean cosine."""
+"""Weight of the fraction of query words that occur in the texts of a kind. The weighted fraction is added to the mean
+cosine."""
 VARIETY_SHARE = 0.6
-"""Increase in similarity of a kind whose variety or brand is in the query, as a fraction of the distance to the
-maximum."""
+"""Increase in the similarity of a kind if the query contains a variety or brand of it, as a fraction of the difference
+to the maximum similarity."""
 HYPERNYM_LOSS = 0.25
-"""Penalty for everything that is not a member of the broader word that names the object ("cutlery")."""
+"""Penalty for kinds that are not included in the broader word ("cutlery") by which the query names the object."""
 ROLE_SHARE = 0.25
-"""Weight of the fraction of the query's words in a statement about the same role of the object ("eat soup with it")."""
+"""Weight of the fraction of query words that occur in a statement about the same role of the object ("eat soup with
+it")."""
 LACKED_LOSS = 0.05
-"""Penalty for a member of a broader word whose texts mention what the object does not have."""
+"""Penalty for a kind that a broader word includes, but whose texts mention something that the object should not
+have."""
 USE_LOSS = 0.12
-"""Penalty for a kind that is mentioned in a query that names no object ("thing to eat soup with")."""
+"""Penalty for a kind that a query mentions although the query does not name the object: soup in "thing to eat soup
+with"."""
 NAME_SHARE = 0.15
-"""Increase in similarity of the kind that the query names, as a fraction of the distance to the maximum."""
+"""Increase in the similarity of the kind that the query names, as a fraction of the difference to the maximum
+similarity."""
 BESIDE_LOSS = 0.05
-"""Penalty for a kind that the query mentions only as used with the object: steak in "you serve a steak on it"."""
+"""Penalty for a kind that the query only mentions because the object is used with it: steak in "a plate for steak"."""
 _COUNTED = 2
-"""Number of nearest texts of a kind whose cosines are averaged, which worked better than the largest cosine."""
+"""Number of nearest texts of a kind whose cosines are averaged. The average worked better than the largest cosine."""
 _ENDING, _LONG = re.compile(r"(ing|ed|er|e|y)$"), 4
 _ROWS, _TEXTS = "kinds.npy", "kind_texts.npy"
 
@@ -51,12 +57,12 @@ def _line(dimension: int) -> np.dtype:
 def write_kinds(
     folder: Path, rows: Sequence[int], kinds: Sequence[int], digests: np.ndarray, vectors: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    """Write the kind files of a catalogue.
+    """Write the files in which a catalogue stores the kinds of its objects.
 
     Args:
-        folder: Catalogue folder.
-        rows: Kind number of each row, -1 for none, in row order.
-        kinds: Number of the kind of each text, (m,).
+        folder: Folder of the catalogue.
+        rows: Index of the kind of each row, in the order of the rows. It is -1 if a row has no kind.
+        kinds: Index of the kind that each text belongs to, (m,).
         digests: Digests of the texts, (m, 16) uint8.
         vectors: Vectors of the texts, (m, dimension) int8, and their scales, (m,) float32.
     """
@@ -70,14 +76,14 @@ def write_kinds(
 
 
 class KindIndex:
-    """Index of the kinds of a catalogue's rows, open for searching.
+    """Index that is used to search a catalogue by kinds of objects.
 
     Attributes:
-        rows: Kind number of each row, -1 for none, (n,) int16.
-        table: Digest, kind, scale and vector of each text, (m,).
+        rows: Index of the kind of each catalogue row, (n,) int16. -1 for rows without a kind.
+        table: Structured array (m,) with the digest, kind, scale and vector of each text that describes a kind.
 
     Raises:
-        RecordError: If a file is missing, damaged or does not belong to the catalogue.
+        RecordError: If a file is missing or damaged, or does not belong to the catalogue.
     """
 
     def __init__(self, folder: Path, *, count: int, dimension: int) -> None:
@@ -108,13 +114,16 @@ class KindIndex:
     def likeness(
         self, asked: np.ndarray, head: np.ndarray, query: Query, members: Sequence[int] | None = None
     ) -> np.ndarray:
-        """Return the similarity of a query to each kind, (kinds,) float32; -1 for a kind without rows.
+        """Return the similarity of a query to each kind, as a (kinds,) float32 array.
+
+        Kinds without rows in the catalogue get -1.
 
         Args:
-            asked: Unit vectors of the query and of further descriptions, (m, dimension); the nearest vector is used.
-            head: Unit vector of the head of the query, (dimension,).
-            query: The query, with its words, varieties and the other objects that it names.
-            members: Result of ``members`` for the query, if the caller has it.
+            asked: Unit vectors of the query and of alternative descriptions, (m, dimension). For each kind, only the
+                most similar of these vectors counts.
+            head: Unit vector of the part of the query that names the object, (dimension,).
+            query: The parsed query.
+            members: Result of :meth:`members` for this query. If None, it is computed.
         """
         if members is None:
             members = self.members(query)
@@ -139,21 +148,31 @@ class KindIndex:
         return found
 
     def members(self, query: Query) -> list[int]:
-        """Return the kinds with rows that a query includes by a broader word for the object."""
+        """Return the kinds that a broader word in a query includes, such as forks and knives for "cutlery".
+
+        Kinds without rows in the catalogue are left out.
+        """
         return self._held(members_named(query.text))
 
     def _held(self, kinds: Iterable[int]) -> list[int]:
-        """Return the kinds that have rows."""
+        """Return the given kinds that have rows in the catalogue, in ascending order."""
         return sorted(set(kinds) & set(self._kinds.tolist()))
 
     def _shared(self, words: Sequence[str]) -> np.ndarray:
-        """Return the fraction of a query's words in the texts of each kind, (kinds,); rare words weigh more."""
+        """Return the fraction of the query's words that occur in the texts of each kind, as a (kinds,) array.
+
+        Rare words have a larger weight than frequent words.
+        """
         rarity = {stem: self._rarity[stem] for stem in map(_stem, words) if stem in self._rarity}
         total = max(sum(rarity.values()), 1e-9)
         return np.array([sum(rarity[stem] for stem in rarity if stem in own) / total for own in self._words])
 
     def _used(self, role: str, words: Sequence[str]) -> np.ndarray:
-        """Return the largest fraction of words in a statement of each kind about a role, (kinds,)."""
+        """Return how well the uses of each kind match the words of the query, as a (kinds,) array.
+
+        Each kind has statements about its uses, each with a role ("tool", "vessel" or "surface"). The value for a kind
+        is the largest weighted fraction of the query's words that occur in one of its statements with the given role.
+        """
         rarity = {stem: self._rarity[stem] for stem in map(_stem, words) if stem in self._rarity}
         total = max(sum(rarity.values()), 1e-9)
         found = np.zeros(len(self._kinds))
@@ -166,37 +185,44 @@ class KindIndex:
         return found
 
     def _mentions(self, words: Sequence[str]) -> np.ndarray:
-        """Return whether the texts of each kind contain any of some words, (kinds,)."""
+        """Return whether the texts of each kind contain any of the given words, as a (kinds,) array."""
         stems = frozenset(map(_stem, words))
         return np.array([bool(stems & own) for own in self._words])
 
     def _nearest(self, vectors: np.ndarray) -> np.ndarray:
-        """Return the mean cosine of the nearest texts of each kind with each vector (m, dimension): (m, kinds)."""
+        """Compare vectors (m, dimension) with the texts of each kind.
+
+        Returns:
+            (m, kinds) mean of the cosines between each vector and those texts of each kind that are nearest to it.
+        """
         cosines = np.pad(vectors @ self._vectors.T, ((0, 0), (0, 1)), constant_values=-2.0)[:, self._texts]
         nearest = -np.partition(-cosines, _COUNTED - 1, axis=2)[:, :, :_COUNTED]
         counted = np.minimum(self._totals, _COUNTED)
         return np.asarray(np.where(nearest >= -1.5, nearest, 0.0).sum(axis=2) / counted)
 
     def places(self, kind: int) -> np.ndarray:
-        """Return the indices of the rows of a kind, ascending."""
+        """Return the indices of all rows of a kind, in ascending order."""
         order, starts = self._order
         return order[starts[kind + 1] : starts[kind + 2]]
 
     @functools.cached_property
     def _order(self) -> tuple[np.ndarray, np.ndarray]:
-        """Indices of the rows sorted by kind, and the start of each kind; kind -1 is the first."""
+        """Indices of all rows sorted by kind, and the position at which each kind begins. Kind -1 comes first."""
         order = np.argsort(self.rows, kind="stable")
         return order, np.searchsorted(self.rows[order], np.arange(-1, self._size + 1))
 
 
 def _texts_of(table: np.ndarray) -> list[str]:
-    """Return the listed text of each line of a table; empty if the list no longer has it."""
+    """Look up the text for each line of a table by the digest in the line.
+
+    The text is empty if the list of kinds no longer contains it.
+    """
     known = {text_digest(text): text for kind in listed_kinds() for text in kind.texts}
     return [known.get(digest.tobytes(), "") for digest in table["digest"]]
 
 
 def _stems_of(kinds: np.ndarray, owners: np.ndarray, texts: Sequence[str]) -> list[frozenset[str]]:
-    """Return the word stems of each kind, from its texts."""
+    """Return the word stems that occur in the texts of each kind."""
     words = {int(kind): set[str]() for kind in kinds}
     for kind, text in zip(owners.tolist(), texts, strict=True):
         words[kind] |= {_stem(term) for term in terms(text) if term not in SAYS_LITTLE}
@@ -206,7 +232,12 @@ def _stems_of(kinds: np.ndarray, owners: np.ndarray, texts: Sequence[str]) -> li
 def _uses_of(
     kinds: np.ndarray, owners: np.ndarray, texts: Sequence[str]
 ) -> dict[tuple[str, str], list[tuple[int, int]]]:
-    """Return, for each role and word stem, the statements that contain them: index of the kind and of the text."""
+    """Index the statements about the uses of kinds ("you eat soup from it") by the object's role and by word stems.
+
+    Returns:
+        For each role and word stem, the statements that have this role and contain this stem. Each statement is given
+        by the index of its kind and the index of its text.
+    """
     found: dict[tuple[str, str], list[tuple[int, int]]] = {}
     for place, (kind, text) in enumerate(zip(np.searchsorted(kinds, owners).tolist(), texts, strict=True)):
         words = terms(text)
@@ -218,7 +249,7 @@ def _uses_of(
 
 
 def _stem(word: str) -> str:
-    """Return a word without verb endings, so that "squeezed" and "squeeze" are equal."""
+    """Remove verb endings from a word, so that "squeezed" and "squeeze" become equal."""
     return _ENDING.sub("", word) if len(word) > _LONG else word
 
 

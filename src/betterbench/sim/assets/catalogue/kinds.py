@@ -1,7 +1,7 @@
-"""Object kinds with descriptions of their appearance and use, from ``kinds.txt`` and ``uses.txt``.
+"""Kinds of objects, with descriptions of their appearance and use from ``kinds.txt`` and ``uses.txt``.
 
-The name of a mesh contains little information. A query such as "it opens wine bottles" is therefore compared with the
-descriptions of a kind, and the result applies to every row of this kind.
+The name of a mesh says little about the object. A query such as "it opens wine bottles" is therefore compared with the
+descriptions of kinds, and the result applies to all rows of a kind.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from betterbench.sim.assets.catalogue.terms import terms
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of object.
+    """A kind of object.
 
     Attributes:
-        names: Names; a row whose name contains one of them belongs to the kind.
-        descriptions: Descriptions in plain words, and short statements of its uses and parts.
+        names: Names of the kind. A row whose name contains one of them belongs to the kind.
+        descriptions: Descriptions in plain words, and short statements about its uses and parts.
     """
 
     names: tuple[str, ...]
@@ -30,13 +30,13 @@ class Kind:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Texts to compare with a query: the names and the descriptions."""
+        """Texts of the kind that are compared with a query: its names and its descriptions."""
         return (*self.names, *self.descriptions)
 
 
 @functools.cache
 def listed_kinds() -> tuple[Kind, ...]:
-    """Return the kinds of the built-in list."""
+    """Return all kinds of objects in the built-in list."""
     blocks: list[tuple[list[str], list[str]]] = []
     for line in list_lines("kinds.txt"):
         if line[0].isspace():
@@ -54,7 +54,7 @@ def listed_kinds() -> tuple[Kind, ...]:
 
 @functools.cache
 def _numbers() -> dict[tuple[str, ...], int]:
-    """Return the number of the kind for each name, as terms; a name belongs to the first kind that has it."""
+    """Return the index of the kind for each name. A name that several kinds share belongs to the first of them."""
     found: dict[tuple[str, ...], int] = {}
     for number, kind in enumerate(listed_kinds()):
         for name in kind.names:
@@ -63,7 +63,7 @@ def _numbers() -> dict[tuple[str, ...], int]:
 
 
 def number_of(name: str) -> int:
-    """Return the number of the kind with a given name; raise KeyError if there is none."""
+    """Return the index of the kind with the given name. Raises KeyError if there is no such kind."""
     return _numbers()[tuple(terms(name))]
 
 
@@ -73,10 +73,11 @@ def _longest() -> int:
 
 
 def kind_of(entry: CatalogueEntry) -> int:
-    """Return the kind number of an asset, or -1 if its category and name contain no kind name.
+    """Return the index of an asset's kind, or -1 if neither its category nor its name contains the name of a kind.
 
-    The longest name wins and, among equally long names, the last: an apple pie is a pie. Names before "of" or "with"
-    take precedence: a mug with an apple on it is a mug. Colors have the lowest priority: an orange mug is a mug.
+    If several names of kinds occur, the longest one is used and, among equally long names, the last one: an apple pie
+    is a pie. Names before "of" or "with" take precedence: a mug with an apple on it is a mug. Colors have the lowest
+    priority: an orange mug is a mug.
     """
     words = terms(f"{entry.category} {entry.name}")
     best = max(_named(words), default=None)
@@ -84,7 +85,10 @@ def kind_of(entry: CatalogueEntry) -> int:
 
 
 def kinds_named(words: Sequence[str]) -> frozenset[int]:
-    """Return the numbers of the kinds whose names occur among words, without names that are part of a longer one."""
+    """Return the indices of the kinds whose names occur in a list of words.
+
+    A name does not count if it is part of a longer name that also occurs.
+    """
     spans = [(end - length, end, kind) for _, _, length, end, kind in _named(words)]
     return frozenset(
         kind
@@ -94,14 +98,21 @@ def kinds_named(words: Sequence[str]) -> frozenset[int]:
 
 
 def named_last(words: Sequence[str], *, longer_than: int = 0) -> frozenset[int]:
-    """Return the number of the kind with the longest name at the end of words, or none."""
+    """Return a set with the index of the kind whose name is at the end of the words. The longest name is used.
+
+    The set is empty if the words do not end with the name of a kind.
+    """
     known = _numbers()
     spans = (tuple(words[start:]) for start in range(max(0, len(words) - _longest()), len(words) - longer_than))
     return frozenset([next((known[span] for span in spans if span in known), -1)]) - {-1}
 
 
 def _named(words: Sequence[str]) -> Iterator[tuple[bool, bool, int, int, int]]:
-    """Yield the kind number and a sort key for each kind name: (in the head, not only a color, length, end)."""
+    """Yield a sort key for each name of a kind that occurs in a list of words.
+
+    The key consists of: whether the name is before any attribute, whether it is more than a color, its number of words,
+    its end position, and the index of the kind.
+    """
     head = next((at for at, word in enumerate(words) if at and word in AFTER_THE_HEAD), len(words))
     known, longest = _numbers(), _longest()
     for start in range(len(words)):

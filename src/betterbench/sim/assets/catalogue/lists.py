@@ -1,4 +1,4 @@
-"""Reader for the word lists in this folder."""
+"""Reader for the word lists of the asset catalogue."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 
 def list_lines(file: str) -> Iterator[str]:
-    """Yield the lines of a list, without empty lines and comments."""
+    """Yield the lines of a word list, without comments and empty lines."""
     text = importlib.resources.files(__package__).joinpath(file).read_text(encoding="utf-8")
     for line in text.splitlines():
         said = line.partition("#")[0].rstrip()
@@ -16,7 +16,7 @@ def list_lines(file: str) -> Iterator[str]:
 
 
 def entries_by_name(file: str, separator: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield the name and the entries of each line ``name: entry, entry`` of a list."""
+    """Yield the name and the entries of each line in a list whose lines have the form ``name: entry, entry``."""
     for line in list_lines(file):
         name, _, said = line.partition(":")
         yield name.strip(), [part.strip() for part in said.split(separator) if part.strip()]

@@ -1,4 +1,4 @@
-"""Location of the user's catalogue."""
+"""Default location of the catalogue."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Search of a catalogue by words, meaning and filters."""
+"""Search in the asset catalogue by words, by meaning and with filters."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from betterbench.sim.assets.licenses import LicenseFilter, license_kind
 LONGEST_QUERY = 1_000
 """Maximum length of a query [characters]."""
 DEPTH = 60
-"""Number of rows that each kind of search contributes to the fused ranking."""
+"""Number of rows that the search by words and the search by meaning each contribute to the combined ranking."""
 _RANK = 8.0
-"""Constant in the reciprocal rank score of the word search, (constant + 1) / (constant + rank)."""
+"""Constant c in the score of the word search, (c + 1) / (c + rank)."""
 _BEST_KINDS = 3
 """Number of most similar kinds whose rows are searched."""
 _PER_MEMBER = 20
-"""Number of rows of each other kind that a broader word includes."""
+"""Number of rows that are searched of each further kind, if the query's broader word ("cutlery") includes the kind."""
 _KIND_SHARE, _OWN_SHARE, _WORDS_SHARE = 1.0, 0.1, 0.15
 """Weights of the similarity to the kind, the cosine with the row's own text, and the word score."""
 _UNRELATED = 0.2
-"""Weighted sum for a row unrelated to the query, which is mapped to the score 0."""
+"""Weighted sum of a row that is unrelated to the query. This sum is mapped to the score 0."""
 _COSTLY = 5_000
-"""Maximum number of matching rows to rank; beyond it, frequent words are only counted in rows that match rarer
-words."""
+"""Maximum number of matching rows that are ranked. If there are more, frequent words only count in rows that also match
+rarer words."""
 _FETCHED = 200
 """Number of rows whose words are compared with the query in detail."""
 _PARTIAL = 2
-"""Exponent of the share of query words in a row; a row with half of the query words has a quarter of the weight."""
+"""Exponent of the fraction of query words in a row. A row with half of the query words has a quarter of the weight."""
 _FIELDS = (1.0, 0.75, 0.45)
 """Weights of a word in the name, in the tags and in the description."""
 
@@ -52,11 +52,11 @@ class Filters:
     """Filters of a search.
 
     Attributes:
-        license: "free" for licenses that allow commercial use and changes, "any" for all.
-        source: Source name, empty for all.
-        max_faces: Maximum number of triangles; assets with an unknown number do not pass.
-        max_size_m: Largest extent [m]; assets without a size do not pass.
-        min_size_m: Smallest value of the largest extent [m]; assets without a size do not pass.
+        license: "free" for licenses that allow commercial use and changes, "any" for all licenses.
+        source: Name of a source. Empty if all sources are searched.
+        max_faces: Maximum number of triangles. Assets with an unknown number of triangles do not pass.
+        max_size_m: Maximum length of the longest side [m]. Assets of unknown size do not pass.
+        min_size_m: Minimum length of the longest side [m]. Assets of unknown size do not pass.
     """
 
     license: LicenseFilter = "free"
@@ -83,11 +83,11 @@ class Hit:
 
     Attributes:
         entry: Row of the catalogue.
-        score: Score in [0, 1] from words and meaning; 1 for an asset that contains every word, is first by words, and
-            whose kind and text equal the query.
-        word_rank: Rank by words from 1, None if no word matched.
-        meaning_rank: Rank by meaning from 1, None if meaning was not searched.
-        cosine: Cosine between the vectors of the asset and the query.
+        score: Combined score for words and meaning in [0, 1]. The maximum of 1 is reached if the asset contains every
+            word of the query, is first in the search by words, and has the same kind and the same text as the query.
+        word_rank: Rank in the search by words, from 1. None if no word matched.
+        meaning_rank: Rank in the search by meaning, from 1. None if there was no search by meaning.
+        cosine: Cosine between the vectors of the asset and the query. None if there was no search by meaning.
     """
 
     entry: CatalogueEntry
@@ -108,15 +108,16 @@ class Hit:
 
 
 class Catalogue:
-    """Catalogue, open for searching; a context manager.
+    """An asset catalogue that is open for searching. Used as a context manager, it closes its files at the end.
 
     Args:
-        folder: Catalogue folder.
-        encoder: Loads an encoder by name, at the first semantic search; None to search by words only.
+        folder: Folder of the catalogue.
+        encoder: Function that loads an encoder by its name. It is called at the first semantic search. If None, the
+            catalogue is only searched by words.
 
     Raises:
-        InvalidInputError: If there is no catalogue, or its indexing has not finished.
-        RecordError: If a file of the catalogue is damaged or from another program.
+        InvalidInputError: If there is no catalogue in the folder, or its indexing has not finished.
+        RecordError: If a file of the catalogue is damaged or was written by another program.
     """
 
     def __init__(self, folder: Path, *, encoder: Callable[[str], TextEncoder] | None = None) -> None:
@@ -154,18 +155,18 @@ class Catalogue:
 
     @property
     def vectors(self) -> VectorIndex:
-        """The vectors. Raises ValueError if the catalogue has none."""
+        """The vectors of the catalogue. Raises ValueError if it has none."""
         if self._index is None:
             raise ValueError("the catalogue has no vectors")
         return self._index
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Source names, in the order of their first indexing."""
+        """Names of all sources, in the order in which they were first indexed."""
         return tuple(self._numbers)
 
     def entry(self, asset_id: str) -> CatalogueEntry:
-        """Return an asset by id; the id of a look gives the row that represents it.
+        """Return the row of an asset, given its id. The id of a variant gives the row that represents all variants.
 
         Raises:
             UnknownNameError: If the catalogue has no such asset.
@@ -176,17 +177,17 @@ class Catalogue:
         return found
 
     def entries(self, source: str) -> list[CatalogueEntry]:
-        """Return all assets of a source, in the order of their rows.
+        """Return all assets from a source, in the order of their rows.
 
         Raises:
-            UnknownNameError: If the catalogue does not have the source.
+            UnknownNameError: If the catalogue does not have this source.
         """
         if source not in self._numbers:
             raise UnknownNameError("source", source, self._numbers)
         return [entry for _, _, entry in self._store.entries() if entry.source == source]
 
     def licenses(self) -> list[tuple[str, str, int]]:
-        """Return source, license and number of assets."""
+        """Return the number of assets for each source and license, as tuples (source, license, number)."""
         return self._store.licenses()
 
     def search(
@@ -199,15 +200,15 @@ class Catalogue:
         words: bool = True,
         meaning: bool = True,
     ) -> list[Hit]:
-        """Return the assets that match a query best, best first. The result is deterministic.
+        """Return the assets that match a query best, best first. The same query always gives the same result.
 
         Args:
-            query: Description in plain words.
+            query: Description of the object in plain words.
             limit: Maximum number of assets to return.
-            filters: Filters of the search; None for free licenses only.
-            expander: Adds other descriptions, for example from a language model.
-            words: Whether words are searched.
-            meaning: Whether meaning is searched, where the catalogue has vectors.
+            filters: Filters of the search. If None, only free licenses are allowed.
+            expander: Function that returns further descriptions to search for, for example from a language model.
+            words: Whether to search by words.
+            meaning: Whether to search by meaning. This is only possible if the catalogue has vectors.
 
         Raises:
             InvalidInputError: If the query is empty or too long.
@@ -215,7 +216,9 @@ class Catalogue:
             MissingDependencyError: If the encoder is not installed.
         """
         if not query.strip() or len(query) > LONGEST_QUERY:
-            raise InvalidInputError("query", f"has {len(query.strip())} characters", f"Write 1 to {LONGEST_QUERY}")
+            raise InvalidInputError(
+                "query", f"has {len(query.strip())} characters", f"Use a query of 1 to {LONGEST_QUERY} characters"
+            )
         admitted = filters or Filters()
         if admitted.source and admitted.source not in self._numbers:
             raise UnknownNameError("source", admitted.source, self._numbers)
@@ -234,7 +237,7 @@ class Catalogue:
         by_words: Sequence[tuple[int, float]],
         limit: int,
     ) -> list[Hit]:
-        """Return the rows with the best scores, best first; ties are broken by row number."""
+        """Return the rows with the best scores, best first. Rows with equal scores are ordered by their row number."""
         ordered = sorted(scores, key=lambda row: (-scores[row], row))[:limit]
         entries = self._store.rows(ordered)
         word_ranks = {row: rank for rank, (row, _) in enumerate(by_words, start=1)}
@@ -248,7 +251,7 @@ class Catalogue:
     # -------------------------------------------------------------------------------------------------------- words
 
     def _by_words(self, query: Query, filters: Filters, depth: int) -> list[tuple[int, float]]:
-        """Return the rows that contain words of the query, best first, with their share of the query."""
+        """Return the rows that contain words of the query, best first, each with the fraction of the query in it."""
         every = {word for concept in query.concepts for phrase, _ in concept.alternatives for word in phrase}
         frequencies = self._store.frequencies(sorted(every))
         expression, ranked = _expression(frequencies)
@@ -269,13 +272,18 @@ class Catalogue:
     # ------------------------------------------------------------------------------------------------------ meaning
 
     def _by_meaning(self, query: Query, filters: Filters, depth: int, also: Mapping[int, float]) -> dict[int, _Near]:
-        """Return rows with their semantic similarity: the nearest rows, rows of the best kinds, and other given rows.
+        """Return the rows that are most similar to the query in meaning, most similar first.
+
+        The result contains the rows whose own text is nearest to the query, rows of the most similar kinds, and the
+        rows given in ``also``.
 
         Args:
             query: The query.
             filters: Filters of the search.
-            depth: Number of rows nearest by their own text, and of rows of each of the best kinds.
-            also: Numbers of other rows, which pass the filters, with the share of the query's words that they contain.
+            depth: Number of rows to find by their own text, and number of rows to find in each of the most similar
+                kinds.
+            also: Further row numbers (of rows that pass the filters), each with the fraction of the query's words that
+                the row contains.
         """
         if self._index is None or self._kinds is None:
             return {}
@@ -304,7 +312,7 @@ class Catalogue:
         return {int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in ranked.tolist()}
 
     def _opened(self) -> TextEncoder:
-        """Return the encoder of the catalogue, which is loaded the first time."""
+        """Return the text encoder of the catalogue, which is loaded at the first call."""
         if self._encoder is None:
             if self._open_encoder is None:
                 raise ValueError("the catalogue was opened without an encoder")
@@ -312,7 +320,7 @@ class Catalogue:
         return self._encoder
 
     def _is_word(self, word: str, *, meaning: bool) -> bool:
-        """Return whether a word of a query is in the catalogue or in the vocabulary of the encoder."""
+        """Return whether a word of a query occurs in the catalogue or in the vocabulary of the encoder."""
         if self._store.frequencies([word]):
             return True
         if not meaning or self._index is None:
@@ -321,7 +329,7 @@ class Catalogue:
         return not isinstance(encoder, KnowsWords) or encoder.has_word(word)
 
     def _mask(self, index: VectorIndex, filters: Filters) -> np.ndarray | None:
-        """Return a mask of the rows that pass the filters, (n,) bool, or None for all."""
+        """Return an (n,) bool mask of the catalogue rows that pass the filters, or None if all rows pass."""
         columns, parts = index.columns, []
         if filters.license == "free":
             parts.append(columns.licenses == LICENSE_KINDS.index("free"))
@@ -338,8 +346,8 @@ class Catalogue:
 
 
 def _some(places: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
-    """Return at most ``_PER_MEMBER`` indices of rows that pass the filters, evenly spaced."""
-    # a part of many rows is enough to find some that pass
+    """Return the indices of at most ``_PER_MEMBER`` rows that pass the filters, spread evenly over all such rows."""
+    # if there are many rows, testing some of them is enough to find rows that pass
     places = places[:: max(1, len(places) // (16 * _PER_MEMBER))]
     passing = places if mask is None else places[mask[places]]
     return passing[:: max(1, -(-len(passing) // _PER_MEMBER))]
@@ -347,16 +355,22 @@ def _some(places: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class _Near:
-    """Similarity of a row to a query: the similarity of its kind, in [-1, 1.2], and the cosine of its text."""
+    """Similarity of a row to a query.
+
+    Attributes:
+        kind: Similarity of the row's kind to the query, in [-1, 1.2].
+        cosine: Cosine between the vectors of the row's text and the query.
+    """
 
     kind: float
     cosine: float
 
 
 def _word_scores(by_words: Sequence[tuple[int, float]]) -> dict[int, float]:
-    """Return a score in (0, 1] for each row, from its rank by words and its share of the query.
+    """Return a score in (0, 1] for each row that contains words of the query.
 
-    A row with only some words of the query has a lower score, even if few rows contain more words.
+    The score depends on the rank of the row in the word search, and on the fraction of the query that the row contains.
+    A row that contains only some words of the query therefore has a low score, even if it has a high rank.
     """
     return {
         row: (_RANK + 1.0) * share**_PARTIAL / (_RANK + rank) for rank, (row, share) in enumerate(by_words, start=1)
@@ -364,7 +378,7 @@ def _word_scores(by_words: Sequence[tuple[int, float]]) -> dict[int, float]:
 
 
 def _fused(by_words: Sequence[tuple[int, float]], by_meaning: Mapping[int, _Near]) -> dict[int, float]:
-    """Return a score in [0, 1] for each row, combined from meaning and words."""
+    """Combine the scores for words and for meaning into one score in [0, 1] per row."""
     words = _word_scores(by_words)
     largest = _KIND_SHARE * (1.0 + WORDS_SHARE) + _OWN_SHARE + _WORDS_SHARE
 
@@ -376,7 +390,10 @@ def _fused(by_words: Sequence[tuple[int, float]], by_meaning: Mapping[int, _Near
 
 
 def _sealed(store: Store, folder: Path) -> str:
-    """Return the contents of an indexed catalogue, "words" or "vectors"; raise InvalidInputError if unfinished."""
+    """Return how a catalogue was indexed: "words" or "vectors".
+
+    Raises InvalidInputError if the indexing has not finished.
+    """
     sealed = store.fact("sealed")
     if sealed not in ("words", "vectors"):
         problem = "its indexing is still running or was interrupted"
@@ -392,7 +409,7 @@ def _dimension(store: Store) -> int:
 
 
 def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
-    """Return the FTS5 expression for the terms, and whether it has few enough matches to rank."""
+    """Return the FTS5 expression for some terms, and whether its matches are few enough to be ranked."""
     ordered = sorted(frequencies, key=lambda word: (frequencies[word], word))
     chosen: list[str] = []
     total = 0
@@ -410,7 +427,7 @@ def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
 
 @dataclass(frozen=True, slots=True)
 class _Weighed:
-    """A concept whose phrases occur in the catalogue.
+    """A concept of the query, with only those phrases that occur in the catalogue.
 
     Attributes:
         weight: Weight of the concept.
@@ -422,7 +439,10 @@ class _Weighed:
 
 
 def _weighed(concepts: Sequence[Concept], frequencies: Mapping[str, int], count: int) -> list[_Weighed]:
-    """Return the concepts with the phrases whose words all occur in the catalogue of ``count`` rows."""
+    """For each concept, keep the phrases whose words all occur in the catalogue, and compute how rare each phrase is.
+
+    ``count`` is the number of rows in the catalogue.
+    """
 
     def rarity(phrase: Sequence[str]) -> float:
         return math.log(1.0 + count / max(min(frequencies[word] for word in phrase), 1))
@@ -441,9 +461,9 @@ def _weighed(concepts: Sequence[Concept], frequencies: Mapping[str, int], count:
 
 
 def _word_score(concepts: Sequence[_Weighed], fields: Sequence[str]) -> tuple[float, float]:
-    """Return a score for a row's words, and the fraction of the query that the row contains.
+    """Return a score for the words in a row, and the fraction of the query that the row contains.
 
-    For each concept, the best phrase in the best field is used.
+    For each concept, only the best match between one of its phrases and one of the row's fields counts.
     """
     words = [field.split() for field in fields]
     sets = [set(field) for field in words]

@@ -1,4 +1,4 @@
-"""SQLite file of a catalogue, with its rows and their words."""
+"""SQLite file of an asset catalogue, which stores the rows of the catalogue and the words in them."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from betterbench.sim.assets.catalogue.terms import terms
 
 FILE = "catalogue.sqlite"
 VERSION = 3
-"""Version of the tables; catalogues of other versions must be indexed again."""
+"""Version of the tables. Catalogues of other versions must be indexed again."""
 _APPLICATION = 0x62657474
-"""Application id for a catalogue's SQLite files: "bett"."""
+"""Application id that marks the SQLite file of a catalogue: "bett"."""
 
 _TABLES = """
 CREATE TABLE facts (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
@@ -44,15 +44,15 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class WordMatch:
-    """Row that matches words, with its filter columns.
+    """A row whose words match a query, with the values that are used to filter it.
 
     Attributes:
         row: Row number.
         fields: Normalized words of the name, the tags and the description, separated by spaces.
-        source: Source name.
-        faces: Number of triangles, None if unknown.
-        license: License name, empty if unknown.
-        largest_m: Largest extent [m], None if unknown.
+        source: Name of the asset's source.
+        faces: Number of triangles, or None if unknown.
+        license: Name of the license. Empty if unknown.
+        largest_m: Largest extent [m], or None if unknown.
     """
 
     row: int
@@ -64,15 +64,15 @@ class WordMatch:
 
 
 class Store:
-    """Rows of a catalogue; a context manager that closes the file.
+    """The rows of a catalogue in its SQLite file. Used as a context manager, it closes the file at the end.
 
     Args:
-        folder: Catalogue folder.
-        writes: Whether rows are to be written; the file is then created if it is missing.
+        folder: Folder of the catalogue.
+        writes: Whether rows will be written. If True, the file is created if it does not exist.
 
     Raises:
-        InvalidInputError: If no catalogue exists.
-        RecordError: If the file is damaged, was written by another program or has another version.
+        InvalidInputError: If there is no catalogue in the folder.
+        RecordError: If the file is damaged, was written by another program, or has a different version.
     """
 
     def __init__(self, folder: Path, *, writes: bool = False) -> None:
@@ -98,7 +98,7 @@ class Store:
             return
         self._database.close()
         if application != _APPLICATION:
-            raise RecordError(f"{self.path}: is not a catalogue of assets. Give another folder.")
+            raise RecordError(f"{self.path}: is not an asset catalogue. Use a different folder.")
         raise RecordError(
             f"{self.path}: is a catalogue of version {version}, expected version {VERSION}. Remove the folder and "
             "index the sources again."
@@ -106,7 +106,7 @@ class Store:
 
     @contextlib.contextmanager
     def checked(self) -> Iterator[None]:
-        """Context manager that converts SQLite errors into errors that name the file."""
+        """Context manager that converts SQLite errors to errors whose messages name the file and a remedy."""
         try:
             yield
         except sqlite3.OperationalError as error:
@@ -120,7 +120,7 @@ class Store:
 
     def _damaged(self, error: sqlite3.Error) -> RecordError:
         return RecordError(
-            f"{self.path}: is damaged or is not a catalogue of assets ({error}). Remove the folder and "
+            f"{self.path}: is damaged or is not an asset catalogue ({error}). Remove the folder and "
             "index the sources again."
         )
 
@@ -133,36 +133,36 @@ class Store:
     # -------------------------------------------------------------------------------------------------------- facts
 
     def fact(self, key: str) -> str:
-        """Return a stored fact about the catalogue, or an empty string."""
+        """Return a stored fact about the catalogue, or an empty string if the fact is not stored."""
         with self.checked():
             found = self._database.execute("SELECT value FROM facts WHERE key = ?", (key,)).fetchone()
         return "" if found is None else str(found[0])
 
     def note(self, **facts: str) -> None:
-        """Store facts and commit."""
+        """Store facts about the catalogue, and commit the transaction."""
         with self.checked():
             self._database.executemany("INSERT OR REPLACE INTO facts VALUES (?, ?)", facts.items())
             self._database.commit()
 
     def sources(self) -> dict[str, tuple[int, str]]:
-        """Return the number and address of each source by name."""
+        """Return the number and the address of each source, keyed by the name of the source."""
         with self.checked():
             found = self._database.execute("SELECT name, number, address FROM sources ORDER BY number").fetchall()
         return {name: (number, address) for name, number, address in found}
 
     def add_source(self, name: str, address: str) -> int:
-        """Return the number of a source; a new source is added.
+        """Add a source if it is new, and return its number.
 
         Raises:
-            InvalidInputError: If a source of that name has another address.
+            InvalidInputError: If a source with this name but a different address exists, or there are too many sources.
         """
         known = self.sources()
         if name in known and known[name][1] != address:
-            both = f"the catalogue has this name for {known[name][1]}, but the given address is {address}"
-            raise InvalidInputError(f"source {name}", both, "Give the new source another name with --name")
+            both = f"the catalogue already uses this name for {known[name][1]}, but the given address is {address}"
+            raise InvalidInputError(f"source {name}", both, "Choose a different name with --name")
         if name not in known and len(known) >= 255:
             raise InvalidInputError(
-                "sources", "the catalogue already has the maximum of 255 sources", "Use another catalogue"
+                "sources", "the catalogue already has the maximum of 255 sources", "Use a different catalogue"
             )
         with self.checked():
             self._database.execute("INSERT OR IGNORE INTO sources (name, address) VALUES (?, ?)", (name, address))
@@ -177,13 +177,13 @@ class Store:
             return int(self._database.execute("SELECT count(*) FROM assets").fetchone()[0])
 
     def fingerprints(self, source: int) -> dict[str, str]:
-        """Return the fingerprint of each source row by id."""
+        """Return the fingerprint of each row of a source, keyed by the row's id."""
         with self.checked():
             found = self._database.execute("SELECT id, fingerprint FROM assets WHERE source = ?", (source,))
             return dict(found.fetchall())
 
     def write(self, source: int, rows: Iterable[tuple[str, CatalogueEntry]]) -> None:
-        """Write rows with their fingerprints, replacing rows of the same id, and commit."""
+        """Write rows with their fingerprints, and commit the transaction. Rows with the same ids are replaced."""
         with self.checked():
             for fingerprint, entry in rows:
                 self._remove(entry.id)
@@ -206,7 +206,7 @@ class Store:
             self._database.commit()
 
     def remove(self, ids: Iterable[str]) -> None:
-        """Remove rows by id and commit."""
+        """Remove the rows with the given ids, and commit the transaction."""
         with self.checked():
             for one in ids:
                 self._remove(one)
@@ -219,7 +219,7 @@ class Store:
             self._database.execute("DELETE FROM assets WHERE row = ?", (found[0],))
 
     def entries(self, *, after: int = 0, limit: int = 1 << 62) -> list[tuple[int, int, CatalogueEntry]]:
-        """Return the row number, source number and content of the rows after a given row number, in order."""
+        """Return the rows after a given row number, in order, as tuples (row number, source number, entry)."""
         with self.checked():
             found = self._database.execute(
                 f"SELECT {_COLUMNS}, source FROM assets JOIN sources ON sources.number = assets.source "  # noqa: S608
@@ -229,7 +229,7 @@ class Store:
         return [(line["row"], line["source"], self._entry(line)) for line in found]
 
     def rows(self, numbers: Sequence[int]) -> dict[int, CatalogueEntry]:
-        """Return rows by their number; missing rows are left out."""
+        """Return the rows with the given row numbers. Numbers without a row are left out."""
         marks = ", ".join("?" * len(numbers))
         with self.checked():
             found = self._database.execute(
@@ -239,7 +239,7 @@ class Store:
         return {line["row"]: self._entry(line) for line in found}
 
     def row_of(self, asset_id: str) -> CatalogueEntry | None:
-        """Return a row by id, or None."""
+        """Return the row with the given id, or None if there is no such row."""
         with self.checked():
             line = self._database.execute(
                 f"SELECT {_COLUMNS} FROM assets JOIN sources ON sources.number = assets.source WHERE id = ?",  # noqa: S608
@@ -248,7 +248,7 @@ class Store:
         return None if line is None else self._entry(line)
 
     def ids_like(self, text: str, limit: int) -> list[str]:
-        """Return ids that contain a text."""
+        """Return at most ``limit`` ids that contain the given text."""
         with self.checked():
             found = self._database.execute(
                 "SELECT id FROM assets WHERE instr(id, ?) > 0 ORDER BY row LIMIT ?", (text, limit)
@@ -256,7 +256,10 @@ class Store:
         return [line[0] for line in found]
 
     def licenses(self) -> list[tuple[str, str, int]]:
-        """Return source, license and number of assets, by source and the most frequent license first."""
+        """Return the number of assets for each source and license, as tuples (source, license, number).
+
+        For each source, the most frequent license comes first.
+        """
         with self.checked():
             found = self._database.execute(
                 "SELECT sources.name, license, count(*) AS total FROM assets JOIN sources ON number = source "
@@ -294,10 +297,10 @@ class Store:
     # -------------------------------------------------------------------------------------------------------- words
 
     def count_terms(self) -> None:
-        """Store the number of rows per term.
+        """Count the rows in which each term occurs, and store the counts.
 
-        FTS5's vocabulary table reads every match to count a term, which takes 30 ms for a term that occurs in most of
-        800,000 rows.
+        Without stored counts, SQLite's full-text search would read every match to count a term. For a term that occurs
+        in most of 800,000 rows, this would take 30 ms.
         """
         with self.checked():
             self._database.execute("DELETE FROM frequencies")
@@ -305,7 +308,7 @@ class Store:
             self._database.commit()
 
     def frequencies(self, words: Iterable[str]) -> dict[str, int]:
-        """Return the stored number of rows for each term; terms without rows are left out."""
+        """Return the stored number of rows in which each word occurs. Words that occur in no row are left out."""
         found = {}
         with self.checked():
             for word in dict.fromkeys(words):
@@ -315,7 +318,11 @@ class Store:
         return found
 
     def matching(self, expression: str, limit: int, *, ranked: bool) -> list[WordMatch]:
-        """Return the best or first rows that match an FTS5 expression, in no particular order."""
+        """Return at most ``limit`` rows that match an FTS5 expression, in no particular order.
+
+        If there are more matches than ``limit``, the best matches are returned if ``ranked`` is True, and otherwise the
+        first ones.
+        """
         order = "ORDER BY bm25(words, 6.0, 3.0, 1.0), rowid" if ranked else "ORDER BY rowid"
         # The inner query sorts row numbers alone: sorting the words of all matches takes longer.
         with self.checked():

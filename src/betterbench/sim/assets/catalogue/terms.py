@@ -36,11 +36,11 @@ _IRREGULAR = {
 _KEEP = re.compile(r"(ss|us|is|as|ios)$")
 _WORD = re.compile(r"[^\W_]+")
 LONGEST_TERM = 40
-"""Maximum length of a term [characters]; longer words are ignored."""
+"""Maximum length of a term [characters]. Longer words are ignored."""
 
 
 def terms(text: str) -> list[str]:
-    """Return the words of a text in order: lower case, without accents, in the singular."""
+    """Split a text into words, converted to lower case and the singular, without accents."""
     plain = text.lower()
     if not plain.isascii():
         plain = "".join(c for c in unicodedata.normalize("NFKD", plain) if not unicodedata.combining(c))
@@ -48,7 +48,10 @@ def terms(text: str) -> list[str]:
 
 
 def singular(word: str) -> str:
-    """Return an English noun in the singular; other words may lose their last letter, but always in the same way."""
+    """Return the singular of an English noun.
+
+    Words that are not plural nouns may lose their last letter, but the same word always gives the same result.
+    """
     if word in _IRREGULAR:
         return _IRREGULAR[word]
     if len(word) < 4 or not word.endswith("s") or _KEEP.search(word):

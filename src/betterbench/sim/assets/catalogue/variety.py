@@ -22,11 +22,11 @@ _NEAR = 0.35
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Asset chosen for a description.
+    """An asset that was chosen for a description.
 
     Attributes:
-        id: Asset id; with a look number ("procedural/mug-red#3") if the row represents several looks.
-        hit: Row of the catalogue with its score.
+        id: Id of the asset. It includes the variant ("procedural/mug-red#3") if the row represents several variants.
+        hit: Search result for the asset, with its catalogue row and its score.
     """
 
     id: str
@@ -40,27 +40,28 @@ class Chosen:
 def choose_different(
     catalogue: Catalogue, description: str, count: int, *, seed: int = 0, filters: Filters | None = None
 ) -> list[Chosen]:
-    """Return assets of the best-matching kind for a description, as different as the catalogue allows.
+    """Return assets of the kind that fits a description best. They differ from each other as much as possible.
 
-    The first asset is drawn from the best results; each further asset differs most from the previous assets in source,
-    color, look and proportions. If the description names a color, all assets have that color.
+    The first asset is drawn from the best results. Each further asset is the one that differs most from the assets
+    already chosen, in source, color, variant and proportions. If the description names a color, all assets have that
+    color.
 
     Args:
         catalogue: Catalogue to search.
-        description: Description in plain words.
-        count: Number of assets.
-        seed: Seed of the draw; the same seed gives the same assets.
+        description: Description of the object in plain words.
+        count: Number of assets to choose.
+        seed: Seed of the draw. The same seed gives the same assets.
         filters: Filters of the search.
 
     Raises:
-        InvalidInputError: If the number is out of range, or the catalogue has fewer assets that fit.
+        InvalidInputError: If the number is out of range, or too few assets in the catalogue fit the description.
     """
     if not 1 <= count <= MOST:
-        raise InvalidInputError("num", f"{count} is out of range", f"Give a number from 1 to {MOST}")
+        raise InvalidInputError("num", f"{count} is out of range", f"Use a number from 1 to {MOST}")
     hits = _of_one_kind(catalogue.search(description, limit=_SEARCHED, filters=filters), description)
     left = [Chosen(one, hit) for hit in hits for one in _looks(hit.entry)]
     if not left:
-        problem = f"no asset of the catalogue fits {description!r}"
+        problem = f"no asset in the catalogue fits {description!r}"
         raise InvalidInputError(
             "query", problem, "Use other words, allow more licenses with --license any, or index more sources"
         )
@@ -86,7 +87,7 @@ def _looks(entry: CatalogueEntry) -> list[str]:
 
 
 def _of_one_kind(hits: Sequence[Hit], description: str) -> list[Hit]:
-    """Return the hits with the same kind as the best hit, in the described color."""
+    """Return the search results of the same kind as the best one, in the color that the description names."""
     if not hits:
         return []
     asked = understood(description).colors
@@ -102,19 +103,19 @@ def _of_one_kind(hits: Sequence[Hit], description: str) -> list[Hit]:
 
 
 def _kind(entry: CatalogueEntry) -> str:
-    """Return the last noun of the category or the name ("pie" of "apple pie")."""
+    """Return the last noun of an asset's category, or of its name if it has no category ("pie" for "apple pie")."""
     named = [word for word in terms(entry.category or entry.name) if word not in COLORS]
     return named[-1] if named else entry.name
 
 
 def _color(entry: CatalogueEntry) -> str:
-    """Return an asset's color: from its source, or the first color word in its texts, or ""."""
+    """Return the color of an asset as its source states it, or else the first color word in its texts, or else ""."""
     said = terms(f"{entry.color} {entry.name} {entry.description}")
     return next((word for word in said if word in COLORS), "")
 
 
 def _distance(one: Chosen, others: Sequence[Chosen]) -> tuple[float, float]:
-    """Return an asset's distance to the nearest asset in a list, and the sum of its distances to all of them."""
+    """Return the distance from an asset to the nearest other asset, and the sum of its distances to all others."""
     distances = [_between(one, other) for other in others]
     return min(distances, default=0.0), sum(distances)
 
@@ -128,7 +129,11 @@ def _between(one: Chosen, other: Chosen) -> float:
 
 
 def _proportions(first: CatalogueEntry, second: CatalogueEntry) -> float:
-    """Return the difference in the proportions of two boxes, as the largest logarithm of a side ratio."""
+    """Return a measure of how much the proportions of two boxes differ.
+
+    Each side is divided by the longest side of its box. The measure is the largest difference between the logarithms of
+    corresponding sides.
+    """
     if first.size_m is None or second.size_m is None or min(*first.size_m, *second.size_m) <= 0.0:
         return 0.0
     pairs = zip(first.size_m, second.size_m, strict=True)
@@ -137,5 +142,5 @@ def _proportions(first: CatalogueEntry, second: CatalogueEntry) -> float:
 
 
 def with_look(chosen: Chosen) -> CatalogueEntry:
-    """Return the row of a chosen asset under the id of its look."""
+    """Return the catalogue row of a chosen asset, with the id of the row replaced by the id of the chosen variant."""
     return replace(chosen.hit.entry, id=chosen.id)

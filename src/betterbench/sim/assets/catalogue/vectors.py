@@ -1,7 +1,7 @@
-"""Vectors of a catalogue with one byte per component, in memory-mapped files.
+"""Vectors of a catalogue in memory-mapped files, with one byte per component.
 
-Each row has a vector (int8 components with a scale), a sketch (one bit per component), and the columns for filters. A
-search first compares sketches, and then the vectors of the best rows.
+Each row has a vector (int8 components and a scale), a sketch (one bit per component), and columns for filters. A search
+first compares the sketches of all rows, and then the vectors of the best rows.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from betterbench.errors import RecordError
 from betterbench.jobs.durable import DurableFile
 
 EXACT_ROWS = 20_000
-"""Maximum number of rows for which a search compares every vector."""
+"""Maximum number of rows in a catalogue for a search to compare every vector."""
 RERANKED = 2_000
-"""Number of rows whose vectors are compared after the sketches of all rows."""
+"""Number of rows whose vectors are compared after the sketches of all rows were compared."""
 RERANKED_AMONG = 500
-"""Number of rows whose vectors are compared after the sketches of a subset, such as the 18,000 rows of a frequent
-kind."""
+"""Number of rows whose vectors are compared after the sketches of some rows, such as the 18,000 rows of a frequent
+kind, were compared."""
 _SPREAD = 1 << 16
 """Number of rows per batch when files are written, and when sketches are compared."""
 _EXCLUDED = np.uint16(1 << 15)
-"""Number of differing bits assigned to rows that do not pass the filters."""
+"""Number of differing bits that is assigned to rows that do not pass the filters, so that they rank last."""
 
 FILES = ("vectors", "scales", "sketches", "rows", "digests", "licenses", "sources", "faces", "sizes")
 """Names of the files, without their ending .npy."""
@@ -36,13 +36,13 @@ FILES = ("vectors", "scales", "sketches", "rows", "digests", "licenses", "source
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Columns for filters, one value per row; NaN and -1 mean unknown.
+    """Columns that are used to filter search results, with one value per row. NaN and -1 mean that a value is unknown.
 
     Attributes:
         rows: Row numbers in the catalogue, ascending, (n,) int64.
-        licenses: Number of the license kind, (n,) uint8.
-        sources: Number of the source, (n,) uint8.
-        faces: Triangles, (n,) int32.
+        licenses: Index of the kind of license, (n,) uint8.
+        sources: Index of the source, (n,) uint8.
+        faces: Number of triangles, (n,) int32.
         sizes: Largest extent [m], (n,) float32.
     """
 
@@ -59,14 +59,21 @@ def text_digest(text: str) -> bytes:
 
 
 def quantized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors (n, d) as int8 of the same shape, and the scale of each (n,) float32."""
+    """Quantize unit vectors (n, d) to int8.
+
+    Returns:
+        The int8 vectors (n, d) and the scale of each vector, (n,) float32.
+    """
     largest = np.abs(vectors).max(axis=1, initial=0.0)
     scales = (np.where(largest > 0.0, largest, 1.0) / 127.0).astype(np.float32)
     return np.rint(vectors / scales[:, None]).astype(np.int8), scales
 
 
 def _sketches(vectors: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """Return one bit per component, set if it is above the center: (words, n) uint64."""
+    """Return a sketch of each vector, which has one bit per component, as a (words, n) uint64 array.
+
+    A bit is set if the component of the vector is larger than that of the center of all vectors.
+    """
     bits = np.packbits(vectors > center, axis=1)
     padded = np.zeros((len(bits), -(-bits.shape[1] // 8) * 8), np.uint8)
     padded[:, : bits.shape[1]] = bits
@@ -76,13 +83,14 @@ def _sketches(vectors: np.ndarray, center: np.ndarray) -> np.ndarray:
 def write_vectors(
     folder: Path, columns: Columns, blocks: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]], dimension: int
 ) -> None:
-    """Write a catalogue's files.
+    """Write the vector files of a catalogue.
 
     Args:
-        folder: Catalogue folder.
+        folder: Folder of the catalogue.
         columns: Columns for filters.
-        blocks: Vectors (n, dimension) int8, scales (n,) float32 and text digests (n, 16) uint8, in row order.
-        dimension: Length of the vectors.
+        blocks: Blocks of rows in order, each with vectors (n, dimension) int8, scales (n,) float32 and text digests (n,
+            16) uint8.
+        dimension: Number of components of a vector.
     """
     count = len(columns.rows)
     scales, digests = np.zeros(count, np.float32), np.zeros((count, 16), np.uint8)
@@ -98,7 +106,7 @@ def write_vectors(
             out.file.write(vectors.tobytes())
             done += len(vectors)
         if done != count:
-            raise ValueError(f"{done} vectors for {count} rows")
+            raise ValueError(f"{done} vectors were given for {count} rows")
         out.finish()
     stored = np.load(folder / "vectors.npy", mmap_mode="r")
     center = (total / max(count, 1)).astype(np.float32)
@@ -127,7 +135,7 @@ class VectorIndex:
     """The vectors of a catalogue, open for searching.
 
     Raises:
-        RecordError: If a file is missing, damaged or does not belong to the others.
+        RecordError: If a file is missing or damaged, or does not belong to the same catalogue as the other files.
     """
 
     def __init__(self, folder: Path, *, count: int, dimension: int) -> None:
@@ -162,7 +170,7 @@ class VectorIndex:
         return len(self._scales)
 
     def block(self, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the vectors and scales for a range of indices."""
+        """Return the int8 vectors and their scales for a range of row indices."""
         return self._vectors[start:stop], self._scales[start:stop]
 
     def nearest(
@@ -174,14 +182,14 @@ class VectorIndex:
         among: np.ndarray | None = None,
         exact: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the indices of the rows nearest to any of the unit vectors, and their cosines, best first.
+        """Return the indices of the rows that are nearest to any of the query vectors, and their cosines, best first.
 
         Args:
-            queries: Vectors (m, dimension) float32.
-            allowed: Rows that pass a filter, (n,) bool; None for all.
+            queries: Unit vectors (m, dimension) float32.
+            allowed: (n,) bool mask of the rows that pass the filters, or None if all rows pass.
             limit: Maximum number of rows to return.
-            among: Indices of the rows to search, ascending; None for all.
-            exact: Compare every vector, for any number of rows.
+            among: Ascending indices of the rows to search, or None to search all rows.
+            exact: Whether to compare every vector, regardless of the number of rows.
         """
         if among is not None:
             passing = among if allowed is None else among[allowed[among]]
@@ -202,7 +210,7 @@ class VectorIndex:
         return places[order], cosines[order]
 
     def cosines(self, queries: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Return the largest cosine of each row (by index) with any of the unit vectors (m, dimension)."""
+        """Return the largest cosine between the vector of each row in ``places`` and any of the unit vectors."""
         return np.concatenate([self._cosines(queries, part) for part in _parts(places)] or [np.zeros(0, np.float32)])
 
     def _cosines(self, queries: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -210,7 +218,10 @@ class VectorIndex:
         return np.asarray(near * self._scales[places])
 
     def _candidates(self, queries: np.ndarray, allowed: np.ndarray | None, wanted: int) -> np.ndarray:
-        """Return at least the requested number of indices for each vector, those with the most similar sketches."""
+        """Return the indices of the rows whose sketches are most similar to those of the query vectors.
+
+        At least ``wanted`` indices are returned for each query vector, unless fewer rows pass the filters.
+        """
         sketches = _sketches(queries, self._center)
         differing = np.empty((len(queries), self.count), np.uint16)
         # arithmetic with the mask takes 0.2 ms for 800,000 rows; assignment through the mask would take 4 ms
@@ -233,7 +244,10 @@ class VectorIndex:
         return np.flatnonzero(chosen)
 
     def _candidates_among(self, queries: np.ndarray, places: np.ndarray, wanted: int) -> np.ndarray:
-        """Return at least the requested number of indices, with the sketches nearest to the sketch of any vector."""
+        """Return at least ``wanted`` of the given row indices.
+
+        They are the rows whose sketches are most similar to the sketch of any query vector.
+        """
         sketches = self._sketches[:, places]
         differing = np.full(len(places), 65535, np.uint16)
         for sketch in _sketches(queries, self._center).T:
@@ -263,7 +277,7 @@ def _damaged(path: Path, problem: str) -> RecordError:
 
 
 def columns_of(values: Sequence[tuple[int, int, int, int, float]]) -> Columns:
-    """Return the columns of rows given as (row, license, source, faces, size)."""
+    """Convert rows, given as (row number, license kind, source number, triangles, size), to columns."""
     table = np.array(values, dtype=float).reshape(-1, 5)
     return Columns(
         table[:, 0].astype(np.int64),

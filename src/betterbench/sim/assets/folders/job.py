@@ -1,4 +1,4 @@
-"""Import of many files into an asset folder, as a resumable job."""
+"""Job that imports many files into an asset folder. An interrupted job can be resumed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from betterbench.tasks.user_files import ASSET_MANIFEST
 
 VERB = "assets"
 """Command that writes asset folders."""
-LICENSE_OPTIONS = "Give its license with --license, or add --any-license to import it anyway"
+LICENSE_OPTIONS = "Use --license to state its license, or add --any-license to import it anyway"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,8 +38,8 @@ class ImportRequest:
     Attributes:
         path: The file.
         wishes: Options of the import.
-        name: Asset name in tasks. If not given, it is derived from the file name.
-        color: Color word. By default, the color that covers most of the surface.
+        name: Name by which tasks refer to the asset. If None, a name is derived from the name of the file.
+        color: Color word for the asset. If None, it is the color that covers most of the surface.
         any_license: Whether restricted and unknown licenses are allowed.
     """
 
@@ -57,7 +57,7 @@ class ImportReport:
     Attributes:
         made: Names of the newly imported assets.
         kept: Names of the assets that were already in the folder.
-        failed: Files that could not be imported, with the reason.
+        failed: Files that could not be imported, each with the reason.
     """
 
     made: list[str] = field(default_factory=list)
@@ -80,18 +80,23 @@ def import_assets(
     overwrite: bool = False,
     on_progress: Callable[[JobProgress[object]], None] | None = None,
 ) -> ImportReport:
-    """Import files into a folder of assets. Existing assets are kept, and files that fail are reported and skipped.
+    """Import files into an asset folder.
+
+    Assets that are already there are kept. Files that cannot be imported are skipped.
 
     Args:
-        requests: The files.
-        out: The folder, created if it is missing.
-        workers: Number of files imported in parallel.
+        requests: The files to import.
+        out: The asset folder. It is created if it does not exist.
+        workers: Number of files that are imported in parallel.
         overwrite: Whether to replace files that betterbench did not write.
         on_progress: Called at the start and after each file.
 
+    Returns:
+        The names of imported and kept assets, and the files that were skipped.
+
     Raises:
-        InvalidInputError: If two files get the same name, or a name is invalid or taken.
-        RunConflictError: If another process writes into the folder, or the folder contains files that betterbench did
+        InvalidInputError: If two files get the same name, or a name is invalid or already taken.
+        RunConflictError: If another process is writing to the folder, or the folder contains files that betterbench did
             not write.
     """
     report = ImportReport()
@@ -102,7 +107,7 @@ def import_assets(
 
         def keep(result: object) -> None:
             if not isinstance(result, _Result):
-                raise TypeError("a result of this job")
+                raise TypeError("expected a result of this import job")
             if result.made is None:
                 report.failed.append((_shown(result.request.path), result.problem))
                 return
@@ -145,7 +150,11 @@ class _Folder:
         self._assets = manifest_of(path).assets
 
     def names_for(self, requests: Sequence[ImportRequest]) -> dict[ImportRequest, str]:
-        """Return a name for each asset: the given name, the file's existing name, or one from the file name."""
+        """Return a name for each requested asset.
+
+        If the user gave a name, it is used. Otherwise, an asset that is already in the folder keeps its name, and a new
+        asset gets a name that is derived from the name of its file.
+        """
         taken = set(self._assets) | set(categories())
         before = {self._source(asset): name for name, asset in self._assets.items()}
         found: dict[ImportRequest, str] = {}
@@ -169,22 +178,29 @@ class _Folder:
                 "--name", problem, "Use lower-case letters, digits and underscores, and begin with a letter"
             )
         if name in found.values():
-            raise InvalidInputError("--name", f"{name!r} is the name of two files", "Import them one after the other")
+            raise InvalidInputError(
+                "--name",
+                f"{name!r} is given for two files",
+                "Import the files one after the other, each with its own name",
+            )
         there = self._assets.get(name)
         if there is None and name in categories():
             raise InvalidInputError(
-                "--name", f"an asset named {name!r} already exists", f"Choose another name, such as my_{name}"
+                "--name", f"an asset named {name!r} already exists", f"Choose a different name, such as my_{name}"
             )
         if there is not None and next(iter(there.source_files), "") != request.path.name:
-            problem = f"{name!r} in {self._path} was made from another file"
-            raise InvalidInputError("--name", problem, "Choose another name, or another folder")
+            problem = f"{name!r} in {self._path} was made from a different file"
+            raise InvalidInputError("--name", problem, "Choose a different name or a different folder")
 
     @staticmethod
     def _source(asset: FolderAsset) -> tuple[str, str]:
         return next(iter(asset.source_files.items()), ("", ""))
 
     def holds(self, name: str, request: ImportRequest) -> bool:
-        """Return whether the folder already has the asset of a request, from the same files and importer version."""
+        """Return whether the folder already has the requested asset.
+
+        The asset must have been made from the same files, with the same options and the same version of the importer.
+        """
         asset = self._assets.get(name)
         if asset is None or asset.importer != VERSION or asset.options != _options(request):
             return False
@@ -197,7 +213,7 @@ class _Folder:
             return False
 
     def add(self, name: str, request: ImportRequest, made: Made) -> None:
-        """Store an asset and list it."""
+        """Store an imported asset in the folder, and list it in the manifest."""
         imported = from_bytes(made.data, name)
         file = f"{name}.npz"
         write_durably(self._path / file, made.data)
@@ -227,7 +243,7 @@ def _listed(file: str, request: ImportRequest, made: Made, imported: Imported) -
 
 
 def _options(request: ImportRequest) -> dict[str, str | float | bool]:
-    """Return the options that the user set."""
+    """Return the import options that differ from their defaults, to be stored in the manifest."""
     said = {**asdict(replace(request.wishes)), "color": request.color}
     return {key: value for key, value in said.items() if value not in (None, False)}
 
@@ -240,7 +256,7 @@ def _digest(path: Path) -> str:
 
 
 def _free_name(path: Path, taken: set[str]) -> str:
-    """Return a name from the words of a file name: "mug", or "my_mug", "my_mug_2" if the name is taken."""
+    """Return a free name made of the words in a file name: "mug", or "my_mug" or "my_mug_2" if "mug" is taken."""
     whole = path.absolute()
     plain = "_".join(word for word in file_words(whole, Path(whole.anchor)) if word.isascii())[:40]
     name = plain if is_asset_name(plain) else "object"

@@ -1,4 +1,4 @@
-"""Manifest of a folder with imported assets."""
+"""Manifest of an asset folder, which lists the imported assets."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ _Positive = Annotated[float, Field(gt=0.0)]
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FolderAsset:
-    """Entry of a folder's manifest for one asset.
+    """Entry for one asset in the manifest of a folder.
 
     Attributes:
-        file: File name in the folder.
+        file: Name of the asset's file in the folder.
         sha256: SHA-256 of the file.
         color: Color word.
-        kind: Kind that determined size and mass. It is empty if unknown.
+        kind: Kind of object, from which the size and the mass were determined. Empty if the kind is unknown.
         size_m: Extents of the bounding box [m].
         mass_kg: Mass.
         license: License of the mesh.
-        author: Author of the mesh, or empty if unknown.
-        source: Origin of the mesh.
-        source_files: SHA-256 of each source file by name. The first is the file given by the user.
+        author: Author of the mesh. Empty if unknown.
+        source: Where the mesh comes from.
+        source_files: SHA-256 of each source file, keyed by its name. The first is the file that the user gave.
         options: Options of the import.
-        notes: Decisions of the importer, with their reasons.
+        notes: What the importer decided, and why.
         importer: Version of the importer.
     """
 
@@ -66,7 +66,7 @@ class FolderAsset:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """Manifest of a folder: its assets, by their names in tasks."""
+    """Manifest of an asset folder. The keys of ``assets`` are the names by which tasks refer to the assets."""
 
     format: int
     assets: dict[str, FolderAsset]
@@ -76,10 +76,10 @@ _MANIFEST = TypeAdapter(Manifest)
 
 
 def read_manifest(text: bytes | str, where: str) -> Manifest:
-    """Parse a manifest.
+    """Parse the text of a manifest.
 
     Raises:
-        InvalidInputError: If the text is not a manifest, or an asset's name or a file is invalid.
+        InvalidInputError: If the text is not a manifest, or the name or the file of an asset is invalid.
     """
     found = read_form(_MANIFEST, text, where=where, cure=CURE)
     if found.format != FORMAT:
@@ -97,7 +97,7 @@ def read_manifest(text: bytes | str, where: str) -> Manifest:
 
 
 def manifest_of(folder: Path) -> Manifest:
-    """Return the manifest of a folder, or an empty manifest if the folder has none.
+    """Read the manifest of a folder. If the folder has none, return an empty manifest.
 
     Raises:
         InvalidInputError: If the manifest cannot be read.
@@ -109,11 +109,11 @@ def manifest_of(folder: Path) -> Manifest:
 
 
 def manifest_bytes(assets: Mapping[str, FolderAsset]) -> bytes:
-    """Return a manifest's text, sorted by name."""
+    """Return the content of a manifest file, in which the assets are sorted by name."""
     ordered = {name: assets[name] for name in sorted(assets)}
     return _MANIFEST.dump_json(Manifest(format=FORMAT, assets=ordered), indent=1) + b"\n"
 
 
 def is_asset_name(name: str) -> bool:
-    """Return whether a name has only lower-case letters, digits and underscores, and begins with a letter."""
+    """Return whether a name begins with a letter and uses only lower-case letters, digits and underscores."""
     return _NAME.fullmatch(name) is not None

@@ -1,4 +1,4 @@
-"""Registration of a folder's assets as categories that tasks can name."""
+"""Registration of the assets in a folder as categories that tasks can name."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from betterbench.sim.assets.folders.manifest import CURE, FolderAsset, read_mani
 from betterbench.tasks.user_files import TaskFile, loading_folder
 
 MAX_FILE_BYTES = 64 << 20
-"""Largest file of one asset."""
+"""Maximum size of an asset's file [byte]."""
 
 
 def asset_folder(folder: Path | str) -> tuple[str, ...]:
-    """Register all assets in a folder written by ``better assets import``, and return their names.
+    """Register all assets in a folder that ``better assets import`` has written, and return their names.
 
-    In a task file, a relative path starts at that file's folder. ``--asset-dir`` does the same from the command
-    line.
+    In a task file, a relative path is relative to the folder of the task file. The option ``--asset-dir`` of the
+    command line has the same effect as this function.
 
     Raises:
-        InvalidInputError: If the folder has no imported assets, or one of their names is taken.
+        InvalidInputError: If the folder has no imported assets, or one of their names is already taken.
     """
     place = ((loading_folder() or Path.cwd()) / Path(folder).expanduser()).absolute()
     return _register(TaskFile.read_folder(place))
 
 
 def _register(file: TaskFile) -> tuple[str, ...]:
-    """Register the assets of a folder from its manifest."""
+    """Register the assets that the manifest of a folder lists."""
     folder = Path(file.path).parent
     assets = read_manifest(file.source, file.path).assets
     for name, asset in assets.items():
@@ -52,7 +52,7 @@ def _generator(path: Path, asset: FolderAsset) -> Generator:
             raise InvalidInputError(str(path), "it is not the file that the manifest lists", CURE)
         return from_bytes(data, str(path)).draft
 
-    make.__qualname__ = f"the asset {path}"  # distinguishes two folders with the same name
+    make.__qualname__ = f"the asset {path}"  # this distinguishes two folders that have the same name
     return make
 
 

@@ -1,4 +1,4 @@
-"""Output of a reviewed asset folder: a new folder with the changes of a review applied."""
+"""Writing of a new asset folder, in which the changes of a review are applied to the reviewed assets."""
 
 from __future__ import annotations
 
@@ -23,14 +23,16 @@ from betterbench.tasks.user_files import ASSET_MANIFEST
 
 
 def stored_asset(folder: Path, name: str) -> Imported:
-    """Read an asset of a folder as it was imported.
+    """Read an asset from a folder, as it was imported.
 
     Raises:
-        InvalidInputError: If the folder has no such asset, or its file is not the one that the manifest lists.
+        InvalidInputError: If the folder has no such asset, or the asset's file is not the one that the manifest lists.
     """
     assets = manifest_of(folder).assets
     if name not in assets:
-        raise InvalidInputError(str(folder), f"it has no asset {name!r}", f"Known: {', '.join(assets) or 'none'}")
+        raise InvalidInputError(
+            str(folder), f"it has no asset {name!r}", f"Known assets: {', '.join(assets) or 'none'}"
+        )
     path = folder / assets[name].file
     data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure=CURE)
     if hashlib.sha256(data).hexdigest() != assets[name].sha256:
@@ -41,24 +43,24 @@ def stored_asset(folder: Path, name: str) -> Imported:
 def write_reviewed_folder(
     folder: Path, out: Path, changes: Mapping[str, Sequence[Change]], rejected: Collection[str] = ()
 ) -> list[str]:
-    """Write the assets of a folder into another folder, with changes applied and without rejected assets.
+    """Write the assets of a folder to a new folder, with the changes of a review applied and without rejected assets.
 
-    The same folder and changes give the same bytes.
+    The same folder and changes always give the same bytes.
 
     Args:
         folder: Folder of imported assets.
-        out: New folder. It must not be the same.
-        changes: Changes in order, by the name of the asset.
-        rejected: Names of assets to leave out.
+        out: The new folder. It must be a different folder.
+        changes: Changes to each asset, in order, keyed by the name of the asset.
+        rejected: Names of assets that are left out.
 
     Returns:
         The names of the written assets.
 
     Raises:
-        InvalidInputError: If a change does not match an asset, or ``out`` is the folder itself.
+        InvalidInputError: If a change does not fit an asset, or ``out`` is the reviewed folder itself.
     """
     if out.resolve() == folder.resolve():
-        raise InvalidInputError("--out", f"{out} is the reviewed folder", "Give another folder")
+        raise InvalidInputError("--out", f"{out} is the reviewed folder itself", "Use a different folder")
     listed: dict[str, FolderAsset] = {}
     for name, asset in manifest_of(folder).assets.items():
         if name in rejected:
@@ -73,7 +75,7 @@ def write_reviewed_folder(
 
 
 def _listed(asset: FolderAsset, imported: Imported, data: bytes) -> FolderAsset:
-    """Return the entry of a changed asset."""
+    """Return the manifest entry of an asset after a review has changed it."""
     draft = imported.draft
     points = np.concatenate([part.vertices for part in draft.parts if isinstance(part, VisualPart)])
     x, y, z = (round(float(side), 5) for side in np.ptp(points.astype(np.float64), axis=0))

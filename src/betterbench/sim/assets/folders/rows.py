@@ -1,4 +1,4 @@
-"""Conversion of catalogue rows to import requests."""
+"""Conversion of catalogue rows to requests for the job that imports assets."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from betterbench.sim.assets.licenses import license_name
 
 
 def request_of_row(entry: CatalogueEntry, given: ImportRequest | None = None) -> ImportRequest:
-    """Return the import request for a catalogue row.
+    """Return the request that imports the asset of a catalogue row.
 
     Args:
         entry: The row.
-        given: Options of the import, which override name, license, author and color of the row.
+        given: Options of the import. They override the name, license, author and color in the row.
 
     Raises:
-        InvalidInputError: If the row is of the procedural library, or its mesh is not on this machine.
+        InvalidInputError: If the row belongs to the procedural library, or its mesh is not on this machine.
     """
     if entry.source == "procedural":
         name = entry.id.removeprefix("procedural/").rpartition("-")[0]

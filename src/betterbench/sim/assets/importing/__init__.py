@@ -1,16 +1,18 @@
 """Import of mesh, URDF and MJCF files as assets.
 
-- ``raw``, ``object_file``: one object from a file of any format. ``mesh_file`` reads GLB, glTF, OBJ, STL and PLY with
-  the files that they refer to, ``plain_gltf`` rewrites features of glTF that trimesh drops, ``urdf`` and ``mjcf`` read
-  rigid bodies (``rigid``).
-- ``kinds``: usual size, mass and use of each kind of object. The name determines the kind.
-- ``upright``: unit, up axis and origin.
-- ``solid``, ``cavity``: occupied volume, hollow, and level surfaces.
-- ``appearance``, ``coloring``, ``hulls``, ``grasping``: visual shape, color word, collision shape, grasps.
-- ``physics``: mass and collision shapes stated in a file, if they fit the visual shape.
-- ``importer``: the complete import, which returns an asset draft. ``stored`` is its file format.
-- ``child``: the import in a resource-limited process, with a cache.
-- ``registration``: registration of a mesh as a category that tasks can name.
+- ``raw``, ``object_file``: read one object from a file of any supported format. ``mesh_file`` reads GLB, glTF, OBJ, STL
+  and PLY files and the files that they refer to. ``plain_gltf`` rewrites features of glTF that trimesh would drop.
+  ``urdf`` and ``mjcf`` read rigid bodies (``rigid``).
+- ``kinds``: the usual size, mass and use of each kind of object. The name of an object determines its kind.
+- ``upright``: find the unit, the up axis and the origin of a mesh.
+- ``solid``, ``cavity``: find the volume that an object occupies, its hollow, and its level surfaces.
+- ``appearance``, ``coloring``, ``hulls``, ``grasping``: make the visual shape, the color word, the collision shape and
+  the grasps.
+- ``physics``: use the mass and the collision shapes that a file states, if they fit the visual shape.
+- ``importer``: run the complete import and return a draft of the asset. ``stored`` defines the file format of an
+  imported object.
+- ``child``: run the import in a process with limited time and memory, and cache the result.
+- ``registration``: register a mesh as a category that tasks can name.
 """
 
 from betterbench.sim.assets.importing.registration import imported

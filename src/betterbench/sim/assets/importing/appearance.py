@@ -1,4 +1,4 @@
-"""Visual mesh of an imported object, with few triangles and one texture baked from the file's textures and colors."""
+"""Visual mesh of an imported object: few triangles, and one texture baked from the textures and colors in the file."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ THIN_FACE_BUDGET = 1_200
 WIRES_FACE_BUDGET = 2_400
 """Maximum number of triangles of an object that would lose parts with 1,200, such as the hoops of a basket."""
 DENT_SHARE = 0.006
-"""Distance between reduced and original surface above which dents are visible, as a share of the longest side. At 600
-triangles, YCB's plate, bowl, mug and sponge deviate visibly by 0.7 to 1.9 %. Apple, can, banana and fork deviate by at
-most 0.5 %."""
+"""Distance between the reduced and the original surface above which dents are visible, as a fraction of the object's
+longest side. At 600 triangles, YCB's plate, bowl, mug and sponge deviate visibly (by 0.7 to 1.9 %), whereas its apple,
+can, banana and fork deviate by at most 0.5 %."""
 LOST_SHARE = 0.02
-"""Distance of an original surface point from the reduced surface above which a part counts as lost, such as one bar of
-a wire basket, as a share of the longest side."""
+"""If a point of the original surface is farther than this from the reduced surface, a part of the object (such as one
+bar of a wire basket) counts as lost. The distance is a fraction of the object's longest side."""
 _BOX_FACES = np.array(
     [
         [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
@@ -45,10 +45,11 @@ _AGGRESSION = 2.0
 
 
 def visual_parts(mesh: RawMesh) -> tuple[VisualPart, ...]:
-    """Return the visual parts of an object, at most 600 triangles, 1,200 for thin walls, or 2,400 for many parts.
+    """Return the visual parts of an object, reduced to a limited number of triangles.
 
-    Parts with a single color each stay unchanged if they have few triangles in total. Otherwise the surface becomes one
-    reduced part with a new texture, in which each triangle has its own area.
+    The limit is 600 triangles, 1,200 for thin-walled objects, and 2,400 for objects that would otherwise lose parts. If
+    the mesh is below the limit and each of its parts has a single color, the parts are kept unchanged. Otherwise, the
+    whole surface becomes one reduced part with a new texture, in which each triangle has its own area.
     """
     plain = all(part.is_plain() for part in mesh.parts)
     if plain and mesh.face_count <= FACE_BUDGET:
@@ -64,7 +65,7 @@ def visual_parts(mesh: RawMesh) -> tuple[VisualPart, ...]:
 
 
 def reduced(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a surface reduced to a number of triangles (quadric error, Garland and Heckbert, 1997)."""
+    """Reduce a surface to at most ``count`` triangles, using quadric error metrics (Garland and Heckbert, 1997)."""
     if len(faces) <= count:
         return vertices, faces
     points, triangles = fast_simplification.simplify(
@@ -79,7 +80,7 @@ def reduced(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.nda
 
 
 def _without_needles(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Remove needle triangles, which are thinner than a thousandth of their length."""
+    """Remove needle-shaped triangles, i.e. triangles that are thinner than a thousandth of their length."""
     corners = vertices[faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -117,7 +118,7 @@ def _painted(mesh: RawMesh) -> VisualPart:
 
 
 def _reduced_enough(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a surface of 600 triangles, of 1,200 if it would be dented, or of 2,400 if it would lose parts."""
+    """Reduce a surface to 600 triangles, to 1,200 if 600 would leave dents, or to 2,400 if parts would be lost."""
     if len(faces) <= FACE_BUDGET:
         return vertices, faces
     points, triangles = vertices, faces
@@ -150,10 +151,10 @@ def _reduced_enough(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray
 
 
 def _is_lost(before: np.ndarray, after: cKDTree, size: float) -> bool:
-    """Return whether a point of a surface has no point of the reduced surface near it."""
+    """Return whether any point of the original surface is far from every point of the reduced surface."""
     # the search ends at the bound; larger distances are infinite
     bound = np.nextafter(LOST_SHARE * size, np.inf)
-    return any(  # a few points first: they suffice for most lost parts
+    return any(  # test a few points first, which suffice to find most lost parts
         np.isinf(after.query(some, distance_upper_bound=bound)[0]).any() for some in (before[::16], before)
     )
 
@@ -166,8 +167,9 @@ def _tree_of(points: np.ndarray) -> cKDTree:
 def _reduced_parts(vertices: np.ndarray, faces: np.ndarray, budget: int) -> tuple[np.ndarray, np.ndarray] | None:
     """Reduce the separate parts of a surface, such as the wires of a basket, one by one.
 
-    A part that almost fills its bounding box is replaced by the box. The other parts share the remaining triangles by
-    area. Returns None if there is only one part, or too many parts for the budget.
+    A part that almost fills its bounding box is replaced by the box. The remaining triangles are divided among the
+    other parts in proportion to their areas. Returns None if the surface has only one part, or so many parts that each
+    would get too few triangles.
     """
     links = coo_array((np.ones(len(faces)), (faces[:, 0], faces[:, 1])), shape=(len(vertices), len(vertices)))
     links = links + coo_array((np.ones(len(faces)), (faces[:, 1], faces[:, 2])), shape=links.shape)
@@ -201,7 +203,7 @@ def _reduced_parts(vertices: np.ndarray, faces: np.ndarray, budget: int) -> tupl
 
 
 def _box_of(points: np.ndarray) -> np.ndarray:
-    """Return the corners (8, 3) of the bounding box of points along their principal axes."""
+    """Return the corners (8, 3) of the bounding box that is aligned with the principal axes of the points."""
     middle = points.mean(axis=0)
     _, _, axes = np.linalg.svd(points - middle, full_matrices=False)
     if np.linalg.det(axes) < 0.0:
@@ -213,7 +215,10 @@ def _box_of(points: np.ndarray) -> np.ndarray:
 
 
 def _depth_below(points: np.ndarray, box: np.ndarray) -> float:
-    """Return the largest depth of points below the surface of a box (8, 3), which for a wire is its rounding."""
+    """Return the largest depth of any point below the surface of a box with the corners (8, 3).
+
+    For the points on a wire, it shows how much the edges of the wire are rounded.
+    """
     origin = box[0]
     sides = np.stack([box[4] - origin, box[2] - origin, box[1] - origin])
     lengths = np.maximum(np.linalg.norm(sides, axis=1), 1e-300)
@@ -225,19 +230,19 @@ def _depth_below(points: np.ndarray, box: np.ndarray) -> float:
 
 
 def _farthest(points: np.ndarray, others: cKDTree) -> float:
-    """Return the 99th percentile of the distances to other points."""
+    """Return the 99th percentile of the distance from each of ``points`` to the nearest of ``others``."""
     return float(np.percentile(others.query(points[:: max(1, len(points) // 5_000)])[0], 99))
 
 
 def normals_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the unit normals (m, 3) of triangles, or zeros for triangles without an area."""
+    """Return the unit normals of triangles as an (m, 3) array. Triangles without an area get zeros."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])
 
 
 def _colored_points(mesh: RawMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points spread over the surface (k, 3), their normals (k, 3) and their colors (k, 3) in [0, 1]."""
+    """Return (k, 3) points spread over the surface, their (k, 3) normals, and their (k, 3) colors in [0, 1]."""
     areas = 0.0
     for part in mesh.parts:
         a, b, c = (part.vertices[part.faces[:, k]] for k in range(3))
@@ -253,11 +258,12 @@ def _colored_points(mesh: RawMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _atlas(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Lay out triangles in a square texture, two in each cell of a regular grid.
+    """Lay out triangles in a square texture. Each cell of a regular grid contains two triangles.
 
     Returns:
-        (k, 2) painted pixels (row, column), (k,) the triangle of each, (k, 3) barycentric coordinates there, and
-        (3 * count, 2) texture coordinates of the corners.
+        The (k, 2) painted pixels (row, column), the (k,) index of the triangle that each pixel belongs to, the (k, 3)
+        barycentric coordinates of each pixel in its triangle, and the (3 * count, 2) texture coordinates of the
+        triangles' corners.
     """
     across = int(np.ceil(np.sqrt((count + 1) // 2)))
     cell = ATLAS // across

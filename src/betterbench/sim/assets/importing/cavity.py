@@ -1,4 +1,7 @@
-"""Detection of a hollow and of level surfaces, by simulated flooding from above."""
+"""Detection of the hollow and of the level surfaces of an object.
+
+The hollow is the space in which water remains after the object is flooded.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,15 @@ from betterbench.sim.assets.importing.solid import Solid
 
 _LEAST_DEPTH_M = 0.004
 _LEAST_DEPTH_SHARE = 0.12
-"""Minimum depth of a hollow as a share of the object's height. Shallower hollows are dents."""
+"""Minimum depth of a hollow, as a fraction of the object's height. Shallower hollows are dents."""
 _LEAST_AREA_SHARE = 0.12
 _PITS = 0.05
 _GAP_M, _LEAST_GAPS = 0.012, 12
-"""Maximum width of a gap that objects do not fall through [m], and minimum number of such gaps in a grid. Fewer gaps
-are leaks."""
+"""Maximum width of a gap through which objects do not fall [m], and the minimum number of such gaps that make a grid.
+Fewer gaps count as leaks."""
 _SEAM_CELLS = 2.0
-"""Maximum gap that counts as a seam, such as one between collision parts [cells]. Hulls end at points, which are one
-cell apart."""
+"""Maximum width of a gap that counts as a seam, for example between two collision parts [cells]. Convex hulls end at
+sampled points, which are up to one cell apart."""
 _STEP_M = 0.0005
 _ALMOST = 0.9
 _LEVEL_M = 0.002
@@ -29,13 +32,13 @@ _LEVEL_M = 0.002
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cavity:
-    """Hollow of an object that holds the most water.
+    """The hollow of an object that holds the most water.
 
     Attributes:
         mask: (nx, ny) columns of the grid that are under water.
-        tops: (nx, ny) highest surface of each column [m], or -inf where there is none.
+        tops: (nx, ny) height of the highest surface in each column [m]; -inf in columns without a surface.
         rim_m: Height at which the hollow would overflow [m].
-        floor_m: Height of the floor [m], as the 5th percentile, because scans have pits.
+        floor_m: Height of the floor [m]. It is the 5th percentile of the surface heights, because scans have pits.
         volume_m3: Volume of water that the hollow holds [m^3].
     """
 
@@ -47,12 +50,12 @@ class Cavity:
 
     @property
     def depth_m(self) -> float:
-        """Depth from the rim to the deepest point [m]."""
+        """Depth of the hollow from its rim to its floor [m]."""
         return self.rim_m - self.floor_m
 
 
 def tops_of(solid: Solid) -> np.ndarray:
-    """Return the (nx, ny) height of the highest surface in each column of cells [m], -inf in empty columns."""
+    """Return the (nx, ny) heights of the highest surface in each column of cells [m]. Empty columns get -inf."""
     nz = solid.cells.shape[2]
     tops = solid.highest.copy()
     # a column without surface points gets the height of its highest cell
@@ -63,11 +66,12 @@ def tops_of(solid: Solid) -> np.ndarray:
 
 
 def cavity_of(solid: Solid, *, with_seams: bool = False) -> Cavity | None:
-    """Return the hollow of an object in its current pose, or None if the hollow holds hardly any water.
+    """Return the hollow of an object in its current pose, or None if the object holds hardly any water.
 
     Args:
         solid: The object.
-        with_seams: Whether gaps of up to two cells are not leaks, such as the seams between convex collision parts.
+        with_seams: Whether gaps of up to two cells, such as the seams between convex collision parts, are watertight.
+            If False, water flows out through them.
     """
     tops = tops_of(solid)
     if with_seams:
@@ -91,13 +95,15 @@ def cavity_of(solid: Solid, *, with_seams: bool = False) -> Cavity | None:
 
 
 def _without_gaps(tops: np.ndarray, pitch_m: float, *, most_m: float, least: int) -> np.ndarray:
-    """Fill the gaps of a grid to the height of its bars, because a wire basket holds objects.
+    """Fill the gaps between wires up to the height of the nearest wire.
+
+    A wire basket holds objects but no water, so its hollow would not be found otherwise.
 
     Args:
-        tops: (nx, ny) highest surface of each column of cells [m].
+        tops: (nx, ny) height of the highest surface in each column of cells [m].
         pitch_m: Side of a cell [m].
         most_m: Width of the widest gap that is filled [m].
-        least: Minimum number of such gaps. Fewer gaps are not filled.
+        least: Minimum number of narrow gaps. If there are fewer, no gap is filled.
     """
     footprint = np.isfinite(tops)
     gaps = ndimage.binary_fill_holes(footprint) & ~footprint
@@ -114,9 +120,10 @@ def _without_gaps(tops: np.ndarray, pitch_m: float, *, most_m: float, least: int
 
 
 def _water(tops: np.ndarray) -> np.ndarray:
-    """Return the water level in each column, which is the lowest pass on any path to the edge of the grid.
+    """Return the height of the water in each column of cells after flooding.
 
-    Priority flood (Barnes, Lehman and Mulla, 2014), from the edge inward.
+    It is the lowest height at which water could flow from the column to the edge of the grid. The algorithm is priority
+    flood (Barnes, Lehman and Mulla, 2014), which proceeds from the edge of the grid inward.
     """
     nx, ny = tops.shape
     level = np.full_like(tops, np.inf)
@@ -136,7 +143,7 @@ def _water(tops: np.ndarray) -> np.ndarray:
 
 
 def columns_box(solid: Solid, mask: np.ndarray) -> tuple[float, float, float, float]:
-    """Return the middle (x, y) and the half extents (x, y) [m] of some columns."""
+    """Return the bounding rectangle of the columns in a mask, as its middle (x, y) and its half extents (x, y) [m]."""
     found = np.argwhere(mask)
     low = solid.origin[:2] + found.min(axis=0) * solid.pitch_m
     high = solid.origin[:2] + (found.max(axis=0) + 1) * solid.pitch_m
@@ -145,9 +152,9 @@ def columns_box(solid: Solid, mask: np.ndarray) -> tuple[float, float, float, fl
 
 
 def level_square(solid: Solid, tops: np.ndarray, height: float) -> tuple[float, float, float] | None:
-    """Return the middle (x, y) and half the side [m] of the largest square that is level at a height [m].
+    """Return the middle (x, y) and half the side [m] of the largest square that is level at the given height [m].
 
-    Among squares of almost the same size, the most central is chosen.
+    If several squares have almost the same size, the most central one is returned.
     """
     flat = np.abs(np.where(np.isfinite(tops), tops, np.inf) - height) < _LEVEL_M
     if not flat.any():
@@ -162,9 +169,10 @@ def level_square(solid: Solid, tops: np.ndarray, height: float) -> tuple[float, 
 
 
 def floor_square(solid: Solid, cavity: Cavity) -> tuple[float, float, float, float] | None:
-    """Return height, middle (x, y) and half the side [m] of the largest level square on the floor of a hollow, or None.
+    """Return the largest level square on the floor of a hollow, as height, middle (x, y) and half the side [m].
 
-    The floor of a real plate is slightly higher in the middle. The height is the height at which objects rest there.
+    The returned height is the one at which objects rest, since the floor of a real plate is slightly higher in the
+    middle. Returns None if no part of the floor is level.
     """
     tops = np.where(cavity.mask, cavity.tops, -np.inf)
     heights = np.arange(cavity.floor_m, cavity.floor_m + 0.35 * cavity.depth_m + _STEP_M, _STEP_M)
@@ -177,15 +185,16 @@ def floor_square(solid: Solid, cavity: Cavity) -> tuple[float, float, float, flo
 
 
 def _middles(solid: Solid) -> np.ndarray:
-    """Return the middle of each column of cells, (nx, ny, 2) [m]."""
+    """Return the (nx, ny, 2) horizontal positions of the middles of all columns of cells [m]."""
     i, j = np.meshgrid(*map(np.arange, solid.cells.shape[:2]), indexing="ij")
     return np.asarray(solid.origin[:2] + (np.stack([i, j], axis=2) + 0.5) * solid.pitch_m)
 
 
 def highest_level(solid: Solid, tops: np.ndarray) -> tuple[float, float, float, float] | None:
-    """Return height, middle (x, y) and half the side [m] of the highest level square, or None.
+    """Return the highest level square of an object as height, middle (x, y) and half the side [m].
 
-    The square must cover at least a fifth of the object's footprint, so that other objects can stand on it.
+    Returns None if there is no such square. The square must cover at least a fifth of the object's footprint, so that
+    other objects can stand on it.
     """
     finite = np.isfinite(tops)
     least = 0.5 * float(np.sqrt(0.2 * finite.sum())) * solid.pitch_m

@@ -1,6 +1,7 @@
-"""Import of an untrusted file in a separate process with memory and time limits, and a cache of the results.
+"""Import of an untrusted file in a separate process with memory and time limits. The results are cached.
 
-A malicious file can crash or hang the readers of meshes and images and the convex decomposition (all C++).
+A separate process is needed because the mesh readers, the image readers and the convex decomposition are written in
+C++, and a malicious file can crash or hang them.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderRes
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
 VERSION = 10
-"""Version of the importer. Incremented when the same file gives another asset."""
+"""Version of the importer. It is incremented whenever the same file would give a different asset than before."""
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120.0
 MAX_S = 900.0
@@ -45,11 +46,11 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """Imported object as bytes.
+    """Imported object in serialized form.
 
     Attributes:
         data: The object in the format of :func:`~betterbench.sim.assets.importing.stored.to_bytes`.
-        files: SHA-256 of each file that was read, by its path relative to the folder of the first file.
+        files: SHA-256 of each file that was read, keyed by its path relative to the folder of the imported file.
     """
 
     data: bytes
@@ -57,17 +58,19 @@ class Made:
 
 
 def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B008 - frozen
-    """Import the object in a file (see :func:`import_bytes`)."""
+    """Import the object in a file like :func:`import_bytes`, but return it as an object instead of bytes."""
     return from_bytes(import_bytes(path, wishes).data, one_line(path.name, most=120))
 
 
 def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 - frozen
-    """Import the object in a file in a resource-limited process, or return the result from the user's cache.
+    """Import the object in a file, using a separate process with limited time and memory.
+
+    If the user's cache contains the result of this import, the cached result is returned.
 
     Raises:
-        InvalidInputError: If the file cannot be read, is not an object of tabletop size, or exceeds the limits of
-            memory or time.
-        MissingDependencyError: If a package for the file format is not installed.
+        InvalidInputError: If the file cannot be read, does not contain an object of tabletop size, or takes more memory
+            or time than allowed.
+        MissingDependencyError: If a package that reads the file format is not installed.
     """
     where = one_line(path.name, most=120)
     place = cache_folder() / _key(path, _digest(path, where), wishes)
@@ -84,7 +87,7 @@ def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 -
 
 
 def _digest(path: Path, where: str) -> str:
-    """Return the SHA-256 of a file, read in blocks. Raises InvalidInputError if it exceeds the size limit."""
+    """Return the SHA-256 of a file. Raises InvalidInputError if the file exceeds the size limit or cannot be read."""
     try:
         with open_ordinary(path) as file:
             size = file.seek(0, 2)
@@ -95,16 +98,19 @@ def _digest(path: Path, where: str) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         problem = f"it cannot be read ({error.strerror or error})"
-        raise InvalidInputError(where, problem, "Give the path of a file") from error
+        raise InvalidInputError(where, problem, "Pass the path of a readable file") from error
 
 
 def cache_folder() -> Path:
-    """Return the folder of cached imports. It can be deleted at any time."""
+    """Return the folder that caches imported objects. Users can delete the folder at any time."""
     return platformdirs.user_cache_path("betterbench") / "imported"
 
 
 def _key(path: Path, digest: str, wishes: Wishes) -> str:
-    """Return a digest of all import inputs: the file, the names that determine its kind, and the options."""
+    """Return a digest of everything that the result of an import depends on.
+
+    The digest covers the file, the names that determine the kind of object, and the import options.
+    """
     named = "/".join(path.absolute().parts[-4:])
     known = f"{VERSION}|{json.dumps(asdict(wishes), sort_keys=True)}|{named}|{digest}"
     return hashlib.sha256(known.encode()).hexdigest()[:32]
@@ -115,7 +121,7 @@ def _content(files: Mapping[str, str]) -> str:
 
 
 def _kept(path: Path, place: Path, where: str) -> Made | None:
-    """Return the cached result if the source files have not changed."""
+    """Return the cached result of an import. If there is none, or a source file has changed, return None."""
     note = place.with_suffix(".json")
     try:
         files = read_form(_FILES, read_bounded(note, max_bytes=_MOST_NOTE_BYTES, cure=""), where=where, cure="")[
@@ -148,10 +154,10 @@ def _in_child(path: Path, wishes: Wishes, where: str) -> Made:
 
 
 def answer_imports(finish: Callable[[Imported], Imported]) -> None:
-    """Import the requested objects, in the child process.
+    """Import the objects that the parent process requests. This function runs in the child process.
 
     Args:
-        finish: Final step of an import, applied to each object.
+        finish: Final step of an import, which is applied to each imported object.
     """
     answers = functools.partial(_answers, finish=finish)
     answer_requests(answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=MAX_CPU_S, unexpected=_unexpected)

@@ -1,4 +1,4 @@
-"""Choice of an object's color word, by the color of most of its visible surface."""
+"""Color word of an object, i.e. the name of the color that covers most of its visible surface."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from betterbench.sim.assets.authoring.paint import PALETTE
 
 
 def color_word(parts: Sequence[VisualPart | CollisionPart]) -> str:
-    """Return the palette word that is nearest to most of the visible surface, by CIELAB distance."""
+    """Return the color word, such as "red", that covers the largest part of the visible surface.
+
+    Each part of the surface gets the word from the palette whose color is nearest in CIELAB.
+    """
     words = list(PALETTE)
     palette = _lab(np.array([PALETTE[word] for word in words]))
     votes = np.zeros(len(words))
@@ -25,7 +28,7 @@ def color_word(parts: Sequence[VisualPart | CollisionPart]) -> str:
 
 
 def _face_colors(part: VisualPart) -> np.ndarray:
-    """Return the color at the center of each triangle, (m, 3) in [0, 1]."""
+    """Return the color at the center of each triangle as an (m, 3) array in [0, 1]."""
     base = np.tile(np.asarray(part.rgba[:3], dtype=np.float64), (len(part.faces), 1))
     texture = part.texture
     if texture is None:
@@ -39,7 +42,7 @@ def _face_colors(part: VisualPart) -> np.ndarray:
 
 
 def _lab(rgb: np.ndarray) -> np.ndarray:
-    """Return CIELAB coordinates (k, 3) of sRGB colors in [0, 1] (IEC 61966-2-1, white point D65)."""
+    """Convert sRGB colors (k, 3) in [0, 1] to CIELAB coordinates (k, 3) (IEC 61966-2-1, white point D65)."""
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
     xyz = linear @ to_xyz.T / np.array([0.9505, 1.0, 1.089])

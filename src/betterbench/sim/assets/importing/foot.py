@@ -1,4 +1,4 @@
-"""Small flat foot for objects that would roll, as for the fruit of the procedural library."""
+"""Flat foot under an object that keeps it from rolling. The procedural library gives its fruit such a foot as well."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import numpy as np
 from betterbench.sim.assets.importing.measures import depth_in_hull
 
 _LEANS = tuple(math.radians(lean) for lean in (3.0, 6.0, 9.0, 12.0))
-"""Tilts from which an object must return to an upright pose. Scans of fruit stand on a face of a few millimeters and
-roll onto another face while a scene settles. A task that requires them upright (within 5 degrees) then cannot begin."""
+"""Tilts [rad] from which an object must return to its upright pose. Scans of fruit stand on a face of a few
+millimeters, and roll onto another face while a scene settles. A task that requires the fruit to be upright (within 5
+degrees) could then not begin."""
 _LEAST_LEVER = 0.02
 """Minimum horizontal distance between the center of mass and the contact point of a leaning object, relative to the
 height of the center of mass. It is 0 for a sphere."""
 _WIDTH = math.tan(math.radians(16.0))
-"""Half the side of a foot relative to the height of the center of mass.
+"""Half the side of a foot, relative to the height of the center of mass.
 
-It determines the lean from which the object returns.
+The wider the foot, the larger the lean from which the object returns to its upright pose.
 """
 _HEIGHT_M = 0.006
 _BELOW_M = 0.0003
@@ -26,11 +27,13 @@ _BELOW_M = 0.0003
 
 
 def foot_under(hulls: Sequence[np.ndarray], center: np.ndarray) -> np.ndarray | None:
-    """Return the corners (8, 3) of a foot in the object frame, or None if no foot is needed or none fits.
+    """Return the corners (8, 3) of a foot under the object, in the object's frame [m].
+
+    Returns None if the object needs no foot, or if no foot fits under it.
 
     Args:
-        hulls: Corners of its collision hulls, each (n, 3) [m], z up.
-        center: Center of mass, (3,) [m].
+        hulls: Corners of the object's collision hulls, each (n, 3) [m], with z up.
+        center: Center of mass of the object, (3,) [m].
     """
     corners = np.concatenate(list(hulls))
     low = float(corners[:, 2].min())
@@ -46,7 +49,12 @@ def foot_under(hulls: Sequence[np.ndarray], center: np.ndarray) -> np.ndarray | 
 
 
 def returns_upright(corners: np.ndarray, center: np.ndarray) -> bool:
-    """Return whether an object with these corners (n, 3) returns upright from any lean of up to 12 degrees."""
+    """Return whether an object would return upright from every lean of up to 12 degrees.
+
+    Args:
+        corners: (n, 3) corners of the object's collision shape [m], with z up.
+        center: (3,) center of mass [m].
+    """
     arms = corners - center
     least = -_LEAST_LEVER * float(arms[:, 2].min())
     for turn in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):

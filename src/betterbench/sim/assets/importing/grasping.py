@@ -1,4 +1,4 @@
-"""Grasps for a parallel jaw from above, proposed from the cells of a solid."""
+"""Search for top-down grasps with a parallel-jaw gripper, based on the grid cells that an object occupies."""
 
 from __future__ import annotations
 
@@ -29,26 +29,26 @@ _FAR = 1000
 """Number of free grid squares around the outermost part of an object."""
 _ROUND_M = 0.003
 _LEAST_CONTACT_M, _FLAT_M = 0.010, 0.025
-"""Minimum height of a pad's contact area [m], on objects taller than the second number [m]."""
+"""Minimum height of a pad's contact area [m], and the height above which an object must offer it [m]."""
 _STEEPEST = math.tan(math.radians(35.0))
 """Maximum inward slope of the sides [tangent]. The friction cone of the pads has 50 degrees, and cells are coarse."""
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A grasp with its rank. Smaller ranks are better."""
+    """A possible grasp and its cost. Grasps with a lower cost are better."""
 
     grasp: Grasp
     cost: float
 
 
 def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> list[Proposal]:
-    """Return the grasps that the shape allows, best first.
+    """Return the grasps that the shape of the object allows, best first.
 
     Args:
         solid: The object in its upright pose.
-        center_of_mass: (3,) [m].
-        count: Maximum number of grasps, which differ in place, direction or height.
+        center_of_mass: Center of mass of the object, (3,) [m].
+        count: Maximum number of grasps to return. The returned grasps differ in position, direction or height.
     """
     centers = solid.centers(solid.cells)
     top = float(centers[:, 2].max()) + 0.5 * solid.pitch_m
@@ -64,7 +64,7 @@ def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> li
 
 
 def _heights(top: float) -> tuple[float, ...]:
-    """Return candidate heights of the middle of the pads [m], from the jaw's deepest reach upward."""
+    """Return the heights of the center of the pads at which grasps are tried, lowest first [m]."""
     lowest = max(LOWEST_M, top - DEEPEST_M)
     if top - 0.004 <= lowest:
         return (max(0.5 * top, 0.004),)
@@ -74,14 +74,14 @@ def _heights(top: float) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Squares:
-    """Squares of a horizontal grid along the direction in which the fingers close, and the square of each cell.
+    """Horizontal grid of squares, aligned with the closing direction of the fingers, and the square of each cell.
 
     Attributes:
-        yaw: Direction [rad].
-        along: (2,) direction in which the fingers close.
-        across: (2,) direction across it.
-        low: Smallest coordinates along and across [m].
-        shape: Number of rows (along) and columns (across).
+        yaw: Angle of the gripper about the vertical [rad].
+        along: (2,) unit vector in the direction in which the fingers close.
+        across: (2,) unit vector perpendicular to ``along``.
+        low: Smallest coordinates of the grid along and across [m].
+        shape: Number of rows (along) and of columns (across).
         i: (n,) row of each cell.
         j: (n,) column of each cell.
     """
@@ -105,7 +105,7 @@ def _squares(centers: np.ndarray, pitch: float, yaw: float) -> _Squares:
 
 
 def _at(squares: _Squares, z: np.ndarray, pitch: float, middle: np.ndarray, height: float) -> Iterator[Proposal]:
-    """Yield the grasps at a height whose fingers close along a direction."""
+    """Yield the grasps at the given height whose fingers close along the direction of the grid."""
     (low_u, low_v), along, across = squares.low, squares.along, squares.across
     near = np.abs(z - height) < PAD_HALF_HEIGHT_M
     slab = _grid(squares, near, pitch)
@@ -140,9 +140,10 @@ def _at(squares: _Squares, z: np.ndarray, pitch: float, middle: np.ndarray, heig
 
 
 def _fitting(blocked: np.ndarray, touched: np.ndarray) -> Iterator[tuple[int, int, int, float]]:
-    """Yield the runs of blocked squares that fit between the fingers and are touched, column by column.
+    """Yield all runs of blocked squares that fit between the fingers and that the pads would touch, column by column.
 
-    A run is given by its column, start, end and the free space on its narrower side [m]. Beyond the grid, all is free.
+    Each run is given by its column, its first row, the row after its last row, and the free space [m] beside it. The
+    free space is measured on the side where it is narrower. All squares beyond the grid count as free.
     """
     rows, columns = blocked.shape
     framed = np.zeros((columns, rows + 2), dtype=bool)
@@ -159,7 +160,7 @@ def _fitting(blocked: np.ndarray, touched: np.ndarray) -> Iterator[tuple[int, in
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ByColumn:
-    """Cells next to the pads in the order of their columns, with columns (k,), rows (k,) and heights (k,) [m]."""
+    """Cells at the height of the pads, sorted by column: their columns (k,), rows (k,) and heights (k,) [m]."""
 
     columns: np.ndarray
     rows: np.ndarray
@@ -172,11 +173,13 @@ def _by_column(rows: np.ndarray, columns: np.ndarray, heights: np.ndarray) -> _B
 
 
 def _leans(between: _ByColumn, rows: tuple[int, int], columns: tuple[int, int], *, pitch: float, top: float) -> bool:
-    """Return whether the pads would slip off upward, because the contact is low or the sides lean inward.
+    """Return whether the gripper pads would slip off the object upward.
+
+    They would if the contact area is not high enough, or if the sides of the object lean inward.
 
     Args:
-        between: Cells next to the pads.
-        rows: First and end of the rows between the pads.
+        between: Cells at the height of the pads.
+        rows: First row between the pads, and the row after the last one.
         columns: First and last column of the pads.
         pitch: Side of a cell [m].
         top: Height of the object [m].
@@ -195,7 +198,7 @@ def _leans(between: _ByColumn, rows: tuple[int, int], columns: tuple[int, int], 
 
 
 def _grid(squares: _Squares, which: np.ndarray, pitch: float) -> np.ndarray:
-    """Return the projection of cells onto a grid of squares, with gaps between coarse cells closed."""
+    """Mark the squares of the grid that contain selected cells, and close the gaps between coarse cells."""
     closing = max(1, math.ceil(0.75 * pitch / _STEP_M))
     rows, columns = squares.shape
     grid = np.zeros((rows + 2 * closing, columns + 2 * closing), dtype=bool)
@@ -208,9 +211,10 @@ def _grid(squares: _Squares, which: np.ndarray, pitch: float) -> np.ndarray:
 
 
 def _any_near(grid: np.ndarray, half: int) -> np.ndarray:
-    """Return whether any of the squares up to a number of columns away is True. Beyond the grid, none is.
+    """Return, for each square, whether any square at most ``half`` columns away is True.
 
-    Differences of sums take a tenth of the time of a reduction for each window.
+    Squares beyond the grid count as False. The function uses differences of cumulative sums, which take a tenth of the
+    time of a reduction over each window.
     """
     rows, columns = grid.shape
     sums = np.zeros((rows, columns + 2 * half + 1), dtype=np.int32)
@@ -220,7 +224,7 @@ def _any_near(grid: np.ndarray, half: int) -> np.ndarray:
 
 
 def _is_round(found: list[Proposal]) -> bool:
-    """Return whether the object can be grasped across its middle in every direction, with the same width."""
+    """Return whether the object can be grasped across its middle from every direction, with the same width."""
     if not found:
         return False
     best = found[0].grasp
@@ -241,7 +245,10 @@ def _free_to_turn(grasp: Grasp) -> Grasp:
 
 
 def _different(found: list[Proposal], count: int) -> list[Proposal]:
-    """Return the best grasp of each group of similar grasps, with distinct names and preferences."""
+    """Return the best grasp of each group of similar grasps.
+
+    Each returned grasp gets its own name and its own rank of preference.
+    """
     kept: list[Proposal] = []
     for proposal in found:
         if all(_apart(proposal.grasp, other.grasp) for other in kept):
@@ -265,7 +272,7 @@ def _different(found: list[Proposal], count: int) -> list[Proposal]:
 
 
 def _apart(a: Grasp, b: Grasp) -> bool:
-    """Return whether two grasps differ by more than a centimeter or 40 degrees."""
+    """Return whether two grasps clearly differ, by more than 12 mm in position or 40 degrees in direction."""
     distance = math.dist(a.pose.position, b.pose.position)
     turn = abs(float(np.dot(a.pose.quaternion, b.pose.quaternion)))
     return distance > 0.012 or (turn < math.cos(math.radians(20.0)) and not a.symmetric_yaw)

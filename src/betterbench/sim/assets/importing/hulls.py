@@ -1,4 +1,8 @@
-"""Convex collision shapes of a solid, as one hull, the walls of a hollow in sectors, or V-HACD's decomposition."""
+"""Collision shape of an object, made of convex hulls.
+
+A solid object gets a single hull or a convex decomposition. A hollow object gets hulls for its floor and for sectors of
+its wall, so that the hollow stays open.
+"""
 
 from __future__ import annotations
 
@@ -17,22 +21,24 @@ from betterbench.sim.assets.importing.cavity import Cavity, columns_box
 from betterbench.sim.assets.importing.solid import Solid, spread_points
 
 SECTORS = 12
-"""Sectors of a wall: the chord of a sector is up to 1.4 mm from a circle of 40 mm."""
+"""Number of sectors of a wall. The flat outside of a sector is at most 1.4 mm inside a circle of radius 4 cm."""
 MOST_HULLS = 48
 _CORNERS = 40
-"""Maximum number of vertices of a hull, because each costs time in MuJoCo's narrow phase."""
+"""Maximum number of vertices of a hull. Each vertex costs time in MuJoCo's narrow phase."""
 _VHACD_HULLS, _VHACD_CELLS, _VHACD_FACES = 20, 60_000, 1_500
 _CLOSE_M, _CLOSE_SHARE, _CLOSE_MIDDLE_SHARE = 0.002, 0.03, 0.06
-"""Distance from the surface up to which a single hull suffices: the smallest of a length [m], a share of the longest
-side, and a share of the middle side. The middle side matters for tools: a fork is 3 cm wide and 28 cm long."""
+"""A single hull suffices if it deviates from the surface by no more than the smaller of a fraction of the longest side
+and a fraction of the middle side, or by no more than the length [m]. The middle side matters for slim objects: a fork
+is 3 cm wide and 28 cm long."""
 _THICK_FLOOR = 0.25
-"""Height of the floor of a hollow, as a share of the height of the object, from which the floor may be a base."""
+"""If the floor of a hollow is higher than this fraction of the object's height, a solid base below it is tried."""
 _MOSTLY_FREE = 0.3
 """Fraction of a hollow that a decomposition may fill."""
 _LITTLE_FILLED = 0.1
-"""Fraction of a hollow that bands of floor and wall may fill before another division is tried."""
+"""Fraction of a hollow that the hulls of floor and walls may fill before a different division is tried."""
 _CLOSE_RINGS_M, _OUTLINE = 0.004, 25
-"""Deviation from the surface above which rings are tried [m], and the number of levels of the outline."""
+"""Deviation from the surface above which the wall is also divided into rings [m], and the number of heights at which
+the outline of the wall is sampled for them."""
 _RECTANGULAR = 0.9
 _MANY = 1_000
 _LEAST_THICK_M = 0.0005
@@ -42,11 +48,13 @@ ones."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Distances between collision shapes and the visible surface [m]: 95 of 100 points are closer.
+    """Distances between the collision shapes and the visible surface, as 95th percentiles over points [m].
 
     Attributes:
-        outside_m: From points on the collision shapes to the visible surface: contacts in visibly empty space.
-        inside_m: From points on the visible surface to the collision shapes: visible parts without contact.
+        outside_m: Distance of points on the collision shapes from the visible surface. If it is large, other objects
+            collide with visibly empty space.
+        inside_m: Distance of points on the visible surface from the collision shapes. If it is large, other objects
+            pass through visible parts.
     """
 
     outside_m: float
@@ -56,12 +64,15 @@ class Fit:
 def convex_hulls(
     solid: Solid, surface: tuple[np.ndarray, np.ndarray], cavity: Cavity | None
 ) -> tuple[list[np.ndarray], Fit]:
-    """Return convex shapes that approximate the object, each by its vertices (n, 3) [m], and their fit.
+    """Return convex shapes that together approximate the object, and a measure of how well they fit its surface.
 
     Args:
         solid: Cells of the object and points on its surface.
         surface: (n, 3) vertices [m] and (m, 3) faces.
-        cavity: Hollow of the object, which stays open.
+        cavity: Hollow of the object, which the shapes leave open, or None if the object has no hollow.
+
+    Returns:
+        The vertices of each convex shape as an (n, 3) array [m], and the fit of all shapes together.
     """
     sides = np.sort(np.ptp(solid.points, axis=0))
     size = float(sides[2])
@@ -88,11 +99,11 @@ def convex_hulls(
 
 
 def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
-    """Return the hulls of a hollow object, as bands of floor and walls or another division that fits better.
+    """Return the convex hulls of a hollow object, using the division of its floor and walls that fits best.
 
-    A base with walls is tried if the floor is thick, as in a plate with a foot or a bowl of soup. It is also tried if
-    the bands fill the hollow, as in a wide shallow tray. Rings are tried if the bands reach beyond the surface (a vase
-    with a waist).
+    The default is a division into bands. A base with walls on it is also tried if the floor is thick (as in a plate
+    with a foot) or if the bands fill the hollow (as in a wide shallow tray). Rings are also tried if the other hulls
+    reach beyond the surface (as for a vase with a waist).
     """
     body = _body_of(solid, cavity)
     rest = solid.cells & ~body.near[:, :, None]
@@ -115,17 +126,24 @@ def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
 
 
 def _misfit(fit: Fit) -> float:
-    """Return the cost of a fit [m]. A missing contact costs more than a contact outside the surface."""
+    """Return the cost of a fit [m], which is larger for a worse fit.
+
+    Missing collision geometry has a higher cost than collision geometry outside the surface.
+    """
     return fit.outside_m + 3.0 * fit.inside_m
 
 
 def hull_corners(points: np.ndarray) -> np.ndarray | None:
-    """Return at most 40 extreme points of a set of points [m]. A sheet gets a thickness, and a needle is None."""
+    """Return at most 40 corners of the convex hull of points [m].
+
+    The points of a flat sheet are thickened. Returns None if all points are on a line.
+    """
     if len(points) < 3:
         return None
     points = with_thickness(points)
     try:
-        if len(points) > _MANY:  # only extreme points are farthest in any direction; Qhull finds them sooner
+        # Only corners of the hull can be farthest in a direction, and Qhull finds the corners quickly.
+        if len(points) > _MANY:
             points = points[ConvexHull(points).vertices]
         chosen = points[np.unique(np.argmax(points @ _directions().T, axis=0))]
         corners = chosen[ConvexHull(chosen).vertices]
@@ -135,7 +153,7 @@ def hull_corners(points: np.ndarray) -> np.ndarray | None:
 
 
 def with_thickness(points: np.ndarray) -> np.ndarray:
-    """Return points (n, 3) [m], thickened if they span less than half a millimeter across their plane."""
+    """Return the points (n, 3) [m], thickened to half a millimeter if they lie nearly in a plane."""
     normal, thickness = _thinnest(points)
     lacking = _LEAST_THICK_M - thickness
     if lacking <= 0.0:
@@ -144,12 +162,12 @@ def with_thickness(points: np.ndarray) -> np.ndarray:
 
 
 def is_flat(points: np.ndarray) -> bool:
-    """Return whether points (n, 3) [m] lie in one plane, within the rounding of hull corners (a micrometer)."""
+    """Return whether points (n, 3) [m] lie in one plane, up to the rounding of hull corners (a micrometer)."""
     return _thinnest(points)[1] < 2e-6
 
 
 def _thinnest(points: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the normal (3,) of the plane that fits points best, and their extent along it [m]."""
+    """Return the normal (3,) of the plane that fits the points best, and the points' extent along this normal [m]."""
     offsets = points - points.mean(axis=0)
     normal = np.linalg.eigh(offsets.T @ offsets)[1][:, 0]
     return normal, float(np.ptp(offsets @ normal))
@@ -157,7 +175,7 @@ def _thinnest(points: np.ndarray) -> tuple[np.ndarray, float]:
 
 @functools.cache
 def _directions() -> np.ndarray:
-    """Return directions spread over the sphere, the axes and the corners of a cube first."""
+    """Return unit vectors spread over the sphere, beginning with the axes and the diagonals of a cube."""
     cube = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], dtype=float)
     count = 3 * _CORNERS
     k = np.arange(count) + 0.5
@@ -168,13 +186,13 @@ def _directions() -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Body:
-    """Part of an object that surrounds its hollow, without handles and spouts.
+    """Part of an object that surrounds its hollow, without attachments such as handles and spouts.
 
     Attributes:
-        near: (nx, ny) columns of the hollow and of its wall.
-        points: (k, 3) points of the surface in these columns [m].
-        columns: (k, 2) columns of the points.
-        sector: (k,) sector of the wall that each point belongs to.
+        near: (nx, ny) columns of the hollow and of the wall around it.
+        points: (k, 3) points on the surface in these columns [m].
+        columns: (k, 2) column of each point.
+        sector: (k,) index of the wall sector that each point belongs to.
         center: Middle of the hollow, x and y [m].
     """
 
@@ -200,10 +218,11 @@ def _body_of(solid: Solid, cavity: Cavity) -> _Body:
 
 
 def _walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
-    """Return the hulls of floor and walls.
+    """Return the hulls of the floor and the walls of a hollow object.
 
-    The surface is seen from a focus in the middle of the opening. The angle from straight down to the rim runs along
-    the profile, so bands of this angle are pieces of the floor and the wall, each nearly straight.
+    The surface is seen from a focal point in the middle of the opening. The angle between straight down and the
+    direction to a surface point grows along the profile, from the floor to the rim. Bands of this angle are therefore
+    pieces of the floor and of the wall, and each piece is nearly straight.
     """
     _, _, half_x, half_y = columns_box(solid, cavity.mask)
     radius = np.hypot(*(body.points[:, :2] - body.center).T)
@@ -220,7 +239,7 @@ def _walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
 
 
 def _base_and_walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
-    """Return one hull up to the floor of the hollow, and hulls of the sectors of the wall above it."""
+    """Return one hull for everything below the floor of the hollow, and one for each sector of the wall above it."""
     level = float(np.median(cavity.tops[cavity.mask]))
     heights = body.points[:, 2]
     hollow = ndimage.binary_fill_holes(cavity.mask)
@@ -233,7 +252,10 @@ def _base_and_walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarra
 
 
 def _rings(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
-    """Return one hull up to the floor of the hollow, and the wall above it in rings between bends of its outline."""
+    """Return one hull of everything below the floor of the hollow, and hulls of the wall above it, divided into rings.
+
+    The boundaries between rings are where the outline of the wall bends most. Each ring is divided into sectors.
+    """
     heights = body.points[:, 2]
     low, high = cavity.floor_m, float(heights.max())
     radius = np.hypot(*(body.points[:, :2] - body.center).T)
@@ -249,7 +271,7 @@ def _rings(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
 
 
 def _bends(outline: np.ndarray) -> tuple[int, ...]:
-    """Return the two indices between which straight lines are closest to an outline (n,)."""
+    """Return the two indices at which to split an outline (n,) so that three straight lines approximate it best."""
 
     def bulge(a: int, b: int) -> float:
         part = outline[a : b + 1]
@@ -261,7 +283,7 @@ def _bends(outline: np.ndarray) -> tuple[int, ...]:
 
 
 def filled_share(hulls: Sequence[np.ndarray], solid: Solid, cavity: Cavity) -> float:
-    """Return the fraction of a hollow that hulls fill."""
+    """Return the fraction of a hollow that the hulls fill."""
     columns = np.argwhere(cavity.mask)
     xy = solid.origin[:2] + (columns + 0.5) * solid.pitch_m
     low = cavity.tops[tuple(columns.T)] + min(1.5 * solid.pitch_m, 0.25 * cavity.depth_m)
@@ -274,7 +296,7 @@ def filled_share(hulls: Sequence[np.ndarray], solid: Solid, cavity: Cavity) -> f
 
 
 def _wall_cells(mask: np.ndarray, footprint: np.ndarray) -> int:
-    """Return the smallest thickness of the wall around a hollow that closes most of the rim, in cells."""
+    """Return the smallest wall thickness, in cells, at which the wall around a hollow has a mostly closed rim."""
     structure = ndimage.generate_binary_structure(2, 2)
     grown = mask
     for thickness in range(1, 16):
@@ -287,7 +309,10 @@ def _wall_cells(mask: np.ndarray, footprint: np.ndarray) -> int:
 
 
 def _sector_edges(mask: np.ndarray, half_x: float, half_y: float) -> np.ndarray:
-    """Return the boundary angles of a wall's sectors [rad], ascending over one turn (the corners of a box)."""
+    """Return the angles of the boundaries between wall sectors [rad], ascending over one turn.
+
+    If the hollow is rectangular, there are boundaries at its corners. Otherwise, all sectors have the same size.
+    """
     found = np.argwhere(mask)
     full = mask.sum() / np.prod(np.ptp(found, axis=0) + 1)
     if full < _RECTANGULAR:
@@ -298,7 +323,10 @@ def _sector_edges(mask: np.ndarray, half_x: float, half_y: float) -> np.ndarray:
 
 
 def _inner_points(solid: Solid, cavity: Cavity) -> np.ndarray:
-    """Return points (k, 3) in the hollow [m], one cell above its floor, which no shape may cover."""
+    """Return (k, 3) points inside the hollow, at least one cell above its floor [m].
+
+    These points must stay free of collision shapes.
+    """
     columns = np.argwhere(ndimage.binary_erosion(cavity.mask, iterations=1))
     xy = solid.origin[:2] + (columns + 0.5) * solid.pitch_m
     low = cavity.tops[tuple(columns.T)] + 1.2 * solid.pitch_m
@@ -309,10 +337,14 @@ def _inner_points(solid: Solid, cavity: Cavity) -> np.ndarray:
 def _bands(
     points: np.ndarray, angle: np.ndarray, sector: np.ndarray, corner: float, *, inner: np.ndarray
 ) -> list[tuple[float, float, bool]]:
-    """Return bands of the angle along the profile: (low, high, True if the band is one disc for all sectors).
+    """Divide the floor and the wall of a hollow object into bands of the viewing angle (see :func:`_walls`).
 
-    The floor shrinks until its hull leaves the hollow open. The wall has two or three bands if a single band would fill
-    the hollow.
+    The floor band is made smaller until its hull leaves the hollow open. The wall is divided into two or three bands if
+    a single band would fill the hollow.
+
+    Returns:
+        The bands as (low, high, whole). ``whole`` is True if the band is a single disc rather than divided into
+        sectors.
     """
     floor = corner
     for _ in range(5):
@@ -337,14 +369,14 @@ def _bands(
 
 
 def _share_inside(corners: np.ndarray, points: np.ndarray) -> float:
-    """Return the fraction of points inside a convex hull."""
+    """Return the fraction of the points that are inside a convex hull."""
     if len(points) == 0:
         return 0.0
     return float(inside_hull(ConvexHull(corners), points, 0.0).mean())
 
 
 def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarray:
-    """Return a mask of the points (k, 3) that are inside a hull by more than a depth [m]."""
+    """Return a mask (k,) of the points that are inside a convex hull, more than ``depth`` below its surface [m]."""
     corners = hull.points[hull.vertices]
     inside = np.ones(len(points), dtype=bool)
     for axis in range(3):  # by columns: five times as fast as a reduction of rows of three
@@ -359,7 +391,7 @@ def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarra
 
 
 def _attached(solid: Solid, rest: np.ndarray) -> list[np.ndarray]:
-    """Return the hulls of attachments outside a wall, such as handles, spouts and feet."""
+    """Return the hulls of parts that are attached to the outside of a wall, such as handles, spouts and feet."""
     labels, count = ndimage.label(rest, ndimage.generate_binary_structure(3, 3))
     at = solid.index(solid.points)
     of = labels[tuple(at.T)]
@@ -372,7 +404,7 @@ def _attached(solid: Solid, rest: np.ndarray) -> list[np.ndarray]:
 
 
 def _halved(points: np.ndarray, solid: Solid, *, most: int) -> list[np.ndarray]:
-    """Return hulls of a set of points, split across axes where this saves the most volume."""
+    """Repeatedly cut a set of points where this saves the most volume, and return the convex hulls of the parts."""
     parts, gains = [points], [_best_cut(points)]
     while len(parts) < most:
         which = int(np.argmax([gain for gain, _ in gains]))
@@ -386,7 +418,12 @@ def _halved(points: np.ndarray, solid: Solid, *, most: int) -> list[np.ndarray]:
 
 
 def _best_cut(points: np.ndarray) -> tuple[float, tuple[np.ndarray, np.ndarray] | None]:
-    """Return the volume [m^3] that the best cut across an axis saves, and the two sides."""
+    """Find the axis-aligned cut through points that saves the most volume.
+
+    Returns:
+        The saved volume [m^3], and the points on the two sides of the cut. If no cut saves volume, the saved volume is
+        0 and None is returned instead of the points.
+    """
     whole, best, sides = _volume(points), 0.0, None
     for axis in range(3):
         low, high = points[:, axis].min(), points[:, axis].max()
@@ -404,7 +441,7 @@ def _volume(points: np.ndarray) -> float:
 
 
 def _decomposed(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
-    """Return the hulls of V-HACD (Mamou, 2016)."""
+    """Return the convex hulls of a surface, decomposed with V-HACD (Mamou, 2016)."""
     vertices, faces = reduced(vertices, faces, _VHACD_FACES)
     flat = np.column_stack([np.full(len(faces), 3), faces]).astype(np.uint32).ravel()
     made = vhacdx.compute_vhacd(
@@ -419,11 +456,12 @@ def _decomposed(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
 
 
 _MOST_POINTS = 400_000
-"""Maximum number of points on hulls. 30 hulls have 300,000, and long narrow triangles of 60 hulls four million."""
+"""Maximum number of points sampled on hulls. Usually 30 hulls get 300,000 points, but 60 hulls with long, narrow
+triangles got four million."""
 
 
 def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
-    """Return points (k, 3) spread over the outside of the union of hulls [m]."""
+    """Return (k, 3) points spread over the outer surface of the union of the hulls [m]."""
     bodies = [ConvexHull(corners) for corners in hulls]
     low, high = (np.array([side(body.points, axis=0) for body in bodies]) for side in (np.min, np.max))
     kept = []
@@ -439,9 +477,9 @@ def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
 
 
 def fit_of(hulls: Sequence[np.ndarray], solid: Solid) -> Fit:
-    """Return the fit of collision shapes to the visible surface of a solid.
+    """Return the distances between the collision shapes of a solid and its visible surface.
 
-    A point of a shape inside the solid is at distance zero, because it cannot be touched.
+    A point of a collision shape that is hidden inside the solid has distance zero, because nothing can touch it.
     """
     if not hulls:
         return Fit(np.inf, np.inf)
@@ -461,7 +499,10 @@ def fit_of(hulls: Sequence[np.ndarray], solid: Solid) -> Fit:
 
 
 def _distances(to: np.ndarray, points: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """Return the distances (k,) [m] of the selected points to the nearest of other points, and 0 for all others."""
+    """Return the distance of each selected point to the nearest point in ``to``, (k,) [m].
+
+    The distance of a point that is not selected is set to 0.
+    """
     found = np.zeros(len(points))
     if not asked.any():
         return found

@@ -1,4 +1,4 @@
-"""Import of a mesh file as the draft of an asset."""
+"""Import of an object file. The result is the draft of an asset."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ from betterbench.tasks.words import with_article
 DENSITY = 500.0
 """Assumed density of an object of unknown kind [kg/m^3]: between foam and water."""
 _MOSTLY = 0.5
-"""Share of back-facing surface in an image above which a mesh counts as inside out rather than open."""
+"""Fraction of an image that shows back-facing surface above which a mesh counts as inside out rather than open."""
 _DENSEST = 7000.0
-"""Maximum density of an object with its usual mass [kg/m^3]. Steel has 7,900, and cells overestimate thin walls."""
+"""Maximum density of an object that gets the usual mass of its kind [kg/m^3]. It is lower than that of steel (7,900),
+because the cells overestimate the volume of thin walls."""
 _LEAST_TOP_M = 0.010
 """Minimum half side of a level surface that can carry another object [m]."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
@@ -47,10 +48,10 @@ class Imported:
     """An imported object.
 
     Attributes:
-        draft: Description in the form that a generator returns.
-        fit: Distances between its collision shapes and its visible surface.
-        kind: Kind determined from the name, or None if unknown.
-        notes: Decisions of the importer, with reasons.
+        draft: Description of the object, in the form that procedural generators return.
+        fit: Distances between the object's collision shapes and its visible surface.
+        kind: Kind of object, determined from its name. None if the name contains no known kind.
+        notes: What the importer decided, and why.
     """
 
     draft: Draft
@@ -61,17 +62,17 @@ class Imported:
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """Options of an import. Values that are None are determined by the importer.
+    """Options of an import. The importer chooses a value for each option that is None.
 
     Attributes:
-        name: Name or description that determines the kind. By default, the name of the file.
-        size_m: Longest side [m].
-        mass_kg: Mass.
-        up: Axis of the file that points up: x, y, z, -x, -y or -z.
+        name: Name or description from which the kind of object is determined. If None, the name of the file is used.
+        size_m: Longest side of the object [m].
+        mass_kg: Mass of the object [kg].
+        up: Axis of the file's frame that points up: x, y, z, -x, -y or -z.
         license: License of the mesh.
-        source: Origin of the mesh.
+        source: Where the mesh comes from.
         author: Author of the mesh.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed. Otherwise, they are an error.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, movable joints are an error.
     """
 
     name: str | None = None
@@ -85,16 +86,17 @@ class Wishes:
 
 
 def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | None = None) -> Imported:
-    """Import the object in a file.
+    """Import the object in a file, and return its draft.
 
     Args:
-        path: The file.
+        path: The mesh, URDF or MJCF file.
         wishes: Options of the import.
-        files: Resolver of its references, which records the files read. By default, a resolver of the file's folder.
+        files: Resolver that opens the files to which the file refers and records them. If None, a resolver for the
+            file's folder is created.
 
     Raises:
-        InvalidInputError: If the file cannot be read, or is not an object of tabletop size.
-        MissingDependencyError: If a package for the file format is not installed.
+        InvalidInputError: If the file cannot be read, or does not contain an object of tabletop size.
+        MissingDependencyError: If a package that reads the file format is not installed.
     """
     where = one_line(path.name, most=120)
     whole = path.absolute()
@@ -110,7 +112,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
     longest = float(size.max())
     if not LEAST_M <= longest <= MOST_M:
         problem = f"its longest side is {100.0 * longest:.3g} cm, expected {100 * LEAST_M:g} to {100 * MOST_M:g} cm"
-        raise InvalidInputError(where, problem, "Give its longest side with --size-m")
+        raise InvalidInputError(where, problem, "Set its longest side with --size-m")
     body, said = _body(placed, kind, longest, wishes)
     hulls, by_file = stated_hulls(placed)
     if hulls:
@@ -118,7 +120,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
     else:
         hulls, fit = convex_hulls(placed.solid, placed.mesh.surface(), placed.cavity)
     if not hulls:
-        raise InvalidInputError(where, "it is flat and has no volume", "Give it a thickness in a mesh editor")
+        raise InvalidInputError(where, "it is flat and has no volume", "Use a mesh editor to give it a thickness")
     foot = foot_under(hulls, body.center)
     description, tags = described(named)
     grasps = tuple(p.grasp for p in proposals(placed.solid, body.center))
@@ -151,7 +153,11 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
 
 
 def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
-    """Return a mesh whose triangles face outward, with a note if they faced inward. Renderers cull inward triangles."""
+    """Reverse the triangles of a mesh if most of them face inward, because renderers do not draw back-facing triangles.
+
+    Returns:
+        The mesh, and a note if its triangles were reversed.
+    """
     if share_from_behind(*mesh.surface()) < _MOSTLY:
         return mesh, ()
     flipped = tuple(replace(part, faces=np.ascontiguousarray(part.faces[:, ::-1])) for part in mesh.parts)
@@ -159,7 +165,10 @@ def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
 
 
 def _placed(raw: RawMesh, kind: Kind | None, where: str, wishes: Wishes) -> Placed:
-    """Scale a mesh to meters and set it upright. For URDF and MJCF files, use the stated unit and axis."""
+    """Scale a mesh to meters and set it upright.
+
+    For a URDF or MJCF file, use the unit and the up axis that the file states.
+    """
     if raw.stated is None:
         return place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)
     longest = float(np.ptp(raw.bounds(), axis=0).max())
@@ -171,7 +180,7 @@ def _placed(raw: RawMesh, kind: Kind | None, where: str, wishes: Wishes) -> Plac
 
 
 def _body(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> tuple[Body, tuple[str, ...]]:
-    """Return the mass distribution of an object, with the reason for each value."""
+    """Return the mass properties of an object, and notes that say where their values come from."""
     mass, said = _mass(placed, kind, longest, wishes)
     body, notes = stated_body(placed, wishes.mass_kg)
     if body is not None:
@@ -195,14 +204,20 @@ def _mass(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> 
 
 
 def described(named: str) -> tuple[str, tuple[str, ...]]:
-    """Return the description and the tags of an imported object, from its name."""
+    """Return the description and the tags of an imported object, derived from its name."""
     kind = kind_of(named)
     tags = dict.fromkeys([*([] if kind is None else [kind.name]), *words_of(named)])
     return f"{named} imported from a mesh.".replace("_", " "), tuple(tags)
 
 
 def mass_properties(mass: float, center: np.ndarray, inertia: np.ndarray) -> MassProperties:
-    """Return the mass properties, rounded, from mass [kg], center (3,) [m] and inertia (3, 3) about it [kg m^2]."""
+    """Round a mass, a center of mass and an inertia tensor, and return them as mass properties.
+
+    Args:
+        mass: Mass [kg].
+        center: (3,) center of mass [m].
+        inertia: (3, 3) inertia tensor about the center of mass [kg m^2].
+    """
     six = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
     ixx, iyy, izz, ixy, ixz, iyz = (float(f"{v:.6g}") for v in six)
     x, y, z = (float(f"{v:.6g}") for v in center)
@@ -210,7 +225,7 @@ def mass_properties(mass: float, center: np.ndarray, inertia: np.ndarray) -> Mas
 
 
 def shape_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> Literal["round", "cylinder", "box", "irregular"]:
-    """Return a coarse word for the shape, from the fraction of its bounding box that the object fills."""
+    """Classify the shape of an object coarsely, using the fraction of the bounding box that the object fills."""
     footprint = solid.cells.any(axis=2)
     found = np.argwhere(footprint)
     full = float(footprint.sum() / np.prod(np.ptp(found, axis=0) + 1))
@@ -224,13 +239,17 @@ def shape_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> Literal["
 
 
 def collision_part(corners: np.ndarray) -> CollisionPart:
-    """Return the collision part of a convex hull with corners (n, 3) [m]."""
+    """Return the collision part for a convex hull with the given corners (n, 3) [m]."""
     vertices = np.ascontiguousarray((np.round(with_thickness(corners), 6) + 0.0).astype(np.float32))
     return CollisionPart("hull", (0.0, 0.0, 0.0), vertices=vertices, friction=_FRICTION)
 
 
 def regions_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> list[Region]:
-    """Return the regions of an object that tasks use: base, and opening, inside, floor and rim or top."""
+    """Return the regions of an object that tasks refer to.
+
+    Every object has a base. A hollow object also has an opening, an inside and a rim. If its floor is level, it has a
+    floor and, if it is shallow like a plate, a top. An object without a hollow has a top if it has a level surface.
+    """
     low = solid.surface & (np.arange(solid.cells.shape[2]) <= 2)[None, None, :]
     x, y, half_x, half_y = columns_box(solid, np.asarray(low.any(axis=2)))
     found = [zone("base", half_x, half_y, x=x, y=y)]

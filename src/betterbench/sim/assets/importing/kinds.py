@@ -1,4 +1,4 @@
-"""Usual size, mass and use of each kind of object. They determine scale, mass and pose of imported meshes."""
+"""Usual size, mass and use of each kind of object, which determine the scale, mass and pose of imported meshes."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from importlib import resources
 from betterbench.sim.assets.names import words_of
 
 TALL_SHARE = 0.95
-"""Minimum height of a standing object of a tall kind as a share of its longest side."""
+"""Minimum height of a standing object of a tall kind, as a fraction of its longest side."""
 FLAT_SHARE = 1.10
-"""Largest height of a lying object of a flat kind as a multiple of its smaller horizontal side."""
+"""Maximum height of a lying object of a flat kind, as a multiple of its shorter horizontal side."""
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of object.
+    """A kind of object, such as a mug or a fork.
 
     Attributes:
-        low_m: Longest side of the smallest usual object [m].
-        high_m: Longest side of the largest usual object [m].
-        mass_kg: Mass of a medium-sized object.
-        is_open: Whether the object is hollow and open at the top in use.
-        is_tall: Whether it stands with its longest side up.
-        is_flat: Whether it lies on its broadest side.
-        is_round: Whether it is often round about the vertical, but never about a horizontal axis.
-        names: All names, each as words separated by spaces.
+        low_m: Length of the longest side of a small object of this kind [m].
+        high_m: Length of the longest side of a large object of this kind [m].
+        mass_kg: Mass of a medium-sized object of this kind.
+        is_open: Whether an object of this kind is hollow and open at the top when in use.
+        is_tall: Whether such an object stands with its longest side vertical.
+        is_flat: Whether such an object lies on its broadest side.
+        is_round: Whether such objects are often round about the vertical axis, and never about a horizontal axis.
+        names: All names of the kind. The words of a name are separated by spaces.
     """
 
     name: str
@@ -41,25 +41,26 @@ class Kind:
 
     @property
     def stands(self) -> bool:
-        """Whether it stands on its base with its axis vertical."""
+        """Whether objects of this kind stand on a base with their axis vertical."""
         return self.is_open or self.is_tall or self.is_round
 
     @property
     def middle_m(self) -> float:
-        """Longest side of a medium-sized object [m]."""
+        """Longest side of a medium-sized object of this kind [m]."""
         return float((self.low_m * self.high_m) ** 0.5)
 
     def mass_at(self, longest_m: float) -> float:
-        """Return the mass [kg] at a longest side [m], scaled by the cube of the size.
+        """Return the usual mass [kg] of an object with the given longest side [m].
 
-        Flat objects are scaled by the square: a larger plate or fork is hardly thicker.
+        The mass grows with the cube of the size. For flat objects it grows with the square, since a larger plate or
+        fork is hardly thicker.
         """
         return float(self.mass_kg * (longest_m / self.middle_m) ** (2 if self.is_flat else 3))
 
 
 @functools.cache
 def kinds() -> tuple[Kind, ...]:
-    """Return all kinds."""
+    """Return all known kinds of objects."""
     text = resources.files(__package__).joinpath("data/kinds.txt").read_text(encoding="utf-8")
     return tuple(_kind(line) for line in text.splitlines() if line and not line.startswith("#"))
 
@@ -83,9 +84,10 @@ def _kind(line: str) -> Kind:
 
 
 def kind_of(text: str) -> Kind | None:
-    """Return the kind named in a name or description, or None.
+    """Return the kind of object that a name or description mentions, or None if it mentions no known kind.
 
-    The longest matching name wins, and among names of equal length the last, because English puts the noun last.
+    If several kinds are mentioned, the one with the longest name is returned. Among names of equal length, the last one
+    counts, because in English the noun comes last ("coffee mug").
     """
     words = words_of(text)
     best: tuple[int, int, Kind] | None = None
@@ -101,7 +103,11 @@ def kind_of(text: str) -> Kind | None:
 
 @functools.cache
 def _kinds_by_first_word() -> dict[str, list[tuple[tuple[str, ...], Kind]]]:
-    """Return the words of each name with its kind, by the forms of their first word."""
+    """Index all names of all kinds by the singular and plural forms of their first word.
+
+    Returns:
+        For each form of a first word, the words of each name that begins with it, and the kind with that name.
+    """
     found: dict[str, list[tuple[tuple[str, ...], Kind]]] = {}
     for kind in kinds():
         for name in kind.names:
@@ -112,5 +118,5 @@ def _kinds_by_first_word() -> dict[str, list[tuple[tuple[str, ...], Kind]]]:
 
 
 def _forms(word: str) -> tuple[str, str, str]:
-    """Return a word and its plural endings."""
+    """Return a word and its possible plurals."""
     return word, f"{word}s", f"{word}es"

@@ -1,4 +1,4 @@
-"""Measurements of the shape of a finished asset, such as distances between parts and surfaces seen from behind."""
+"""Measurements of a finished asset, such as gaps between its parts, or the visible fraction of back-facing surface."""
 
 from __future__ import annotations
 
@@ -17,27 +17,30 @@ from betterbench.sim.assets.importing.hulls import inside_hull, surface_points
 from betterbench.sim.assets.importing.solid import Solid, solid_of, spread
 
 _TURNS = 32
-"""Number of sides of the prism that replaces a cylinder; its faces deviate from the circle by 0.5 % of the radius."""
+"""Number of sides of the prism that replaces a cylinder. With 32, the sides deviate from the circle by 0.5 % of its
+radius."""
 _RAYS = 48
 """Width of the images used to find back-facing surfaces [pixel]."""
 _VIEWS = 8
 _MOST_POINTS = 12_000
-"""Number of points on the visible surface whose distance is measured, enough for a percentile."""
+"""Maximum number of points on the visible surface whose distances are measured. So many suffice for a percentile."""
 
 
 _LINK_CELLS = 2.5
-"""Largest distance of neighboring points of a patch, in cells of the solid."""
+"""Maximum distance between neighboring points of a patch [cells]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Distances:
-    """Distances between collision parts and visible surface [m]: 95 of 100 points are closer.
+    """Distances between the collision parts and the visible surface, as 95th percentiles over points [m].
 
     Attributes:
-        outside_m: From points on the collision parts to the visible surface: contacts in visibly empty space.
-        inside_m: From points on the visible surface to the collision parts: visible parts without contact.
-        bare_share: Convex volume of the largest connected patch of visible points that are far from all collision
-            parts, as a share of the convex volume of the object.
+        outside_m: Distance of points on the collision parts from the visible surface. If it is large, other objects
+            collide with visibly empty space.
+        inside_m: Distance of points on the visible surface from the collision parts. If it is large, other objects pass
+            through visible parts.
+        bare_share: Size of the largest connected patch of visible points that are far from all collision parts. The
+            size is the volume of the patch's convex hull, as a fraction of the convex hull of the whole object.
     """
 
     outside_m: float
@@ -46,7 +49,7 @@ class Distances:
 
 
 def visual_surface(asset: Asset) -> tuple[np.ndarray, np.ndarray]:
-    """Return the visual parts as one surface: (n, 3) vertices [m] and (m, 3) vertex indices."""
+    """Return the visual parts of an asset as one surface: (n, 3) vertices [m] and (m, 3) vertex indices."""
     starts = np.cumsum([0, *(len(part.vertices) for part in asset.visual)])
     vertices = np.concatenate([np.asarray(part.vertices, dtype=np.float64) for part in asset.visual])
     faces = np.concatenate([part.faces + start for part, start in zip(asset.visual, starts, strict=False)])
@@ -54,7 +57,7 @@ def visual_surface(asset: Asset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def corners_of(part: CollisionPart) -> np.ndarray:
-    """Return points (n, 3) [m] in the object frame whose convex hull is a collision part, or nearly so."""
+    """Return (n, 3) points in the object's frame [m] whose convex hull is (approximately) the given collision part."""
     a, b, c = part.size
     if part.shape == "hull":
         if part.vertices is None:
@@ -83,7 +86,11 @@ def _ball() -> np.ndarray:
 
 
 def convex_surface(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the convex hull of points as (n, 3) vertices and (m, 3) indices, counter-clockwise seen from outside."""
+    """Return the surface of the convex hull of points as a triangle mesh.
+
+    Returns:
+        (n, 3) vertices and (m, 3) vertex indices, counterclockwise when seen from outside.
+    """
     hull = ConvexHull(corners)
     faces = hull.simplices.copy()
     a, b, c = (hull.points[faces[:, k]] for k in range(3))
@@ -93,7 +100,11 @@ def convex_surface(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def surface_solid(hulls: Sequence[np.ndarray]) -> Solid:
-    """Return the solid of convex parts, given by their corners (n, 3) [m]."""
+    """Return the volume that convex parts occupy, as a grid of cells.
+
+    Args:
+        hulls: Corners of each convex part, (n, 3) [m].
+    """
     bodies = [ConvexHull(corners) for corners in hulls]
     starts = np.cumsum([0, *(len(body.points) for body in bodies)])
     faces = np.concatenate([body.simplices + start for body, start in zip(bodies, starts, strict=False)])
@@ -103,13 +114,14 @@ def surface_solid(hulls: Sequence[np.ndarray]) -> Solid:
 def collision_distances(
     hulls: Sequence[np.ndarray], solid: Solid, *, near_m: float, filled: Cavity | None = None
 ) -> Distances:
-    """Return the distances between the collision shape and the visual shape.
+    """Measure the distances between the collision shape and the visual shape of an object.
 
     Args:
-        hulls: (n, 3) corners of each collision part [m].
+        hulls: Corners of each collision part, (n, 3) [m].
         solid: Solid of the visible surface.
-        near_m: Distance from the collision parts above which a visible point is far from them [m].
-        filled: Hollow that collision parts may fill, if no task puts anything into the object.
+        near_m: Distance from the collision parts above which a visible point counts as far from them [m].
+        filled: Hollow that the collision parts may fill, because no task puts anything into the object. None if there
+            is no such hollow.
     """
     size = float(np.ptp(solid.points, axis=0).max())
     touched = surface_points(hulls, size / 60.0)
@@ -129,9 +141,9 @@ def collision_distances(
 
 
 def _largest_patch(points: np.ndarray, reach: float) -> float:
-    """Return the largest volume of the convex hull of a patch [m^3].
+    """Return the volume of the convex hull of the largest patch of points [m^3].
 
-    Points (k, 3) within reach of each other are in one patch.
+    Points (k, 3) belong to the same patch if they are within ``reach`` of each other [m].
     """
     if len(points) == 0:
         return 0.0
@@ -142,7 +154,7 @@ def _largest_patch(points: np.ndarray, reach: float) -> float:
 
 
 def _hull_volume(points: np.ndarray) -> float:
-    """Return the volume of the convex hull of points (k, 3) [m^3], or zero if they are flat."""
+    """Return the volume of the convex hull of points (k, 3) [m^3], or zero if the points are flat."""
     try:
         return float(ConvexHull(points).volume)
     except (QhullError, ValueError):
@@ -150,7 +162,10 @@ def _hull_volume(points: np.ndarray) -> float:
 
 
 def depth_in_hull(point: Sequence[float] | np.ndarray, points: np.ndarray) -> float:
-    """Return the depth of a point (d,) inside the convex hull of points (k, d) [m]. The value is negative outside."""
+    """Return how deep a point (d,) lies inside the convex hull of points (k, d) [m].
+
+    The depth is negative outside the hull.
+    """
     try:
         equations = ConvexHull(points).equations
     except (QhullError, ValueError):
@@ -159,9 +174,10 @@ def depth_in_hull(point: Sequence[float] | np.ndarray, points: np.ndarray) -> fl
 
 
 def largest_gap(vertices: np.ndarray, faces: np.ndarray, *, spacing: float) -> float:
-    """Return the largest gap [m] between a part of a surface and the rest, or zero if the surface is connected.
+    """Return the largest gap [m] between separate parts of a surface, or zero if the surface is connected.
 
-    The gap is the longest edge of the minimum spanning tree of the parts, measured between points ``spacing`` apart.
+    Distances between parts are measured between points on their surfaces that are ``spacing`` apart [m]. The largest
+    gap is the longest edge of the minimum spanning tree of the parts.
     """
     points, owners, _ = spread(vertices, faces, spacing)
     _, merged = np.unique(np.round(vertices / 1e-6), axis=0, return_inverse=True)
@@ -173,8 +189,8 @@ def largest_gap(vertices: np.ndarray, faces: np.ndarray, *, spacing: float) -> f
     if parts == 1:
         return 0.0
     of_point = of_vertex[corners[:, 0]][owners]
-    # Points in one cell of this size are within the spacing, so their parts have no gap. To join such parts first keeps
-    # the number of pairs small: a wire basket of 1,200 triangles has hundreds of parts.
+    # Points in the same cell of this size are closer than the spacing, so there is no gap between their parts. Joining
+    # such parts first keeps the number of pairs small: a wire basket of 1,200 triangles has hundreds of parts.
     cells = np.floor((points - points.min(axis=0)) / (spacing / np.sqrt(3.0))).astype(np.int64)
     _, of_cell = np.unique(cells @ np.array([1, 1 << 20, 1 << 40]), return_inverse=True)
     size = parts + int(of_cell.max()) + 1
@@ -200,9 +216,10 @@ def _between(one: cKDTree, other: cKDTree) -> float:
 
 
 def share_from_behind(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Return the share of an image in which the nearest surface is back-facing, where renderers cull it.
+    """Return the fraction of an object's image that shows back-facing surface, which a renderer would not draw.
 
-    Mean over eight views around the object from 35 degrees above the horizon, as cameras see a table.
+    The fraction is the mean over eight views around the object, from 35 degrees above the horizon. Cameras usually see
+    objects on a table from similar angles.
     """
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     points, owners, _ = spread(vertices, faces, size / (2.5 * _RAYS))
@@ -220,7 +237,7 @@ def share_from_behind(vertices: np.ndarray, faces: np.ndarray) -> float:
         usable = np.flatnonzero(np.abs(facing) > 0.1)  # a surface seen edge-on covers no pixel
         front = facing[usable] > 0.0
         offset = offsets[usable]
-        # The two sides of a sheet have the same depth: the front is used.
+        # The two sides of a sheet have the same depth. In this case, the front side counts as the nearer one.
         near = offset @ toward + np.where(front, 0.01 * size, 0.0)
         column, row = (((offset @ axis) / size + 0.5) * _RAYS for axis in (right, upward))
         pixel = column.astype(int) * (_RAYS + 1) + row.astype(int)
@@ -233,7 +250,10 @@ def share_from_behind(vertices: np.ndarray, faces: np.ndarray) -> float:
 
 
 def degenerate_share(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Return the share of triangles without an area: equal corners, or thinner than a thousandth of their length."""
+    """Return the fraction of triangles that have practically no area.
+
+    These are triangles with two equal corners, and triangles that are thinner than a thousandth of their length.
+    """
     corners = vertices[faces]
     if not np.isfinite(corners).all():
         return 1.0

@@ -1,7 +1,7 @@
 """Reading of untrusted mesh files: GLB, glTF, OBJ, STL and PLY.
 
-Files are read with trimesh. All referenced files must be in the folder of the mesh file. References to other places,
-links out of the folder and URLs raise an error.
+Files are read with trimesh. Every file that the mesh file refers to must be in the folder of the mesh file. URLs,
+references to other folders, and links that lead out of the folder raise an error.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ LARGEST_IMAGE = 1024
 
 FORMATS = {".glb": "glb", ".gltf": "gltf", ".obj": "obj", ".stl": "stl", ".ply": "ply"}
 _RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf": ("y", 1.0)}
-"""Up axis and unit [m] defined by a format (glTF 2.0, section 3.4); the other formats define neither."""
+"""Up axis and unit [m] that a format defines (glTF 2.0, section 3.4). Formats that are not listed define neither."""
 
 _VERTEX_ZERO = re.compile(rb"^[ \t]*f[ \t](?:[^\n#]*[ \t])?0(?:[/ \t\r\n]|\Z)", re.MULTILINE)
-"""Line of an OBJ file with a triangle at vertex 0, which trimesh would read as the last vertex."""
+"""Line of an OBJ file with a triangle that refers to vertex 0. trimesh would read it as the last vertex."""
 _MATERIALS = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.MULTILINE)
 _COMMENTED_MATERIALS = re.compile(rb"^[ \t]*#[^\n]*mtllib[^\n]*$", re.MULTILINE)
-"""Lines of an OBJ file that name a file of materials, and comments in which trimesh would read such a name."""
+"""Lines of an OBJ file that name a material file (MTL), and comments that trimesh would mistake for such lines."""
 _OPTION = re.compile(r"-([a-z]+)((?:[ \t]+[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?|[ \t]+o(?:n|ff)\b|[ \t]+[rgbmlz]\b)*)[ \t]+")
-"""Option before the file name of a texture in MTL, with its values."""
+"""Option and its values, which may stand before the file name of a texture in an MTL file."""
 _USED_MATERIAL = re.compile(rb"usemtl[ \t]+([^\r\n]*)")
 _MATERIAL_LINE = re.compile(r"\s*(newmtl|map_kd)\s+(.*)", re.IGNORECASE)
-"""Use of a material in OBJ, and lines of MTL that begin a material and name its texture."""
+"""Lines of an OBJ file that use a material, and lines of an MTL file that begin a material or name its texture."""
 _NEUTRAL = {"s": 1.0, "o": 0.0, "t": 0.0}
-"""Values of the options of MTL that move a texture, with which they do nothing."""
+"""MTL options that scale or shift a texture, and the value with which each option has no effect."""
 _CURE = "Export the object again, or leave out this file"
 _PICTURES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"))
 _READABLE_EXTENSIONS = frozenset(
@@ -68,17 +68,25 @@ _READABLE_EXTENSIONS = frozenset(
 
 
 class FolderResolver(trimesh.resolvers.Resolver):
-    """Resolver for the files referenced by a file, restricted to its folder.
+    """Resolver that opens the files to which a mesh file refers. It only opens files in the folder of the mesh file.
 
-    trimesh silently drops a material whose file it cannot read, so the first error is kept in ``problem``.
+    The first error is kept in ``problem``, because trimesh silently drops a material whose file it cannot read.
 
     Attributes:
-        problem: The first error, or None if there was none.
-        digests: SHA-256 of each file that was read, by its path in the folder.
+        problem: The first error, or None if there was no error.
+        digests: SHA-256 of each file that was read, keyed by its path in the folder.
     """
 
     def __init__(self, folder: Path, where: str, *, at: str = "", above: FolderResolver | None = None) -> None:
-        """Resolve names against a folder, or against the subfolder ``at`` of the folder of the resolver ``above``."""
+        """Resolve file names in a folder.
+
+        Args:
+            folder: The folder. Files outside it are not opened.
+            where: Name of the mesh file, for messages.
+            at: Subfolder of ``folder`` to which the file names are relative.
+            above: Resolver of a URDF or MJCF file that refers to the mesh file. It records all files that are read, and
+                their total size. None if no file refers to the mesh file.
+        """
         self._folder, self._where, self._at = folder.resolve(), where, at
         self._above = above
         self._used: frozenset[str] | None = None
@@ -87,7 +95,10 @@ class FolderResolver(trimesh.resolvers.Resolver):
         self._read_bytes = 0
 
     def get(self, name: str) -> bytes:
-        """Return the bytes of a file. Raises InvalidInputError if it is outside the folder, missing or too large."""
+        """Return the content of a file.
+
+        Raises InvalidInputError if the file is outside the folder, missing or too large.
+        """
         try:
             return self._read(name)
         except BetterError as error:
@@ -103,7 +114,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
             raise InvalidInputError(self._where, problem, "Put the file next to the mesh and refer to it by name")
         path = (self._folder / inside).resolve()
         if not path.is_relative_to(self._folder):
-            raise InvalidInputError(self._where, problem, "Put the file itself next to the mesh, not a link")
+            raise InvalidInputError(self._where, problem, "Put the file itself next to the mesh, instead of a link")
         if not path.is_file():
             raise InvalidInputError(self._where, f"it refers to {shown}, which does not exist", _CURE)
         found = read_bounded(path, max_bytes=MAX_FILE_BYTES - self._total(), cure=_CURE)
@@ -117,7 +128,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
         return _without_unused_textures(found.removeprefix(codecs.BOM_UTF8), self._used)
 
     def holds(self, name: str) -> bool:
-        """Return whether a name is the name of a file in the folder."""
+        """Return whether the folder contains a file with the given name."""
         inside = os.path.normpath(PurePosixPath(self._at) / name)
         return not inside.startswith(("..", "/")) and "\0" not in inside and (self._folder / inside).is_file()
 
@@ -130,31 +141,36 @@ class FolderResolver(trimesh.resolvers.Resolver):
         self._read_bytes += size
 
     def below(self, name: str, where: str) -> FolderResolver:
-        """Return the resolver for references of a file in the folder, relative to that file."""
+        """Return a resolver for the references in the given file. They are relative to the folder of the file."""
         at = os.path.normpath(PurePosixPath(self._at) / PurePosixPath(name).parent)
         return FolderResolver(self._folder, where, at="" if at == "." else at, above=self)
 
     def using(self, materials: frozenset[str]) -> FolderResolver:
-        """Return a resolver that leaves out the textures of other materials, which trimesh would read."""
+        """Return a resolver that only reads the textures of the given materials.
+
+        Without it, trimesh would also read the textures of materials that are not used.
+        """
         resolver = FolderResolver(self._folder, self._where, at=self._at, above=self)
         resolver._used = materials
         return resolver
 
     def keys(self) -> list[str]:
-        """Return no names, because files are not searched by pattern."""
+        """Return an empty list. trimesh uses the names only to search for files by pattern, which is not supported."""
         return []
 
     def write(self, name: str, data: bytes) -> None:  # noqa: ARG002 - of the base class
-        """Raise an error, because trimesh writes through a resolver only when it exports."""
-        raise InvalidInputError(self._where, f"{one_line(name, most=120)} would be written", _CURE)
+        """Raise an error. trimesh writes through a resolver only when it exports a mesh, which never happens here."""
+        raise InvalidInputError(
+            self._where, f"an import must not write files, but trimesh tried to write {one_line(name, most=120)}", _CURE
+        )
 
     def namespaced(self, namespace: str) -> FolderResolver:  # noqa: ARG002 - of the base class
-        """Return the same folder. Sub-folders are part of the names."""
+        """Return this resolver, because the file names that trimesh requests already include the subfolder."""
         return self
 
 
 def check_picture(data: bytes, name: str, where: str) -> None:
-    """Check that an image can be decoded, because trimesh silently drops a texture that cannot.
+    """Check that an image can be decoded, since trimesh silently drops a texture that it cannot decode.
 
     Raises:
         InvalidInputError: If the image is damaged or has too many pixels.
@@ -172,22 +188,23 @@ def check_picture(data: bytes, name: str, where: str) -> None:
         unknown = isinstance(error, UnidentifiedImageError)  # whose text is an address in memory
         why = "its image format is not known" if unknown else one_line(error, most=120)
         problem = f"its texture {name} cannot be read ({why})"
-        raise InvalidInputError(where, problem, "Save it as a PNG file again") from error
+        raise InvalidInputError(where, problem, "Save the texture as a PNG file again") from error
     if large:
         problem = f"its texture {name} has more than {MAX_IMAGE_PIXELS:,} pixels"
-        raise InvalidInputError(where, problem, f"Reduce it to {LARGEST_IMAGE} pixels a side")
+        raise InvalidInputError(where, problem, f"Reduce the texture to at most {LARGEST_IMAGE} pixels per side")
 
 
 def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
     """Read a mesh file.
 
     Args:
-        path: The file.
-        files: Resolver of its references, which records the files read. By default, a resolver of the file's folder.
+        path: The mesh file.
+        files: Resolver that opens the files to which the mesh file refers and records them. If None, a resolver for the
+            mesh file's folder is created.
 
     Raises:
-        InvalidInputError: If the file cannot be read, holds no triangle, or refers to a file outside its folder.
-        MissingDependencyError: If it is compressed with Draco and DracoPy is not installed.
+        InvalidInputError: If the file cannot be read, has no triangles, or refers to a file outside its folder.
+        MissingDependencyError: If the mesh is compressed with Draco and DracoPy is not installed.
     """
     where = one_line(path.name, most=120)
     data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure="Reduce the mesh in a mesh editor")
@@ -195,17 +212,22 @@ def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
 
 
 def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawMesh:
-    """Return the mesh in the bytes of a file. The format follows from the name. Errors as in :func:`read_mesh_file`."""
+    """Read a mesh from the content of a file.
+
+    The extension of the file name determines the format. The function raises the same errors as :func:`read_mesh_file`.
+    """
     kind = FORMATS.get(PurePosixPath(name).suffix.lower())
     if kind is None:
-        raise InvalidInputError(where, "its format is not known", f"Give one of {', '.join(FORMATS)}")
+        raise InvalidInputError(
+            where, "its format is not supported", f"Use a file in one of the formats {', '.join(FORMATS)}"
+        )
     if kind in ("glb", "gltf"):
         data, kind = _readable(data, kind, files, where)
     if kind == "obj":
         data = _plain_obj(data, where)
         files = files.using(_used_materials(data))
     if kind == "stl" and _stated_triangles(data) > MAX_FACES:
-        raise _too_many(where)  # before a surface of gigabytes is made of them
+        raise _too_many(where)  # raised early, because building the surface would take gigabytes
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=files, process=False)
         parts = tuple(_parts(scene, where))
@@ -228,14 +250,20 @@ def _unreadable(error: Exception, where: str) -> InvalidInputError:
 
 
 def _plain_obj(data: bytes, where: str) -> bytes:
-    """Return an OBJ file as trimesh reads it: without a byte order mark, and with at most one file of materials."""
+    """Rewrite an OBJ file so that trimesh reads it correctly.
+
+    The byte order mark and comments that trimesh would misread are removed.
+
+    Raises:
+        InvalidInputError: If a triangle refers to vertex 0, or the materials are in more than one file.
+    """
     if _VERTEX_ZERO.search(data) is not None:
         raise InvalidInputError(where, "a triangle refers to vertex 0, but OBJ counts vertices from 1", _CURE)
     names = dict.fromkeys(name.strip() for name in _MATERIALS.findall(data))
     if len(names) > 1:
         first, second = (one_line(repr(name.decode(errors="replace")), most=60) for name in list(names)[:2])
         problem = f"its materials are in several files ({first}, {second}), expected one"
-        raise InvalidInputError(where, problem, "Export the object again, or join the files of materials")
+        raise InvalidInputError(where, problem, "Export the object with one material file, or join the material files")
     return _COMMENTED_MATERIALS.sub(b"#", data.removeprefix(codecs.BOM_UTF8))
 
 
@@ -250,7 +278,7 @@ def _material_name(text: str) -> str:
 
 
 def _without_unused_textures(data: bytes, used: frozenset[str] | None) -> bytes:
-    """Return an MTL file without the textures of materials that are not used. None means that all are used."""
+    """Remove the textures of unused materials from an MTL file. If ``used`` is None, no texture is removed."""
     if used is None:
         return data
     kept, is_used = [], True
@@ -265,7 +293,11 @@ def _without_unused_textures(data: bytes, used: frozenset[str] | None) -> bytes:
 
 
 def _texture_file(name: str, where: str) -> str:
-    """Return the file name of a texture in MTL without its options. Raises InvalidInputError for a scale or shift."""
+    """Return the file name of a texture in an MTL file, without the options that stand before the name.
+
+    Raises:
+        InvalidInputError: If an option scales or shifts the texture, which is not supported.
+    """
     while (option := _OPTION.match(name)) is not None:
         given = [float(value) for value in option[2].split()] if option[1] in _NEUTRAL else []
         if any(value != _NEUTRAL[option[1]] for value in given):
@@ -276,7 +308,7 @@ def _texture_file(name: str, where: str) -> str:
 
 
 def _stated_triangles(data: bytes) -> int:
-    """Return the number of triangles that a binary STL file states, or 0 for the text form."""
+    """Return the number of triangles that the header of a binary STL file states, or 0 for any other file."""
     header = 84
     if len(data) < header:
         return 0
@@ -289,7 +321,11 @@ def _too_many(where: str) -> InvalidInputError:
 
 
 def checked(mesh: RawMesh, where: str) -> RawMesh:
-    """Return a mesh. Raises InvalidInputError if it has no extent, too many triangles or non-finite numbers."""
+    """Check a mesh and return it unchanged.
+
+    Raises:
+        InvalidInputError: If the mesh is empty, has too many triangles, or has invalid vertices or an implausible size.
+    """
     if mesh.face_count == 0:
         raise InvalidInputError(where, "it contains no triangles", "Export the object as a triangle mesh")
     if mesh.face_count > MAX_FACES:
@@ -304,25 +340,31 @@ def checked(mesh: RawMesh, where: str) -> RawMesh:
         extent = np.ptp(mesh.bounds(), axis=0)
     # Outside this range, products of lengths lose precision.
     if not 1e-9 < float(extent.max()) < 1e9:
-        raise InvalidInputError(where, f"its longest side is {float(extent.max()):.3g} units", _CURE)
+        raise InvalidInputError(
+            where, f"its longest side is {float(extent.max()):.3g} units, expected between 1e-9 and 1e9", _CURE
+        )
     return mesh
 
 
 def _readable(data: bytes, kind: str, files: FolderResolver, where: str) -> tuple[bytes, str]:
-    """Return a glTF file and its format without content that trimesh would silently drop."""
+    """Rewrite a glTF file so that trimesh does not silently drop any of its content.
+
+    Returns:
+        The content of the file and its format ("glb" or "gltf").
+    """
     form = description_of(io.BytesIO(data), where, binary=kind == "glb")
     _require_readable(data, form, where)
     try:
         rewritten = plain(data, form, files.get, where)
     except BetterError:
         raise
-    except Exception as error:  # a description that is not that of a glTF file
+    except Exception as error:  # the description does not have the form of glTF
         raise _unreadable(error, where) from error
     return (data, kind) if rewritten is None else (rewritten, "glb")
 
 
 def _require_readable(data: bytes, form: dict[str, Any], where: str) -> None:
-    """Raise an error for content of a glTF file that trimesh would silently drop."""
+    """Raise an error if a glTF file has content that trimesh would silently drop."""
     _check_embedded_pictures(data, form, where)
     if _has_sparse_surface(form):
         cure = "Export the object without sparse accessors"
@@ -342,7 +384,7 @@ def _require_readable(data: bytes, form: dict[str, Any], where: str) -> None:
 
 
 def _has_sparse_surface(form: dict[str, Any]) -> bool:
-    """Return whether a surface of a glTF file uses a sparse accessor, whose values trimesh drops."""
+    """Return whether a surface of a glTF file uses a sparse accessor. trimesh drops the values of sparse accessors."""
     try:
         sparse = {number for number, accessor in enumerate(form.get("accessors", [])) if "sparse" in accessor}
         surfaces = (
@@ -350,11 +392,11 @@ def _has_sparse_surface(form: dict[str, Any]) -> bool:
         )
         return any(sparse & {surface.get("indices"), *surface.get("attributes", {}).values()} for surface in surfaces)
     except (TypeError, AttributeError):
-        return False  # not the form of glTF: the reader says so
+        return False  # the description does not have the form of glTF, which the reader will report
 
 
 def _check_embedded_pictures(data: bytes, form: dict[str, Any], where: str) -> None:
-    """Check the images embedded in a glTF file, in its binary chunk or in base64."""
+    """Check the images that are embedded in a glTF file, either in its binary chunk or as base64."""
     listed = form.get("images", [])
     for number, image in enumerate(listed if isinstance(listed, list) else []):
         found = _embedded(data, form, image) if isinstance(image, dict) else None
@@ -363,7 +405,7 @@ def _check_embedded_pictures(data: bytes, form: dict[str, Any], where: str) -> N
 
 
 def _embedded(data: bytes, form: dict[str, Any], image: dict[str, Any]) -> bytes | None:
-    """Return the bytes of an image embedded in a glTF file, or None if it is a separate file.
+    """Return the bytes of an image embedded in a glTF file, or None if the image is a separate file.
 
     The result is empty if the image is damaged.
     """
@@ -406,7 +448,7 @@ def _parts(scene: Any, where: str) -> list[RawPart]:  # noqa: ANN401 - a scene o
 
 
 def _look(mesh: Any) -> tuple[Rgba, np.ndarray | None, np.ndarray | None, np.ndarray | None]:  # noqa: ANN401
-    """Return the color, the texture with its coordinates and the vertex colors of a mesh of trimesh."""
+    """Return the color, the texture, the texture coordinates and the vertex colors of a mesh loaded by trimesh."""
     visual = mesh.visual
     if visual.kind == "texture":
         material = visual.material
@@ -433,7 +475,7 @@ def _look(mesh: Any) -> tuple[Rgba, np.ndarray | None, np.ndarray | None, np.nda
 
 
 def _opacity(alpha: float, material: Any) -> float:  # noqa: ANN401 - a material of trimesh
-    """Return the opacity of a glTF material with the alpha of its color factor (glTF 2.0, section 3.9.4)."""
+    """Return the opacity of a glTF material, given the alpha value of its color factor (glTF 2.0, section 3.9.4)."""
     if material.alphaMode == "BLEND":
         return alpha
     if material.alphaMode == "MASK":
@@ -443,7 +485,10 @@ def _opacity(alpha: float, material: Any) -> float:  # noqa: ANN401 - a material
 
 
 def _tint(mesh: Any) -> np.ndarray | None:  # noqa: ANN401 - a mesh of trimesh
-    """Return the (n, 3) colors in [0, 1] with which a glTF file multiplies a material, or None."""
+    """Return the (n, 3) vertex colors in [0, 1] of a mesh from a glTF file, or None if the mesh has no vertex colors.
+
+    The color of the material is multiplied by them.
+    """
     colors = np.asarray(mesh.visual.vertex_attributes.get("color", ()))
     if colors.shape[:1] != (len(mesh.vertices),) or colors.ndim != 2 or colors.shape[1] < 3:
         return None
@@ -452,7 +497,7 @@ def _tint(mesh: Any) -> np.ndarray | None:  # noqa: ANN401 - a mesh of trimesh
 
 
 def _rgba(factor: np.ndarray) -> Rgba:
-    """Return a color factor in [0, 1], which trimesh stores as bytes or as floats."""
+    """Convert a color factor, which trimesh stores either as bytes or as floats, to floats in [0, 1]."""
     scaled = factor.astype(np.float64) / (255.0 if factor.dtype == np.uint8 else 1.0)
     r, g, b = (float(np.clip(v, 0.0, 1.0)) for v in scaled[:3])
     return (r, g, b, float(np.clip(scaled[3], 0.0, 1.0)) if len(scaled) > 3 else 1.0)

@@ -1,8 +1,8 @@
-"""Reader of MJCF files. The bodies of one object, compiled by MuJoCo, are returned as one rigid body.
+"""Reader of MJCF files. MuJoCo compiles the file, and all bodies in it are merged into one rigid body.
 
-The document is checked first and then passed to MuJoCo without file names; the resolver supplies the meshes and
-textures as bytes. A malicious file can crash or hang MuJoCo's parser and compiler (C++), so an untrusted file is only
-read in a process with limited time and memory (``child``).
+The XML document is checked before MuJoCo parses it. File names are then replaced in it, and MuJoCo gets the meshes and
+textures as bytes that the resolver has read. A malicious file can crash or hang MuJoCo's parser and compiler, which are
+written in C++. Therefore an untrusted file is only read in a process with limited time and memory (``child``).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _REFUSED = {
     "replicate": "copies",
     "skin": "a skin",
 }
-"""Elements that a prop does not need and that could use unlimited memory or read further files."""
+"""Elements that a tabletop object does not need, and that could use unlimited memory or read further files."""
 
 _GEOM = mujoco.mjtGeom
 _FLAT = (int(_GEOM.mjGEOM_PLANE), int(_GEOM.mjGEOM_HFIELD))
@@ -44,22 +44,24 @@ _CURE = "Export the object again, or import its mesh instead"
 
 
 def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bool = False) -> RawMesh:
-    """Return the bodies of an MJCF file as one rigid body in the world frame of the file.
+    """Merge the bodies of an MJCF file into one rigid body, in the world frame of the file.
 
-    Planes and, if the file has bodies, the geoms of the world body are left out. Geoms without contacts are the visual
-    shape. If there are none, all geoms are.
+    Planes are left out. If the file has bodies, geoms of the world body are left out as well. The visual shape consists
+    of the geoms without contacts, or of all geoms if every geom has contacts.
 
     Args:
-        root: The element ``mujoco``.
-        files: Resolver of the folder of the file.
+        root: The ``mujoco`` element of the file.
+        files: Resolver for the file's folder.
         where: Name of the file, for messages.
-        freeze: Whether movable joints are fixed at their reference.
+        freeze: Whether movable joints are fixed at their reference position. If False, they are an error.
 
     Raises:
-        InvalidInputError: If the file is not one rigid body, MuJoCo rejects it, or a part of it is not supported.
+        InvalidInputError: If the file does not describe one rigid body, has an unsupported part, or is rejected by
+            MuJoCo.
     """
     states_mass = _checked(root, where)
-    for size in root.findall("size"):  # a prop needs no reserved memory: a billion key frames take minutes
+    # Reserved memory is not needed, and reserving it for a billion key frames takes minutes.
+    for size in root.findall("size"):
         root.remove(size)
     assets = _with_bytes(root, files, where)
     text = ET.tostring(root, encoding="unicode")
@@ -75,9 +77,10 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
 
 
 def _with_weightless_regions(text: str, assets: dict[str, bytes]) -> Any:  # noqa: ANN401 - of MuJoCo
-    """Compile a file without the mass that MuJoCo gives to regions: invisible geoms without contacts or a stated mass.
+    """Compile an MJCF file, but set the mass of geoms that only mark a region to zero.
 
-    A body that moves and has no other mass keeps its mass.
+    Such geoms are invisible, have no contacts, and have no stated mass. If a moving body would then have no mass at
+    all, all masses stay as MuJoCo has computed them.
     """
     spec = mujoco.MjSpec.from_string(text, assets=assets)
     model = spec.compile()
@@ -91,7 +94,7 @@ def _with_weightless_regions(text: str, assets: dict[str, bytes]) -> Any:  # noq
 
 
 def _is_seen_or_felt(model: Any, geom: int) -> bool:  # noqa: ANN401 - of MuJoCo
-    """Return whether a geom is visible or has contacts. Props mark regions with geoms that have neither."""
+    """Return whether a geom is visible or has contacts. If neither is the case, the geom only marks a region."""
     touches = model.geom_contype[geom] or model.geom_conaffinity[geom]
     return bool(touches or _rgba(model, geom)[3] > 0.0)
 
@@ -106,11 +109,11 @@ def _rgba(model: Any, geom: int) -> Rgba:  # noqa: ANN401 - of MuJoCo
 
 
 def _checked(root: ET.Element, where: str) -> bool:
-    """Raise an error for unsupported elements, and return whether the file states masses."""
+    """Raise an error if the MJCF file has unsupported elements. Return whether the file states any masses."""
     bodies = shapes = 0
     for element in root.iter():
         if element.tag in _REFUSED:
-            raise InvalidInputError(where, f"it has {_REFUSED[element.tag]} (element {element.tag})", _CURE)
+            raise InvalidInputError(where, f"it contains {_REFUSED[element.tag]} (element {element.tag})", _CURE)
         bodies += element.tag == "body"
         shapes += element.tag == "geom"
     if bodies > rigid.MOST_BODIES or shapes > rigid.MOST_SHAPES:
@@ -123,7 +126,10 @@ def _checked(root: ET.Element, where: str) -> bool:
 
 
 def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str, bytes]:
-    """Read the files of a document, and replace the file names in the document by these bytes."""
+    """Read all files to which an MJCF document refers, and return their contents, keyed by new file names.
+
+    In the document, the file names are replaced by the new ones.
+    """
     folders = {"mesh": "", "texture": ""}
     strips = False
     for compiler in root.iter("compiler"):
@@ -136,7 +142,7 @@ def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str
         for attribute in [name for name in element.attrib if name.startswith("file")]:
             if element.tag not in folders:
                 problem = f"its element {one_line(element.tag, most=40)} refers to a file"
-                raise InvalidInputError(where, problem, "Only meshes and textures are read")
+                raise InvalidInputError(where, problem, "Remove this element, since only meshes and textures are read")
             given = element.attrib.pop(attribute)
             name = PurePosixPath(given).name if strips else given
             if not element.get("name"):
@@ -152,7 +158,7 @@ def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str
 
 
 def _png(data: bytes, name: str, where: str) -> bytes:
-    """Return an image as PNG, scaled down to the largest size of a texture."""
+    """Convert an image to PNG, scaled down to the maximum texture size."""
     check_picture(data, one_line(name, most=80), where)
     picture = Image.open(io.BytesIO(data)).convert("RGB")
     picture.thumbnail((LARGEST_IMAGE, LARGEST_IMAGE))
@@ -162,7 +168,10 @@ def _png(data: bytes, name: str, where: str) -> bytes:
 
 
 def _require_rigid(model: Any, where: str, *, freeze: bool) -> tuple[str, ...]:  # noqa: ANN401 - of MuJoCo
-    """Return a note for each fixed joint. Raise an error for joints that move and for separate objects."""
+    """Require that a model is one rigid object, and return a note for each joint that was fixed in place.
+
+    Raises InvalidInputError if the model has separate objects, or if it has movable joints and ``freeze`` is False.
+    """
     free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == _FREE]
     if len(free) > 1:
         first, second = (_body_name(model, model.jnt_bodyid[j]) for j in free[:2])
@@ -172,8 +181,8 @@ def _require_rigid(model: Any, where: str, *, freeze: bool) -> tuple[str, ...]: 
     moving = [j for j in range(model.njnt) if j not in free]
     said = [_joint_name(model, j) for j in moving]
     if moving and not freeze:
-        cure = "Fix all joints at their reference with --freeze, or import one body"
-        raise InvalidInputError(where, f"its joint {said[0]} moves", cure)
+        cure = "Use --freeze to fix all joints at their reference position, or import a single body"
+        raise InvalidInputError(where, f"its joint {said[0]} is movable", cure)
     return tuple(f"joint {name} is fixed at its reference" for name in said)
 
 
@@ -187,7 +196,7 @@ def _body_name(model: Any, body: int) -> str:  # noqa: ANN401
 
 
 class _Compiled:
-    """Shapes, colors and mass of a compiled model at its reference configuration."""
+    """Shapes, colors and masses of a compiled MuJoCo model in its reference configuration."""
 
     def __init__(self, model: Any, where: str) -> None:  # noqa: ANN401 - of MuJoCo
         self._model, self._where = model, where
@@ -225,7 +234,7 @@ class _Compiled:
             yield PointMass(float(m.body_mass[body]), d.xipos[body].copy(), inertia)
 
     def _shape(self, geom: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return vertices, faces and texture coordinates of the corners of a geom, in its frame."""
+        """Return the vertices (in the geom's frame) and the faces of a geom, and its texture coordinates per corner."""
         m = self._model
         kind, size = _GEOM(int(m.geom_type[geom])), m.geom_size[geom]
         if kind == _GEOM.mjGEOM_MESH:
@@ -251,7 +260,7 @@ class _Compiled:
             return vertices, faces, None
         uv = m.mesh_texcoord[m.mesh_texcoordadr[mesh] :].astype(np.float64)
         corners = uv[m.mesh_facetexcoord[rows].ravel()]
-        # MuJoCo's texture rows start at the top, betterbench's at the bottom.
+        # The rows of a texture start at the top in MuJoCo, but at the bottom in betterbench.
         return vertices, faces, np.column_stack([corners[:, 0], 1.0 - corners[:, 1]])
 
     def _placed(self, geom: int, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -264,7 +273,7 @@ class _Compiled:
         vertices, faces = self._placed(geom, vertices, faces)
         rgba, (image, is_flat) = _rgba(self._model, geom), self._image(geom)
         name = one_line(self._model.geom(geom).name or f"geom {geom}", most=60)
-        # MuJoCo's own mapping of a texture, also onto a cube: the mean color is close enough.
+        # MuJoCo would map such a texture itself, for example onto a cube. The mean color is close enough to that.
         if image is not None and (corners is None or not is_flat):
             r, g, b = (float(v) / 255.0 for v in image.reshape(-1, 3).mean(axis=0))
             rgba, image = (rgba[0] * r, rgba[1] * g, rgba[2] * b, rgba[3]), None
@@ -275,7 +284,10 @@ class _Compiled:
         yield RawPart(name, vertices[faces.ravel()], own, rgba, image, corners)
 
     def _image(self, geom: int) -> tuple[np.ndarray | None, bool]:
-        """Return the pixels of the texture of a geom, None without one, and whether they are one flat image."""
+        """Return the texture image of a geom, and whether the texture is a flat image rather than a cube map.
+
+        The image is None if the geom has no texture.
+        """
         m = self._model
         material = int(m.geom_matid[geom])
         texture = -1 if material < 0 else int(m.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])

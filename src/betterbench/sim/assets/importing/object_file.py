@@ -1,4 +1,4 @@
-"""Reader of one object: a mesh, or the rigid body of a URDF or MJCF file."""
+"""Reader of a file that contains one object: a mesh, or a rigid body in a URDF or MJCF file."""
 
 from __future__ import annotations
 
@@ -24,21 +24,22 @@ def read_object(path: Path, files: FolderResolver, *, freeze: bool = False) -> R
     """Read the object in a file.
 
     Args:
-        path: The file.
-        files: Resolver of its folder, which records the files read.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed. Otherwise, they are an error.
+        path: The mesh, URDF or MJCF file.
+        files: Resolver for the file's folder, which records the files that are read.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, movable joints are an error.
 
     Raises:
-        InvalidInputError: If the file cannot be read, is not one rigid object, or refers to a file outside its folder.
+        InvalidInputError: If the file cannot be read, does not contain one rigid object, or refers to a file outside
+            its folder.
         MissingDependencyError: If the mesh is compressed with Draco and DracoPy is not installed.
     """
     if path.suffix.lower() not in XML_FORMATS:
         return read_mesh_file(path, files)
     where = one_line(path.name, most=120)
-    root = parse_xml(read_bounded(path, max_bytes=MAX_XML_BYTES, cure="Keep meshes in separate files"), where)
+    root = parse_xml(read_bounded(path, max_bytes=MAX_XML_BYTES, cure="Store meshes in separate files"), where)
     if root.tag not in ("robot", "mujoco"):
         problem = f"its first element is {one_line(repr(root.tag), most=60)}, expected robot (URDF) or mujoco (MJCF)"
-        raise InvalidInputError(where, problem, "Give a URDF or MJCF file")
+        raise InvalidInputError(where, problem, "Use a URDF or MJCF file")
     _require_plain(root, where)
     if root.tag == "robot":
         return checked(read_urdf(root, files, where, freeze=freeze), where)
@@ -48,12 +49,12 @@ def read_object(path: Path, files: FolderResolver, *, freeze: bool = False) -> R
 
 
 def _require_plain(root: ET.Element, where: str) -> None:
-    """Raise an error for elements that load code or further files, and for macros."""
+    """Raise an error if a URDF or MJCF file has macros, or elements that would load code or further files."""
     for element in root.iter():
         tag = element.tag
         if tag in _REFUSED:
             problem = f"it has the element {tag}, which would load code or another file"
-            raise InvalidInputError(where, problem, f"Remove {tag}; a prop does not need it")
+            raise InvalidInputError(where, problem, f"Remove the element {tag}, which a passive object does not need")
         if ":" in tag:
             problem = f"it has the macro {one_line(tag, most=60)}"
             raise InvalidInputError(where, problem, "Expand it first, with xacro FILE > object.urdf")

@@ -1,4 +1,4 @@
-"""Physical properties stated in a URDF or MJCF file. They are used if they fit the visual shape."""
+"""Physical properties that a URDF or MJCF file states, which are only used if they fit the visual shape."""
 
 from __future__ import annotations
 
@@ -13,24 +13,25 @@ from betterbench.sim.assets.importing.upright import Placed
 from betterbench.statistics.wording import plural
 
 _LIGHTEST_KG, _HEAVIEST_KG = 0.001, 20.0
-"""Range of plausible stated masses [kg]. Other values are placeholders or unsuitable for a tabletop object."""
+"""Range of plausible masses [kg]. A stated mass outside it is a placeholder, or not that of a tabletop object."""
 _INERTIA_FACTOR = 5.0
-"""Largest ratio between a stated principal moment and the moment of the solid. A shell of the same size has up to 3
-times the moment of a solid body."""
+"""Maximum ratio between a stated principal moment of inertia and that of a solid body of the same shape. For
+comparison, a shell has up to 3 times the moment of a solid body of the same size."""
 _CLOSE_M, _CLOSE_SHARE = 0.003, 0.03
-"""Largest distance of stated collision shapes from the visible surface: a length [m], and a share of the size."""
+"""Maximum distance between stated collision shapes and the visible surface: the larger of a length [m] and a fraction
+of the object's longest side."""
 _MOST_FILLED = 0.02
 """Fraction of a hollow that stated collision shapes may fill."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """Mass properties of an object in its own frame.
+    """Mass properties of an object, in the object's own frame.
 
     Attributes:
         mass_kg: Mass.
         center: (3,) center of mass [m].
-        inertia: (3, 3) inertia about the center of mass [kg m^2].
+        inertia: (3, 3) inertia tensor about the center of mass [kg m^2].
     """
 
     mass_kg: float
@@ -39,16 +40,15 @@ class Body:
 
 
 def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, tuple[str, ...]]:
-    """Return the stated mass, center and inertia of an object, with notes.
+    """Return the mass, center of mass and inertia that the file states, with notes.
 
-    Returns None if the mass is missing or not usable.
-
-    A center that is outside the object or not above its base is replaced by that of a solid body. So is an inertia that
-    does not fit the shape.
+    If the mass is missing or implausible, None is returned instead of mass properties. If the stated center of mass is
+    outside the object or not above its base, the center and the inertia are those of a solid body of this shape. The
+    inertia of a solid body is also used if only the stated inertia does not fit the shape.
 
     Args:
         placed: The object.
-        wished_kg: Mass given by the user, which replaces the stated mass.
+        wished_kg: Mass given by the user, which replaces the stated mass, or None to keep the stated mass.
     """
     stated = placed.mesh.stated
     if stated is None or stated.mass_kg is None or stated.center is None or stated.inertia is None:
@@ -79,14 +79,14 @@ def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, t
 
 
 def _is_over_base(center: np.ndarray, placed: Placed) -> bool:
-    """Return whether a center of mass is above the points on which the object stands."""
+    """Return whether the center of mass is above the area on which the object stands."""
     solid = placed.solid
     base = solid.points[solid.points[:, 2] < 1.5 * solid.pitch_m][:, :2]
     return depth_in_hull(center[:2], base) > 0.0
 
 
 def _is_plausible(inertia: np.ndarray, of_solid: np.ndarray) -> bool:
-    """Return whether an inertia is physically possible for a body of the solid's size."""
+    """Return whether an inertia tensor is physically possible, and plausible for a body with the size of the object."""
     moments, solid = np.linalg.eigvalsh(inertia), np.linalg.eigvalsh(of_solid)
     # No principal moment exceeds the sum of the other two.
     if moments[0] <= 0.0 or moments[2] > 1.001 * (moments[0] + moments[1]):
@@ -96,9 +96,10 @@ def _is_plausible(inertia: np.ndarray, of_solid: np.ndarray) -> bool:
 
 
 def stated_hulls(placed: Placed) -> tuple[list[np.ndarray], tuple[str, ...]]:
-    """Return the corners of the stated collision shapes [m] if they fit the visible surface, with notes.
+    """Return the corners of the collision shapes that the file states [m], and notes about them.
 
-    They fit if both surfaces are within 3 mm or 3 % of the size of each other, and if they leave a hollow free.
+    The list is empty if the collision shapes do not fit the object. They fit if their distance from the visible surface
+    is at most 3 mm or 3 % of the object's size, and if they leave the hollow of the object open.
     """
     stated = placed.mesh.stated
     if stated is None or not stated.hulls:

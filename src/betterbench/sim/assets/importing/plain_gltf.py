@@ -1,8 +1,9 @@
-"""Rewriting of glTF features that trimesh drops without a message, as plain nodes, triangles and coordinates.
+"""Rewriting of glTF features that trimesh would drop without a message.
 
-It rewrites skins in their rest pose, triangle fans, quantized positions and texture coordinates, transforms and further
-sets of texture coordinates, glossy materials, and files without a scene. Shape keys in use, posed skeletons and
-instances raise an error.
+The features are replaced by plain nodes, triangles and texture coordinates that look the same. This is done for skins
+in their rest pose, triangle fans, quantized positions and texture coordinates, texture transforms, additional sets of
+texture coordinates, glossy materials, and files without a scene. Shape keys in use, posed skeletons and instances
+cannot be rewritten and raise an error.
 """
 
 from __future__ import annotations
@@ -29,21 +30,24 @@ _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _FAN, _TRIANGLES = 6, 4
 _ALIKE = 1e-3
-"""Largest difference of the matrices of the joints of a skin in its rest pose, relative to their size."""
+"""Maximum difference between the joint matrices of a skin in its rest pose, relative to their size."""
 
 
 def plain(data: bytes, form: Form, read: Callable[[str], bytes], where: str) -> bytes | None:
-    """Return a glTF file as GLB without the features that trimesh drops, or None if it has no such feature.
+    """Rewrite a glTF file as a GLB file without the features that trimesh would drop.
 
     Args:
-        data: The file, GLB or JSON.
-        form: Its description.
-        read: Reader of its other files by their URI.
+        data: Content of the glTF file, either GLB or JSON.
+        form: JSON description in the file.
+        read: Function that returns the content of another file, given its URI.
         where: Name of the file, for messages.
+
+    Returns:
+        The rewritten file, or None if the file has none of these features and can be used unchanged.
 
     Raises:
         InvalidInputError: If the file has a feature that cannot be rewritten.
-        Exception: If the description is not that of a glTF file.
+        Exception: If the JSON does not describe a glTF file.
     """
     _require_shape(form, where)
     document = _Document(copy.deepcopy(form), data, read)
@@ -61,7 +65,7 @@ def _surfaces(form: Form) -> Iterator[Form]:
 
 
 def _require_shape(form: Form, where: str) -> None:
-    """Raise an error for instances and for shape keys that are in use."""
+    """Raise an error if a glTF file has instances, or shape keys (morph targets) that are in use."""
     meshes = form.get("meshes", [])
     for node in form.get("nodes", []):
         if _INSTANCES in node.get("extensions", {}):
@@ -76,7 +80,7 @@ def _require_shape(form: Form, where: str) -> None:
 
 
 def _with_a_scene(form: Form) -> bool:
-    """Add a scene with all root nodes to a file without scenes, and return whether it had none."""
+    """Add a scene with all root nodes to a glTF file that has no scene. Return whether a scene was added."""
     if form.get("scenes") or not form.get("nodes"):
         return False
     below = {child for node in form["nodes"] for child in node.get("children", [])}
@@ -85,9 +89,11 @@ def _with_a_scene(form: Form) -> bool:
 
 
 def _without_gloss(form: Form) -> bool:
-    """Make the diffuse color of glossy materials their base color, and return whether there are glossy materials.
+    """Use the diffuse color of glossy materials as their base color. Return whether the file has glossy materials.
 
-    The extension replaces the metallic values of a material. trimesh reads neither its factor nor its texture alone.
+    A glossy material uses an extension of glTF (specular-glossiness) in place of the usual metallic material. trimesh
+    does not read the color factor in this extension. If the extension contains only a texture, trimesh does not read it
+    either.
     """
     glossy = [material for material in form.get("materials", []) if _GLOSS in material.get("extensions", {})]
     for material in glossy:
@@ -100,9 +106,10 @@ def _without_gloss(form: Form) -> bool:
 
 
 def _without_skins(document: _Document, where: str) -> bool:
-    """Replace each mesh with a skin by a mesh at the pose of its joints, and return whether there are skins.
+    """Replace each mesh that has a skin by a plain mesh at the pose of the skin's joints.
 
-    The pose of the node itself does not apply to a mesh with a skin (glTF 2.0, section 3.7.3.3).
+    Return whether the file has skins. The pose of the node that contains the mesh is ignored, as glTF requires for a
+    mesh with a skin (glTF 2.0, section 3.7.3.3).
     """
     form = document.form
     skinned = [node for node in form.get("nodes", []) if "mesh" in node and "skin" in node]
@@ -118,7 +125,7 @@ def _without_skins(document: _Document, where: str) -> bool:
 
 
 def _rest_pose(document: _Document, skin: Form, poses: list[np.ndarray], where: str) -> np.ndarray:
-    """Return the one (4, 4) transform of all joints of a skin. Raises InvalidInputError if they differ."""
+    """Return the (4, 4) transform that all joints of a skin share. Raises InvalidInputError if they differ."""
     joints = np.array([poses[joint] for joint in skin["joints"]])
     if "inverseBindMatrices" in skin:
         bound = document.values(skin["inverseBindMatrices"]).reshape(-1, 4, 4)[: len(joints)]
@@ -164,7 +171,7 @@ def _own_pose(node: Form) -> np.ndarray:
 
 
 def _plain_surface(document: _Document, surface: Form) -> bool:
-    """Rewrite one surface in place, and return whether it was rewritten."""
+    """Rewrite the unsupported features of one surface in place. Return whether the surface has changed."""
     attributes = surface["attributes"]
     changed = False
     if surface.get("mode", _TRIANGLES) == _FAN:
@@ -181,7 +188,11 @@ def _plain_surface(document: _Document, surface: Form) -> bool:
 
 
 def _plain_coordinates(document: _Document, surface: Form) -> bool:
-    """Give the texture of the base color its coordinates as the first set, without a transform."""
+    """Apply the texture transform of the base color, and store its texture coordinates as the first set of the surface.
+
+    Returns:
+        Whether the surface has changed.
+    """
     attributes, form = surface["attributes"], document.form
     material = form["materials"][surface["material"]] if "material" in surface else {}
     texture = material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
@@ -199,7 +210,7 @@ def _plain_coordinates(document: _Document, surface: Form) -> bool:
 
 
 class _Document:
-    """A glTF file whose buffers are one sequence of bytes, to which values can be added."""
+    """A glTF file whose buffers are joined into one sequence of bytes, to which new values can be appended."""
 
     def __init__(self, form: Form, data: bytes, read: Callable[[str], bytes]) -> None:
         self.form = form
@@ -207,15 +218,15 @@ class _Document:
         self._joined: bytearray | None = None
 
     def is_quantized(self, accessor: int) -> bool:
-        """Return whether values are stored as integers."""
+        """Return whether the values of an accessor are stored as integers."""
         return bool(self.form["accessors"][accessor]["componentType"] != _FLOAT)
 
     def values(self, accessor: int) -> np.ndarray:
-        """Return the (count, width) float64 values of an accessor."""
+        """Return the values of an accessor as a float64 array of shape (count, width)."""
         form = self.form["accessors"][accessor]
         kind, width, count = np.dtype(_TYPES[form["componentType"]]), _WIDTHS[form["type"]], int(form["count"])
         if "bufferView" not in form:
-            raise ValueError("its compressed values cannot be changed. Export it without Draco")
+            raise ValueError("its compressed values cannot be changed. Export the object without Draco compression")
         buffer = self._buffer()
         view = self.form["bufferViews"][form["bufferView"]]
         start = int(view.get("byteOffset", 0)) + int(form.get("byteOffset", 0))
@@ -229,7 +240,7 @@ class _Document:
         return rows
 
     def add(self, values: np.ndarray, kind: str, component: int = _FLOAT) -> int:
-        """Append values, and return the number of their accessor."""
+        """Append values to the buffer, and return the index of their new accessor."""
         buffer = self._buffer()
         buffer.extend(bytes(-len(buffer) % 4))
         raw = np.ascontiguousarray(values, dtype=_TYPES[component]).tobytes()
@@ -240,7 +251,10 @@ class _Document:
         return len(self.form["accessors"]) - 1
 
     def _buffer(self) -> bytearray:
-        """Return the bytes of all buffers, joined on the first call. Views then refer to them."""
+        """Return the joined bytes of all buffers.
+
+        The buffers are joined on the first call. All buffer views are then changed to refer to the joined buffer.
+        """
         if self._joined is None:
             self._joined, starts = bytearray(), []
             for buffer in self.form.get("buffers", []):
@@ -260,7 +274,7 @@ class _Document:
         return base64.b64decode(uri.partition(",")[2]) if uri.startswith("data:") else self._read(uri)
 
     def glb(self) -> bytes:
-        """Return the file as GLB."""
+        """Return the document in the GLB format."""
         buffer = self._buffer()
         buffer.extend(bytes(-len(buffer) % 4))
         self.form["buffers"] = [{"byteLength": len(buffer)}]

@@ -1,4 +1,4 @@
-"""Meshes as read from files, before any processing: positions, triangles, colors and textures of their parts."""
+"""Meshes as read from files, before any processing: positions, triangles, colors and textures of each part."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Rgba = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawPart:
-    """Surface in the frame and unit of its file.
+    """One surface of an object, in the frame and the unit of the file.
 
     Attributes:
         vertices: (n, 3) float64 positions.
         faces: (m, 3) int64 vertex indices.
-        rgba: Color with components in [0, 1]. It is multiplied with the image if there is one.
+        rgba: Color with components in [0, 1]. If there is an image, the image is multiplied by this color.
         image: (height, width, 3) uint8 RGB texture, or None.
-        uv: (n, 2) float64 texture coordinates, origin at the lower left, or None.
+        uv: (n, 2) float64 texture coordinates with the origin at the lower left, or None.
         colors: (n, 3) float64 color of each vertex in [0, 1], or None.
     """
 
@@ -33,21 +33,21 @@ class RawPart:
     colors: np.ndarray | None = None
 
     def moved(self, transform: np.ndarray) -> RawPart:
-        """Return the part after a (4, 4) transform. A reflection keeps the triangles facing outward."""
+        """Return the part after a (4, 4) transform. Its triangles face outward even after a reflection."""
         vertices = self.vertices @ transform[:3, :3].T + transform[:3, 3]
         faces = self.faces[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0.0 else self.faces
         return RawPart(self.name, vertices, np.ascontiguousarray(faces), self.rgba, self.image, self.uv, self.colors)
 
     def is_plain(self) -> bool:
-        """Return whether the whole part has one color."""
+        """Return whether the part has the same color everywhere."""
         return self.image is None and self.colors is None
 
     def colors_at(self, faces: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Return the (k, 3) colors in [0, 1] of points on the surface.
+        """Return the colors of points on the surface as a (k, 3) array in [0, 1].
 
         Args:
-            faces: (k,) numbers of the triangles.
-            weights: (k, 3) barycentric coordinates.
+            faces: (k,) index of the triangle that each point lies on.
+            weights: (k, 3) barycentric coordinates of each point in its triangle.
         """
         base = np.tile(np.asarray(self.rgba[:3]), (len(faces), 1))
         corners = self.faces[faces]
@@ -65,15 +65,16 @@ class RawPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stated:
-    """Physical properties of an object as stated in a URDF or MJCF file, in the frame and the unit of the mesh.
+    """Physical properties that a URDF or MJCF file states for an object, in the frame and the unit of the mesh.
 
     Attributes:
-        mass_kg: Mass, or None if it is not stated.
+        mass_kg: Mass, or None if the file does not state it.
         center: (3,) float64 center of mass.
-        inertia: (3, 3) float64 inertia about the center of mass [kg unit^2].
-        hulls: Points (n, 3) whose convex hulls are the collision shapes. It is empty if there are none.
-        name: Name of the model, or empty if it has none.
-        notes: Decisions about the file.
+        inertia: (3, 3) float64 inertia tensor about the center of mass [kg unit^2].
+        hulls: Points (n, 3) of each collision shape, which is the convex hull of its points. Empty if there are no
+            collision shapes.
+        name: Name of the model. Empty if the model has no name.
+        notes: What the reader decided about the file.
     """
 
     mass_kg: float | None = None
@@ -84,7 +85,7 @@ class Stated:
     notes: tuple[str, ...] = ()
 
     def moved(self, transform: np.ndarray) -> Stated:
-        """Return the properties after a (4, 4) transform with a rotation, a uniform scale and a shift."""
+        """Return the properties after a (4, 4) transform made of a rotation, a uniform scale and a translation."""
         linear, shift = transform[:3, :3], transform[:3, 3]
         center = None if self.center is None else linear @ self.center + shift
         inertia = None if self.inertia is None else linear @ self.inertia @ linear.T
@@ -94,12 +95,12 @@ class Stated:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawMesh:
-    """The parts of one object.
+    """All surfaces of one object, as read from its file.
 
     Attributes:
-        up: Axis that points up by the rules of the file format, or None if the format has no rule.
-        unit_m: Length of a unit in meters by the rules of the file format, or None if the format has no rule.
-        stated: Physical properties that the file states, or None for a plain mesh.
+        up: Axis that points up according to the file format. None if the format does not define one.
+        unit_m: Length of one unit [m] according to the file format. None if the format does not define it.
+        stated: Physical properties that a URDF or MJCF file states, or None for a file that contains only a mesh.
     """
 
     parts: tuple[RawPart, ...]
@@ -109,26 +110,29 @@ class RawMesh:
 
     @property
     def face_count(self) -> int:
-        """Number of triangles of all parts."""
+        """Total number of triangles."""
         return sum(len(part.faces) for part in self.parts)
 
     def moved(self, transform: np.ndarray) -> RawMesh:
-        """Return the mesh after a (4, 4) transform."""
+        """Return the mesh, with its stated properties, after a (4, 4) transform."""
         stated = None if self.stated is None else self.stated.moved(transform)
         return RawMesh(tuple(part.moved(transform) for part in self.parts), self.up, self.unit_m, stated)
 
     def bounds(self) -> np.ndarray:
-        """Return the lowest and the highest corner of the bounding box, (2, 3)."""
+        """Return the lowest and the highest corner of the bounding box as a (2, 3) array."""
         points = np.concatenate([part.vertices[np.unique(part.faces)] for part in self.parts])
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return all parts as one surface, with (n, 3) vertices without duplicates and (m, 3) faces."""
+        """Return all parts as one surface with (n, 3) vertices, without duplicates, and (m, 3) faces."""
         return joined(self.parts)
 
 
 def joined(parts: Sequence[RawPart]) -> tuple[np.ndarray, np.ndarray]:
-    """Return parts as one surface without duplicate vertices and degenerate triangles."""
+    """Join parts into one surface of (n, 3) vertices and (m, 3) faces.
+
+    Duplicate vertices and degenerate triangles are removed.
+    """
     points = np.concatenate([part.vertices for part in parts])
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])

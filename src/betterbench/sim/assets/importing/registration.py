@@ -19,7 +19,7 @@ from betterbench.tasks.user_files import loading_folder
 
 @dataclass(frozen=True, slots=True)
 class MeshImport:
-    """Mesh file registered as a category of assets, with its import options."""
+    """Mesh file that is registered as a category of assets, with the options of its import."""
 
     category: str
     path: Path
@@ -30,7 +30,7 @@ _IMPORTS: dict[str, MeshImport] = {}
 
 
 def mesh_imports() -> tuple[MeshImport, ...]:
-    """Return the registered mesh files in order of registration."""
+    """Return the registered mesh files in the order of their registration."""
     known = set(categories())
     return tuple(found for found in _IMPORTS.values() if found.category in known)
 
@@ -52,35 +52,40 @@ def imported(
     keeps_upright: bool = False,
     review: Path | str | None = None,
 ) -> None:
-    """Register the object of a file as a category of assets. The file is imported when the category is first built.
+    """Register the object in a file as a category of assets. The file is imported when the category is first built.
 
-    All looks of the category are this object. In a task file, a relative path starts at the folder of that file.
+    All variants of the category are this one object. In a task file, a relative path is relative to the folder of the
+    task file.
 
     Args:
-        category: Unique name of the asset in tasks.
+        category: Unique name by which tasks refer to the asset.
         path: File of the object: GLB, glTF, OBJ, STL, PLY, URDF or MJCF.
-        color: Color word.
-        name: Name or description that determines the kind ("coffee mug"). By default, the category.
-        size_m: Longest side [m]. If None, it is derived from the unit of the format and the usual sizes of its kind.
-        mass_kg: Mass. If None, it is the usual mass of its kind at this size.
-        up: Axis of the file that points up. If None, it follows from the rule of the format or the most stable pose.
+        color: Color word of the object.
+        name: Name or description that determines the kind of object ("coffee mug"). If None, the category is used.
+        size_m: Longest side [m]. If None, it is determined from the unit of the file format and the usual sizes of this
+            kind of object.
+        mass_kg: Mass [kg]. If None, it is the mass that the file states, or else the usual mass of this kind at this
+            size.
+        up: Axis of the file's frame that points up. If None, it is determined from the file format or from the most
+            stable pose.
         license: License of the mesh, shown in lists of sources.
-        source: Origin of the mesh, shown in lists of sources. By default, the name of the file.
+        source: Where the mesh comes from, shown in lists of sources. If None, the name of the file is shown.
         author: Author of the mesh, shown in lists of sources.
         any_license: Whether restricted and unknown licenses are allowed.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed. Otherwise, they are an error.
-        keeps_upright: Whether the object must not lie on its side in a container, like a cup with a drink.
-        review: File of ``better review`` whose accepted changes are applied. If the object was rejected or has no
-            verdict, the first build of the category raises an error.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed in place. If False, movable joints are an error.
+        keeps_upright: Whether the object, such as a cup with a drink, must not lie on its side in a container.
+        review: Review file written by ``better review``, whose accepted changes are applied. If the object was rejected
+            or has no verdict, the first build of the category raises an error.
 
     Raises:
-        InvalidInputError: If another asset has the name, or the license is not free and ``any_license`` is False.
+        InvalidInputError: If an asset with this name exists, or if the license is not free and ``any_license`` is
+            False.
     """
     require_license(
         f"asset category {category!r}",
         license,
         any_license=any_license,
-        option='Give license="CC BY 4.0" or another name, or any_license=True to use it all the same',
+        option='Set license="CC BY 4.0" or the name of another license, or set any_license=True to use it anyway',
     )
     folder = loading_folder() or Path.cwd()
     file = (folder / Path(path).expanduser()).absolute()
@@ -91,7 +96,7 @@ def imported(
         imported = import_safely(file, wishes)
         return (imported if reviews is None else reviewed(imported, file, reviews)).draft
 
-    # This distinguishes two files under one name.
+    # This distinguishes two files that are registered under the same name.
     make.__qualname__ = f"the import of {file}"
     generator(category, colors=(color,), looks=1, unseen_looks=1, keeps_upright=keeps_upright)(make)
     _IMPORTS[category] = MeshImport(category, file, wishes)

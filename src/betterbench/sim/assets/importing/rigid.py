@@ -1,4 +1,4 @@
-"""Rigid bodies in URDF and MJCF files, with poses, primitive shapes as meshes, and the combined mass of parts."""
+"""Rigid bodies of URDF and MJCF files: poses, meshes of primitive shapes, and the combined mass of several parts."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _CURE = "Correct the number in the file"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointMass:
-    """Mass properties of one part.
+    """Mass properties of one part of an object.
 
     Attributes:
         mass_kg: Mass.
         center: (3,) center of mass.
-        inertia: (3, 3) inertia about the center of mass.
+        inertia: (3, 3) inertia tensor about the center of mass.
     """
 
     mass_kg: float
@@ -35,7 +35,10 @@ class PointMass:
 
 
 def combined(parts: Sequence[PointMass]) -> PointMass | None:
-    """Return the mass properties of rigidly connected parts (parallel axis theorem), or None if they have no mass."""
+    """Combine the mass properties of rigidly connected parts, using the parallel axis theorem.
+
+    Returns None if the parts have no mass.
+    """
     total = sum(part.mass_kg for part in parts)
     if total <= 0.0:
         return None
@@ -48,10 +51,10 @@ def combined(parts: Sequence[PointMass]) -> PointMass | None:
 
 
 def numbers(text: str, count: int, where: str, field: str) -> np.ndarray:
-    """Return the numbers of an attribute, (count,).
+    """Parse the numbers in an XML attribute, and return them as a (count,) array.
 
     Raises:
-        InvalidInputError: If there are more or fewer numbers, or a number is not finite.
+        InvalidInputError: If there are not exactly ``count`` numbers, or a number is not finite or too large.
     """
     shown = one_line(repr(text), most=60)
     words = text.split()[: count + 1]
@@ -67,14 +70,14 @@ def numbers(text: str, count: int, where: str, field: str) -> np.ndarray:
 
 
 def pose(xyz: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Return a position and a (3, 3) rotation as one (4, 4) transform."""
+    """Combine a position and a (3, 3) rotation into a (4, 4) transform."""
     found = np.eye(4)
     found[:3, :3], found[:3, 3] = rotation, xyz
     return found
 
 
 def rotation_of_rpy(rpy: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) rotation of roll, pitch and yaw [rad] about the fixed axes x, y and z, in this order."""
+    """Return the (3, 3) rotation for roll, pitch and yaw [rad] about the fixed axes x, y and z, in this order."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
         [
@@ -86,23 +89,23 @@ def rotation_of_rpy(rpy: np.ndarray) -> np.ndarray:
 
 
 def box(half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and faces of a box with half sizes (3,)."""
+    """Return the vertices and faces of a box with the given half side lengths (3,)."""
     return _arrays(trimesh.creation.box(2.0 * np.asarray(half)))
 
 
 def ellipsoid(half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and faces of an ellipsoid with half axes (3,)."""
+    """Return the vertices and faces of an ellipsoid with the given half axes (3,)."""
     vertices, faces = _arrays(trimesh.creation.icosphere(subdivisions=2))
     return vertices * np.asarray(half), faces
 
 
 def cylinder(radius: float, half_length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and faces of a cylinder along z."""
+    """Return the vertices and faces of a cylinder along z."""
     return _arrays(trimesh.creation.cylinder(radius, 2.0 * half_length, sections=32))
 
 
 def capsule(radius: float, half_length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and faces of a capsule along z, whose straight part has the given half length."""
+    """Return the vertices and faces of a capsule along z. ``half_length`` is half the length of its straight part."""
     vertices, faces = _arrays(trimesh.creation.capsule(2.0 * half_length, radius, count=[16, 16]))
     return vertices - 0.5 * (vertices.min(axis=0) + vertices.max(axis=0)), faces
 

@@ -1,8 +1,9 @@
-"""Solid of a surface on a grid of small cells, also for surfaces that are not closed.
+"""Volume that an object occupies, represented by a grid of small cells.
 
-Meshes of objects are seldom closed, because parts intersect, bottoms are missing or walls are single sheets. A cell is
-solid if the surface passes through it, or if no path of empty cells leads from it to the outside. A mug is therefore
-hollow, a closed bottle is full, and a sheet is one cell thick.
+The volume is defined even if the surface of the object is not closed. Object meshes are seldom closed: their parts
+intersect, their bottoms are missing, or their walls are single sheets. Therefore a cell is solid if the surface passes
+through it, or if no path of empty cells leads from it to the outside. As a result, a mug is hollow, a closed bottle is
+full, and a sheet is one cell thick.
 """
 
 from __future__ import annotations
@@ -14,22 +15,22 @@ import numpy as np
 from scipy import ndimage
 
 GRID = 72
-"""Cells along the longest side: 1.7 mm for an object of 12 cm."""
+"""Number of cells along the longest side. For an object of 12 cm, a cell has 1.7 mm."""
 
 _SAMPLES_PER_CELL = 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solid:
-    """Cells of an object.
+    """Grid of cells, some of which an object occupies.
 
     Attributes:
-        cells: (nx, ny, nz) bool, True where the object is. The outermost layer is empty.
-        surface: The cells through which the surface passes, same shape.
+        cells: (nx, ny, nz) bool, True for the cells that the object occupies. The outermost layer of cells is empty.
+        surface: (nx, ny, nz) bool, True for the cells through which the surface passes.
         origin: Corner of the first cell [m].
         pitch_m: Side of a cell [m].
-        points: (k, 3) points spread evenly on the surface [m].
-        highest: (nx, ny) highest point of the surface in each column of cells [m], -inf in empty columns.
+        points: (k, 3) points spread evenly over the surface [m].
+        highest: (nx, ny) height of the highest surface point in each column of cells [m]. Empty columns have -inf.
     """
 
     cells: np.ndarray
@@ -40,25 +41,26 @@ class Solid:
     highest: np.ndarray
 
     def centers(self, cells: np.ndarray) -> np.ndarray:
-        """Return the (k, 3) centers [m] of the cells that are True."""
+        """Return the (k, 3) centers of the cells that are True in the given mask [m]."""
         return np.asarray(self.origin + (np.argwhere(cells) + 0.5) * self.pitch_m)
 
     def index(self, points: np.ndarray) -> np.ndarray:
-        """Return the (k, 3) cell indices of points [m]. Points outside get the nearest cell."""
+        """Return the (k, 3) cell indices of points [m]. Points outside the grid get the nearest cell."""
         at = np.floor((points - self.origin) / self.pitch_m).astype(int)
         return np.asarray(np.clip(at, 0, np.asarray(self.cells.shape) - 1))
 
 
 def spread(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Spread points over triangles in a regular pattern. The result is deterministic.
+    """Spread points over triangles in a regular pattern, without random numbers.
 
     Args:
         vertices: (n, 3) positions.
         faces: (m, 3) vertex indices.
-        spacing: Largest distance between neighboring points on a triangle.
+        spacing: Maximum distance between neighboring points on a triangle.
 
     Returns:
-        (k, 3) points, (k,) index of each point's triangle, and (k, 3) barycentric coordinates.
+        The (k, 3) points, the (k,) index of each point's triangle, and the (k, 3) barycentric coordinates of the
+        points.
     """
     patterns = list(_patterns(vertices[faces], spacing))
     owners = np.concatenate([np.repeat(which, len(w)) for which, w in patterns])
@@ -67,19 +69,24 @@ def spread(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.
 
 
 def spread_points(vertices: np.ndarray, faces: np.ndarray, spacing: float, *, most: int | None = None) -> np.ndarray:
-    """Return only the (k, 3) points of :func:`spread`.
+    """Return the same (k, 3) points as :func:`spread`, but without their triangles and barycentric coordinates.
 
     Args:
         vertices: (n, 3) positions.
         faces: (m, 3) vertex indices.
-        spacing: Largest distance between neighboring points on a triangle.
-        most: If there are more points than this number, return every n-th point only.
+        spacing: Maximum distance between neighboring points on a triangle.
+        most: Approximate maximum number of points. If there are more, only every n-th point is returned.
     """
     return np.stack(_columns(vertices[faces], spacing, most=most), axis=1)
 
 
 def _patterns(corners: np.ndarray, spacing: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield triangles that get the same number of points, and the barycentric coordinates (k, 3) of these points."""
+    """Group the triangles by the number of points sampled on each.
+
+    Yields:
+        For each group, the indices of its triangles and the barycentric coordinates (k, 3) of the points on each of
+        them.
+    """
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     steps = np.clip(np.ceil(longest / spacing), 1, 400).astype(int)
     for n in np.unique(steps):
@@ -90,16 +97,16 @@ def _patterns(corners: np.ndarray, spacing: float) -> Iterator[tuple[np.ndarray,
 
 
 def _columns(corners: np.ndarray, spacing: float, *, most: int | None = None) -> list[np.ndarray]:
-    """Return x, y and z of the points on triangles with corners (m, 3, 3), each as one array (k,).
+    """Return the x, y and z coordinates of points on triangles with corners (m, 3, 3), each as a (k,) array.
 
-    Products and sums of whole columns take a quarter of the time of numpy.einsum. They have the same bits on every CPU,
-    which a matrix product does not have.
+    The columns are multiplied and added one by one. This takes a quarter of the time of numpy.einsum, and gives the
+    same bits on every CPU, unlike a matrix product.
     """
     patterns = list(_patterns(corners, spacing))
     count = sum(len(which) * len(w) for which, w in patterns)
     step = 1 if most is None else 1 + count // most
     found: list[list[np.ndarray]] = [[], [], []]
-    first = 0  # of the points of a pattern that are kept
+    first = 0  # index of the first point of a pattern that is kept
     for which, w in patterns:
         kept = np.arange(first, len(which) * len(w), step)
         first = (first - len(which) * len(w)) % step
@@ -123,7 +130,13 @@ def _sum_of_products(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> Solid:
-    """Return the solid of a surface with (n, 3) positions [m] and (m, 3) vertex indices, ``grid`` cells long."""
+    """Return the solid that is bounded by a surface, on a grid with ``grid`` cells along the longest side.
+
+    Args:
+        vertices: (n, 3) positions [m].
+        faces: (m, 3) vertex indices.
+        grid: Number of cells along the longest side.
+    """
     used = vertices[np.unique(faces)]
     low, high = used.min(axis=0), used.max(axis=0)
     pitch = float((high - low).max()) / grid
@@ -144,7 +157,7 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> So
     np.maximum.at(highest.ravel(), upright, columns[2])
     # A few points per cell are enough for hulls and distances.
     first = _first_of_each((fine[0] * 2 * shape[1] + fine[1]) * 2 * shape[2] + fine[2], 8 * int(shape.prod()))
-    # Points inside (the layers of a burger, the end of a handle in its wall) are neither visible nor in contact.
+    # Drop points inside the object, such as between the layers of a burger. They are neither visible nor touchable.
     outside = ndimage.binary_dilation(~cells, ndimage.generate_binary_structure(3, 3))
     first = first[outside.ravel()[at[first]]]
     points = np.stack([column[first] for column in columns], axis=1)
@@ -152,17 +165,21 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> So
 
 
 def _first_of_each(keys: np.ndarray, count: int) -> np.ndarray:
-    """Return the ascending indices (m,) of the first occurrence of each key (n,). Keys are below a count."""
+    """Return the ascending indices (m,) of the first occurrence of each key in ``keys`` (n,).
+
+    The keys must be integers below ``count``.
+    """
     first = np.full(count, len(keys), dtype=np.int32)
-    first[keys[::-1]] = np.arange(len(keys) - 1, -1, -1, dtype=np.int32)  # of equal keys, the last one written stays
+    # If keys are equal, the value that is written last stays.
+    first[keys[::-1]] = np.arange(len(keys) - 1, -1, -1, dtype=np.int32)
     return np.sort(first[first < len(keys)])
 
 
 def mass_of_cells(solid: Solid, mass_kg: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the center of mass and the inertia of a uniform-density body that fills the cells of ``solid``.
+    """Return the center of mass and the inertia of a body of uniform density that fills the cells of a solid.
 
-    The center has shape (3,) [m]. The inertia has shape (3, 3) [kg m^2] and is about the center. Cells on the surface
-    have half weight.
+    The center is a (3,) array [m]. The inertia is a (3, 3) tensor about the center of mass [kg m^2]. A cell that the
+    surface passes through counts as half full.
     """
     centers = solid.centers(solid.cells)
     weights = np.where(solid.surface[solid.cells], 0.5, 1.0)

@@ -1,4 +1,4 @@
-"""File format of imported objects: a draft and its metadata in one NumPy archive without pickle."""
+"""File format of imported objects: a NumPy archive without pickle that contains the asset draft and its metadata."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from betterbench.sim.assets.importing.kinds import kind_of
 _HEAD = "head"
 _CURE = "Delete the file and import the object again"
 MAX_UNPACKED_BYTES = 256 << 20
-"""Largest total size of the arrays of a file [byte]."""
+"""Maximum total size of the arrays in a file [byte]."""
 _MOST_FACES, _MOST_HULLS, _MOST_CORNERS = 20_000, 64, 256
 _LARGEST_TEXTURE = 1024
 _FARTHEST_M = 10.0
 
 
 def to_bytes(imported: Imported) -> bytes:
-    """Return an imported object as bytes. Equal objects give equal bytes."""
+    """Serialize an imported object. Equal objects give equal bytes."""
     draft, arrays = imported.draft, dict[str, np.ndarray]()
     visual, collision = [], []
     for k, part in enumerate(draft.parts):
@@ -80,7 +80,7 @@ def to_bytes(imported: Imported) -> bytes:
 
 
 def _archive(arrays: dict[str, np.ndarray]) -> bytes:
-    """Return arrays as an archive with reproducible bytes (np.savez would write the time)."""
+    """Write arrays to an archive with reproducible bytes. np.savez would also store the current time in it."""
     written = io.BytesIO()
     with zipfile.ZipFile(written, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(arrays):
@@ -91,10 +91,10 @@ def _archive(arrays: dict[str, np.ndarray]) -> bytes:
 
 
 def from_bytes(data: bytes, where: str) -> Imported:
-    """Return the imported object from the bytes of :func:`to_bytes`.
+    """Restore an imported object from the bytes written by :func:`to_bytes`.
 
     Raises:
-        InvalidInputError: If the bytes are not a valid archive.
+        InvalidInputError: If the bytes are not a valid archive of an imported object.
     """
     try:
         arrays = _arrays(data)
@@ -113,22 +113,22 @@ _UNREADABLE = (
 
 
 def _arrays(data: bytes) -> dict[str, np.ndarray]:
-    """Return the arrays of an archive. Stated sizes are checked before unpacking."""
+    """Return the arrays in an archive. The sizes that the archive states are checked before anything is unpacked."""
     if not data.startswith(b"PK\x03\x04"):  # zipfile would also accept an archive after other bytes
-        raise ValueError("it does not begin as an archive")
+        raise ValueError("the file does not begin with the signature of an archive")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = archive.infolist()
         if len(members) > 8 * (_MOST_HULLS + 64) or sum(m.file_size for m in members) > MAX_UNPACKED_BYTES:
-            raise ValueError("it is too large when unpacked")
+            raise ValueError("the archive is too large when unpacked")
         found = {}
         for member in members:
             with archive.open(member) as file:
                 stream = io.BytesIO(file.read(member.file_size))
             if np.lib.format.read_magic(stream) != (1, 0):
-                raise ValueError("an array of an unknown version")
+                raise ValueError("an array has an unknown version of the NumPy format")
             shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
             if dtype.hasobject or math.prod(shape) * dtype.itemsize != member.file_size - stream.tell():
-                raise ValueError("an array of an unexpected size")
+                raise ValueError("an array has an unexpected size")
             stream.seek(0)
             array = np.lib.format.read_array(stream, allow_pickle=False)
             found[member.filename.removesuffix(".npy")] = frozen(array)
@@ -136,24 +136,27 @@ def _arrays(data: bytes) -> dict[str, np.ndarray]:
 
 
 def _check(draft: Draft) -> None:
-    """Raise ValueError if a part does not have the structure that the simulator expects. The file may be untrusted."""
+    """Raise ValueError if a part of the draft does not have the structure that the simulator expects.
+
+    The check is needed because the file may be untrusted.
+    """
     visual = [part for part in draft.parts if isinstance(part, VisualPart)]
     hulls = [part for part in draft.parts if isinstance(part, CollisionPart)]
     if not visual or not hulls or len(hulls) > _MOST_HULLS or sum(len(p.faces) for p in visual) > _MOST_FACES:
-        raise ValueError("too many parts, or none")
+        raise ValueError("the object has no parts or too many parts")
     for part in draft.parts:
         points = part.vertices
         if points is None or points.dtype != np.float32 or points.ndim != 2 or points.shape[1] != 3 or len(points) < 3:
-            raise ValueError("vertices of an unexpected shape")
+            raise ValueError("the vertices of a part have an unexpected array shape or type")
         if not np.isfinite(points).all() or np.abs(points).max() > _FARTHEST_M:
-            raise ValueError("vertices that are not near the origin")
+            raise ValueError("a part has vertices far from the origin")
     if any(part.vertices is None or not 4 <= len(part.vertices) <= _MOST_CORNERS for part in hulls):
-        raise ValueError("a hull of too many corners")
+        raise ValueError("a collision hull has too few or too many corners")
     for part in visual:
         _check_rows(part.faces, len(part.vertices))
         rgba = [float(v) for v in part.rgba]
         if len(rgba) != 4 or not 0.0 <= min(rgba) <= max(rgba) <= 1.0:
-            raise ValueError("an invalid color")
+            raise ValueError("a part has an invalid color")
         if part.texture is not None:
             _check_texture(part.texture, part)
     _check_body(draft)
@@ -161,37 +164,37 @@ def _check(draft: Draft) -> None:
 
 def _check_rows(rows: np.ndarray, count: int) -> None:
     if rows.dtype != np.int32 or rows.ndim != 2 or rows.shape[1] != 3 or len(rows) == 0:
-        raise ValueError("triangles of an unexpected shape")
+        raise ValueError("the triangles of a part have an unexpected array shape or type")
     if rows.min() < 0 or rows.max() >= count:
-        raise ValueError("triangles that refer to missing vertices")
+        raise ValueError("a triangle refers to a missing vertex")
 
 
 def _check_texture(texture: Texture, part: VisualPart) -> None:
     pixels, uv = texture.pixels, texture.uv
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3:
-        raise ValueError("a texture of an unexpected shape")
+        raise ValueError("a texture has an unexpected array shape or type")
     if not 1 <= min(pixels.shape[:2]) <= max(pixels.shape[:2]) <= _LARGEST_TEXTURE:
-        raise ValueError("a texture of an unexpected size")
+        raise ValueError("a texture has an unexpected size")
     if uv.dtype != np.float32 or uv.ndim != 2 or uv.shape[1] != 2 or not np.isfinite(uv).all():
-        raise ValueError("texture coordinates of an unexpected shape")
+        raise ValueError("texture coordinates have an unexpected array shape or type")
     if texture.corners is None:
         if len(uv) != len(part.vertices):
-            raise ValueError("an unexpected number of texture coordinates")
+            raise ValueError("a part has an unexpected number of texture coordinates")
     else:
         _check_rows(texture.corners, len(uv))
         if len(texture.corners) != len(part.faces):
-            raise ValueError("an unexpected number of texture coordinates")
+            raise ValueError("a part has an unexpected number of texture coordinates")
 
 
 def _check_body(draft: Draft) -> None:
     body = draft.body
     if body is None:
-        raise ValueError("no mass")
+        raise ValueError("the object has no mass properties")
     numbers = [float(v) for v in (body.mass_kg, draft.mass_kg, *body.center_of_mass, *body.inertia)]
     ixx, iyy, izz, ixy, ixz, iyz = (float(v) for v in body.inertia)
     moments = np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]))
     if not all(map(math.isfinite, numbers)) or min(numbers[:2]) <= 0.0 or moments[0] <= 0.0:
-        raise ValueError("a mass that is not physical")
+        raise ValueError("the mass or the inertia of the object is not physically possible")
 
 
 def _imported(head: dict[str, Any], arrays: dict[str, np.ndarray]) -> Imported:

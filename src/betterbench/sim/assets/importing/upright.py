@@ -1,4 +1,4 @@
-"""Size and orientation of an imported mesh, given by its up axis, the length of a unit, and its origin."""
+"""Scale and orientation of an imported mesh: its up axis, the length of its unit, and its origin."""
 
 from __future__ import annotations
 
@@ -29,8 +29,9 @@ _LEAST_MARGIN_M = 0.001
 _MOST_TURNS = 6
 _LEAST_TILT, _MOST_TILT = np.radians(2.0), np.radians(20.0)
 MOST_STANDING_LEAN_DEGREES = 10.0
-"""Largest angle to the stable pose into which an object of a standing kind is turned. A can that leans further, for
-example on a spike below its base, stays in the pose of its file, and the asset certificate reports that it tips."""
+"""Maximum angle by which an object of a standing kind, such as a can, is turned to reach its stable pose. A can that
+leans further, for example on a spike below its base, stays in the pose of its file. The asset certificate then reports
+that the can tips over."""
 
 _TURNS = {
     "z": np.eye(3),
@@ -40,20 +41,20 @@ _TURNS = {
     "x": np.array([[0, 0, -1.0], [0, 1.0, 0], [1.0, 0, 0]]),
     "-x": np.array([[0, 0, 1.0], [0, 1.0, 0], [-1.0, 0, 0]]),
 }
-"""Rotations that bring an axis of the file to +z."""
+"""Rotations that turn an axis of the file to +z."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """Upright mesh in meters, with its origin at the center of the bottom of its bounding box.
+    """Upright mesh in meters. The origin is at the center of the bottom of its bounding box.
 
     Attributes:
         mesh: The mesh.
-        solid: Cells of the object.
-        cavity: Hollow of the object, or None if it has none.
-        up: Axis of the file that now points up ("y", "-z").
-        scale: Length of a unit of the file [m].
-        notes: Decisions, with reasons.
+        solid: Cells that the object occupies.
+        cavity: Hollow of the object, or None if the object has none.
+        up: Axis of the file that now points up, such as "y" or "-z".
+        scale: Length of one unit of the file [m].
+        notes: What was decided about size and orientation, and why.
     """
 
     mesh: RawMesh
@@ -71,15 +72,17 @@ def place(
 
     Args:
         mesh: The mesh in the frame of its file.
-        kind: Kind of the object, or None if it is not known.
-        where: Name of the file for messages.
-        up: Axis of the file that points up. If None, it follows from the rule of the format, from the hollow of an open
-            object, from the use of its kind (bottles stand, forks lie), or from the most stable pose.
-        size_m: Longest side [m]. If None, it follows from the unit of the format if the kind can have this size, from
-            another usual unit, or from the typical size of the kind.
+        kind: Kind of the object, or None if the kind is not known.
+        where: Name of the file, for messages.
+        up: Axis of the file's frame that points up. If None, the axis is determined from the file format, from the
+            hollow of an open object, from the usual pose of its kind (bottles stand, forks lie), or from the most
+            stable pose.
+        size_m: Longest side [m]. If None, the unit of the file format is used if the resulting size is plausible for
+            this kind. Otherwise, another common unit with a plausible size is used. If there is none, the object gets
+            the typical size of its kind.
 
     Raises:
-        InvalidInputError: If the size cannot be determined, or does not fit an object on a table.
+        InvalidInputError: If the size cannot be determined, or is not that of a tabletop object.
     """
     scale, said = _scale(mesh, kind, where, size_m)
     sized = mesh.moved(np.diag([scale, scale, scale, 1.0]))
@@ -93,7 +96,7 @@ def place(
 
 
 def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tuple[str, ...]]:
-    """Return the axis of the file that points up, with a note."""
+    """Return the axis of the file's frame that points up, and notes that explain the choice."""
     if up is not None:
         return up, ()
     axis, cavity, notes = _by_rule_or_hollow(sized, kind)
@@ -105,7 +108,10 @@ def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tu
 
 
 def _axis_of_kind(sized: RawMesh, kind: Kind | None, axis: str) -> str | None:
-    """Return the axis that points up if a tall kind stands or a flat kind lies, or None if the given axis does."""
+    """Return the axis that must point up so that an object of a tall kind stands, or one of a flat kind lies flat.
+
+    Returns None if this is already the case with the given axis, or if the kind is neither tall nor flat.
+    """
     if kind is None or not (kind.is_tall or kind.is_flat):
         return None
     sides = dict(zip("xyz", np.ptp(sized.bounds(), axis=0).tolist(), strict=True))
@@ -129,7 +135,11 @@ def _axis_of_kind(sized: RawMesh, kind: Kind | None, axis: str) -> str | None:
 
 
 def _by_rule_or_hollow(sized: RawMesh, kind: Kind | None) -> tuple[str, Cavity | None, tuple[str, ...]]:
-    """Return the axis that points up by the rule of the format or by the hollow of an open kind, with the hollow."""
+    """Find the axis that points up from the file format, or from the hollow of an object that is open at the top.
+
+    Returns:
+        The axis, the hollow (None if the object has none, or if it does not matter), and notes that explain the choice.
+    """
     axes = [mesh_up] if (mesh_up := sized.up) is not None else ["z", "y"]
     may_turn = kind is not None and kind.is_open
     if len(axes) == 1 and not may_turn:
@@ -159,10 +169,14 @@ def _turn(rotation: np.ndarray) -> np.ndarray:
 def _at_rest(
     mesh: RawMesh, solid: Solid, cavity: Cavity | None, most: float
 ) -> tuple[RawMesh, Solid, Cavity | None, float]:
-    """Return an object in the nearest stable pose, up to ``most`` [rad] away, and the angle to that pose [rad].
+    """Turn an object to the nearest stable pose, if it is at most ``most`` [rad] away from the current pose.
 
-    Scans of fruit keep the pose in which they were held, and would roll in every scene. If no such pose is near, the
-    pose stays unchanged. The search is repeated, because a simplified hull has other corners after a rotation.
+    If it is farther away, the pose stays unchanged. Scanned fruit, for example, has the pose in which it was held, and
+    would roll in every scene if it was not turned. The search is repeated after each rotation, because the simplified
+    hull of the object then has different corners.
+
+    Returns:
+        The turned mesh, its solid, its hollow, and the angle by which it was turned [rad].
     """
     now, whole = (mesh, solid, cavity), np.eye(3)
     for _ in range(_MOST_TURNS):
@@ -181,7 +195,12 @@ def _at_rest(
 
 
 def _nearest_face(solid: Solid, most: float) -> tuple[float, np.ndarray] | None:
-    """Return the angle [rad] and the rotation to the nearest hull face that supports the center of mass."""
+    """Find the nearest face of the convex hull on which the object could stand without tipping over.
+
+    Returns:
+        The angle [rad] and the matrix of the rotation that turns this face down to the table, or None if no such face
+        is near enough.
+    """
     middle, _ = mass_of_cells(solid, 1.0)
     corners = hull_corners(solid.points)
     if corners is None:
@@ -200,14 +219,17 @@ def _nearest_face(solid: Solid, most: float) -> tuple[float, np.ndarray] | None:
 
 
 def _is_over(foot: np.ndarray, base: np.ndarray, normal: np.ndarray) -> bool:
-    """Return whether a point is well inside the hull of coplanar points (k, 3), seen along their normal."""
+    """Return whether a point is well inside the convex hull of coplanar points (k, 3), when seen along the normal."""
     first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     axes = np.stack([first / np.linalg.norm(first), np.cross(normal, first / np.linalg.norm(first))], axis=1)
     return depth_in_hull(foot @ axes, base @ axes) >= _LEAST_MARGIN_M
 
 
 def _rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the smallest rotation from one direction to another, not opposite, direction (Rodrigues)."""
+    """Return the smallest rotation that turns direction ``a`` to direction ``b`` (Rodrigues).
+
+    The directions must not be opposite.
+    """
     v = np.cross(a, b)
     cross = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
     return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + a @ b))
@@ -227,7 +249,7 @@ def _scale(mesh: RawMesh, kind: Kind | None, where: str, size_m: float | None) -
             unit = UNITS_M[fits[0]]
             return unit, f"longest side {100 * longest * unit:.3g} cm, read as {fits[0]}"
         problem = f"its longest side is {longest:.3g} units, and neither its name nor its format determines its size"
-        raise InvalidInputError(where, problem, "Give --size-m, or --kind with a known kind")
+        raise InvalidInputError(where, problem, "Specify the size with --size-m, or a known kind with --kind")
     if by_rule is None:
         for name, unit in UNITS_M.items():
             if low <= longest * unit <= high:
@@ -239,7 +261,7 @@ def _scale(mesh: RawMesh, kind: Kind | None, where: str, size_m: float | None) -
 
 
 def _standing(moved: RawMesh, *, grid: int = GRID) -> tuple[RawMesh, Solid, Cavity | None]:
-    """Return a rotated mesh with its origin in the middle of its bottom, its solid and its hollow."""
+    """Move the origin of a rotated mesh to the middle of its bottom. Return the mesh, its solid and its hollow."""
     low, high = moved.bounds()
     shift = np.eye(4)
     shift[:3, 3] = [-0.5 * (low[0] + high[0]), -0.5 * (low[1] + high[1]), -low[2]]
@@ -249,7 +271,11 @@ def _standing(moved: RawMesh, *, grid: int = GRID) -> tuple[RawMesh, Solid, Cavi
 
 
 def _rank(solid: Solid, cavity: Cavity | None, kind: Kind | None, order: int) -> tuple[float, ...]:
-    """Return a sort key for a pose. An opening at the top (if the kind has one) comes first, and then a broad base."""
+    """Return a sort key for poses, which is largest for the pose that is most likely to be upright.
+
+    If objects of this kind have an opening at the top, the size of the hollow counts first. The stability of the pose
+    counts next.
+    """
     water = 0.0
     if kind is not None and kind.is_open and cavity is not None:
         water = round(cavity.volume_m3 / max(float(np.prod(np.ptp(solid.points, axis=0))), 1e-12), 1)
@@ -257,7 +283,7 @@ def _rank(solid: Solid, cavity: Cavity | None, kind: Kind | None, order: int) ->
 
 
 def footing(solid: Solid, *, upside_down: bool = False) -> float:
-    """Return the stability of a pose, which is the tilt at which the object would fall over, as tan(angle)."""
+    """Return how stable a pose is: the tangent of the angle by which the object can be tilted before it falls over."""
     height = solid.points[:, 2]
     top = float(height.max())
     base = solid.points[height > top - solid.pitch_m if upside_down else height < solid.pitch_m][:, :2]
@@ -273,11 +299,11 @@ def footing(solid: Solid, *, upside_down: bool = False) -> float:
 
 
 def end_areas(solid: Solid, share: float) -> tuple[float, float]:
-    """Return the mean cross-section of the lower and of the upper end, with hollows filled [m^2].
+    """Return the mean cross-sectional areas of the lower and the upper end of an object [m^2]. Hollows count as filled.
 
     Args:
         solid: The object.
-        share: Height of an end as a share of the object's height.
+        share: Height of each end, as a fraction of the object's height.
     """
     layers = np.flatnonzero(solid.cells.any(axis=(0, 1)))
     count = max(1, round(share * len(layers)))

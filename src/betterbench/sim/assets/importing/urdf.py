@@ -1,4 +1,4 @@
-"""Reader of URDF files. It merges the links of one object into one rigid body."""
+"""Reader of URDF files. All links in a file are merged into one rigid body."""
 
 from __future__ import annotations
 
@@ -32,25 +32,26 @@ class _Joint:
 
 
 def read_urdf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bool = False) -> RawMesh:
-    """Return the links of a URDF file as one rigid body in the frame of its first link.
+    """Merge the links of a URDF file into one rigid body, in the frame of its root link.
 
-    Conventions are those of the URDF specification of ROS, with lengths in meters, z up, and ``rpy`` about fixed axes.
-    A mesh keeps the axes of its file. ``package://NAME/PATH`` is PATH, or NAME/PATH, in the folder of the URDF file.
+    The conventions are those of the URDF specification of ROS: lengths are in meters, z is up, and ``rpy`` rotates
+    about fixed axes. Meshes keep the axes of their files. ``package://NAME/PATH`` refers to PATH (or, if that does not
+    exist, NAME/PATH) in the folder of the URDF file.
 
     Args:
-        root: The element ``robot``.
-        files: Resolver of the folder of the file.
+        root: The ``robot`` element of the file.
+        files: Resolver for the file's folder.
         where: Name of the file, for messages.
-        freeze: Whether movable joints are fixed at 0.
+        freeze: Whether movable joints are fixed at position 0. If False, movable joints are an error.
 
     Raises:
-        InvalidInputError: If the file is not one rigid body, or a part of it is not supported.
+        InvalidInputError: If the file does not describe one rigid body, or has an unsupported part.
     """
     return _Reader(root, files, where).mesh(freeze=freeze)
 
 
 class _Reader:
-    """State while a file is read."""
+    """State of the URDF reader while it reads one file."""
 
     def __init__(self, root: ET.Element, files: FolderResolver, where: str) -> None:
         self._root, self._files, self._where = root, files, where
@@ -76,8 +77,10 @@ class _Reader:
         joints = [self._joint(joint, links) for joint in self._root.findall("joint")]
         moving = [joint for joint in joints if joint.kind in _MOVABLE]
         if moving and not freeze:
-            problem = f"its joint {moving[0].name!r} ({moving[0].kind}) moves"
-            raise InvalidInputError(self._where, problem, "Fix all joints at 0 with --freeze, or import one link")
+            problem = f"its joint {moving[0].name!r} ({moving[0].kind}) is movable"
+            raise InvalidInputError(
+                self._where, problem, "Use --freeze to fix all joints at position 0, or import a single link"
+            )
         poses = self._poses(links, joints)
         visual = [part for name, link in links.items() for part in self._parts(link, "visual", poses[name])]
         collision = [part for name, link in links.items() for part in self._parts(link, "collision", poses[name])]
@@ -116,7 +119,7 @@ class _Reader:
         return _Joint(name, kind, ends[0], ends[1], self._origin(element))
 
     def _poses(self, links: Mapping[str, ET.Element], joints: list[_Joint]) -> dict[str, np.ndarray]:
-        """Return the pose of each link in the frame of the root link."""
+        """Return the (4, 4) pose of each link in the frame of the root link."""
         above = {joint.child: joint for joint in joints}
         if len(above) < len(joints):
             raise self._wrong("a link has two parents")
@@ -176,7 +179,7 @@ class _Reader:
             geometry = shape.find("geometry")
             forms = [] if geometry is None else list(geometry)
             if len(forms) != 1:
-                raise self._wrong(f"a {tag} of link {self._named(link, 'link')!r} has no geometry")
+                raise self._wrong(f"a {tag} of link {self._named(link, 'link')!r} does not have exactly one geometry")
             color = self._color_of(shape)
             for part in self._geometry(forms[0]):
                 moved = part.moved(at @ self._origin(shape))
@@ -188,7 +191,7 @@ class _Reader:
         if form.tag == "box":
             size = numbers(form.get("size", ""), 3, self._where, "box size")
             if size.min() <= 0.0:
-                raise self._wrong("box size has a side of 0 or less")
+                raise self._wrong("box size has a side that is not positive")
             made = rigid.box(0.5 * size)
         elif form.tag == "sphere":
             made = rigid.ellipsoid(np.full(3, self._number(form, "radius")))
@@ -196,7 +199,7 @@ class _Reader:
             make = rigid.cylinder if form.tag == "cylinder" else rigid.capsule
             made = make(self._number(form, "radius"), 0.5 * self._number(form, "length"))
         else:
-            raise self._wrong(f"the geometry {one_line(repr(form.tag), most=40)} is not known")
+            raise self._wrong(f"the geometry type {one_line(repr(form.tag), most=40)} is not supported")
         return (RawPart(form.tag, *made),)
 
     def _mesh(self, form: ET.Element) -> tuple[RawPart, ...]:
@@ -214,12 +217,12 @@ class _Reader:
         return self._meshes[name].moved(np.diag([*scale, 1.0])).parts
 
     def _inside(self, name: str) -> str:
-        """Return the path in the folder for a file name in a URDF file."""
+        """Return the path for a file name in the URDF file, relative to the folder of the URDF file."""
         scheme, separator, rest = name.partition("://")
         if not separator:
             return name
         if scheme != "package":
-            raise self._wrong(f"it refers to {one_line(repr(name), most=120)}, which is not a file of its folder")
+            raise self._wrong(f"it refers to {one_line(repr(name), most=120)}, which is not a file in its folder")
         below = rest.partition("/")[2]
         return rest if not self._files.holds(below) and self._files.holds(rest) else below
 
@@ -235,14 +238,14 @@ class _Reader:
         if material is None:
             return None
         own = self._color(material)
-        self._colors |= own  # a material defined once is valid in the whole file
+        self._colors |= own  # a material that is defined once can be used in the whole file
         return next(iter(own.values()), self._colors.get(material.get("name", "")))
 
 
 def _components(parts: list[RawPart]) -> Iterator[np.ndarray]:
-    """Yield the points of each connected part of collision shapes.
+    """Yield the points of each connected piece of the collision shapes.
 
-    Files may store several convex pieces as one mesh.
+    A file may store several convex pieces as one mesh.
     """
     for part in parts:
         points, faces = joined([part])

@@ -1,4 +1,4 @@
-"""Procedural library. Importing this package registers the generators in all its files.
+"""Procedural library of objects. Importing this package registers the generators in all its files.
 
 Each file in this folder defines one family of objects.
 """

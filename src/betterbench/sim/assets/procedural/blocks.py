@@ -1,4 +1,4 @@
-"""Painted wooden blocks: toy blocks, and blocks with the size of another object."""
+"""Generators of painted wooden blocks: toy blocks, and blocks that have the size of another object."""
 
 import math
 from collections.abc import Sequence
@@ -18,10 +18,10 @@ _BARE: Rgb = (0.85, 0.68, 0.46)  # bare beech
 def _painted_wood(
     rng: np.random.Generator, shade: Rgb, *, rings: float, waves: tuple[float, float, float], amount: float, cells: int
 ) -> Canvas:
-    """Draw painted wood with wavy year rings and grain.
+    """Draw painted wood with wavy annual rings and grain.
 
-    ``waves`` are the number of annual rings, and the height and number of their waves. ``rings`` and ``amount`` are the
-    strengths of the rings and the grain, ``cells`` is the number of fibers.
+    ``waves`` gives the number of annual rings, and the height and the number of the waves in each ring. ``rings`` is
+    the strength of the rings, ``amount`` that of the grain, and ``cells`` the number of fibers.
     """
     canvas = Canvas(1.0, 1.0, (64, 64), shade)
     count, height, number = waves
@@ -32,9 +32,9 @@ def _painted_wood(
 
 @generator("block", colors=("red", "blue", "green", "yellow", "orange", "purple", "white", "black", "brown"))
 def toy_block(rng: np.random.Generator, color: str) -> Draft:
-    """Make a painted cube or cuboid of beech (700 kg/m^3), plain, framed, with a sign, striped or worn at its edges.
+    """Make a painted toy block of beech: plain, framed, with a sign, striped, or worn at its edges.
 
-    Wooden toy blocks have sides of 30 to 60 mm.
+    Wooden toy blocks have sides of 30 to 60 mm. The density of beech is 700 kg/m^3.
     """
     x, y, z = sorted((float(e) for e in rng.uniform(0.034, 0.058, 3)), reverse=True)
     if rng.random() < 0.4:
@@ -70,7 +70,7 @@ def toy_block(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _block_face(style: str, shade: Rgb, ink: Rgb, letter: str) -> Canvas:
-    """Draw one face of a toy block, 1 by 1, in one of its styles."""
+    """Draw one face of a toy block (1 by 1) in the given style."""
     canvas = Canvas(1.0, 1.0, (64, 64), shade)
     x, y = canvas.x, canvas.y
     edge = np.minimum(np.minimum(x, 1.0 - x), np.minimum(y, 1.0 - y))
@@ -91,11 +91,11 @@ def _block_face(style: str, shade: Rgb, ink: Rgb, letter: str) -> Canvas:
 
 @generator("stapler_block", colors=("black", "red", "blue"), family="stapler")
 def stapler_block(rng: np.random.Generator, color: str) -> Draft:
-    """Make a solid painted wooden block with the length, width and height of a stapler, without a gap or metal.
+    """Make a solid painted wooden block with the length, width and height of a stapler, but without a gap or metal.
 
-    Its paint is worn off along the edges and at the ends, where bare wood shows. At this size, beech with 700 kg/m^3
-    would weigh 0.15 to 0.19 kg. The block has a stapler's 0.2 to 0.25 kg, like denser wood, so that it differs from a
-    stapler only in appearance.
+    The paint is worn off along the edges and at the ends, so that bare wood shows. At this size, a block of beech (700
+    kg/m^3) would weigh 0.15 to 0.19 kg. This block weighs as much as a stapler (0.2 to 0.25 kg), as if it were of
+    denser wood. It therefore differs from a stapler only in appearance.
     """
     length, width, height = stapler_size(rng)
     bevel, chamfer = rng.uniform(0.0022, 0.0036), float(rng.choice([0.0, 0.010, 0.018]))
@@ -105,7 +105,7 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
     canvas = Canvas(1.0, 1.0, (256, 128), shade)
     x, y = canvas.x, canvas.y
     wave = count * y + 0.5 * np.sin(5.0 * x) + 0.3 * np.sin(11.0 * x + 1.0)
-    # Dark year rings that are visible from afar, under paint or, on stained wood, with pale wood between them.
+    # Dark annual rings can be seen from afar through the paint. On stained wood, the wood between them is pale.
     ring = np.clip(1.8 * np.sin(2.0 * math.pi * wave) - 0.6, 0.0, 1.0)
     canvas.shade(1.0 - 0.45 * ring)
     if stained:
@@ -144,11 +144,11 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
 
 @generator("round_block", colors=("brown", "red", "green", "yellow", "blue"))
 def round_block(rng: np.random.Generator, color: str) -> Draft:
-    """Make a wooden round toy block with the size of a burger. The brown block has the bun's color.
+    """Make a round wooden toy block with the size of a burger. The brown block has the color of a bun.
 
-    A letter or a digit is painted on its face, as on a child's blocks. Some have a darker or lighter side, as if
-    stained, and edges that are more or less beveled. It has neither a groove nor a ring, which would make it look like
-    a box with a lid. Beech of 700 kg/m^3 weighs 0.11 to 0.15 kg at this size.
+    A letter or a digit is painted on its face, as on a child's blocks. Some blocks have a darker or lighter side, as if
+    stained, and the width of the beveled edges varies. The block has neither a groove nor a ring, because these would
+    make it look like a box with a lid. At this size, beech (700 kg/m^3) weighs 0.11 to 0.15 kg.
     """
     radius, height = uniforms(rng, (0.0318, 0.0350), (0.0465, 0.0555))
     bevel = float(rng.choice([0.0015, 0.0040, 0.0070, 0.0100]))
@@ -184,7 +184,7 @@ def round_block(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _round_face(rng: np.random.Generator, shade: Rgb, sign: str) -> Canvas:
-    """Draw the face of a round toy block, with bare wood, its grain, and a sign in dark ink."""
+    """Draw the face of a round toy block, which shows bare wood with grain and a sign in dark ink."""
     canvas = Canvas(1.0, 1.0, (96, 96), mixed(shade, _BARE, 0.85))
     ink = mixed(shaded(shade, 0.22), (0.10, 0.05, 0.02), 0.5)
     wave = np.sin(2.0 * math.pi * (4.0 * canvas.y + 0.25 * np.sin(4.0 * canvas.x)))

@@ -1,4 +1,4 @@
-"""Breakfast tableware: a bowl of cereal, a salt shaker, a jar of jam, and an egg in its cup."""
+"""Generators of breakfast tableware: a bowl of cereal, a salt shaker, a jar of jam, and an egg in an egg cup."""
 
 import math
 
@@ -16,8 +16,9 @@ _GRAY_BLUE = mixed(PALETTE["blue"], PALETTE["gray"], 0.2)
 def cereal_bowl(rng: np.random.Generator, color: str) -> Draft:
     """Make a bowl of cereal with milk.
 
-    The smallest bowl has 0.25 kg and 0.2 kg of cereal and milk. Larger bowls are heavier in proportion. The bowl is too
-    wide for a jaw and filled to the rim, so its collision shape is solid.
+    The smallest bowl weighs 0.25 kg and contains 0.2 kg of cereal and milk. The mass of a larger bowl is increased in
+    proportion to its volume. The collision shape is solid, because the bowl is too wide for a gripper and filled to the
+    rim.
     """
     size, stand, height, below = uniforms(rng, (0.92, 1.0), (0.027, 0.036), (0.0440, 0.0540), (0.007, 0.011))
     radius, level = 0.060 * size, height - below
@@ -82,7 +83,7 @@ def _cereal(rng: np.random.Generator, *, kind: str) -> Canvas:
 
 @generator("salt_shaker", colors=("white", "silver"))
 def salt_shaker(rng: np.random.Generator, color: str) -> Draft:
-    """Make a salt shaker of porcelain or brushed steel with a large S and a chrome top with large holes.
+    """Make a salt shaker of porcelain or brushed steel, with a large S on it and a chrome top with large holes.
 
     A half-full shaker of this size weighs 0.1 to 0.14 kg.
     """
@@ -136,9 +137,9 @@ _LIDS: dict[str, Rgb] = {"gingham": (0.93, 0.92, 0.88), "gold": (0.80, 0.62, 0.2
 
 @generator("jam_jar", colors=("red", "orange"))
 def jam_jar(rng: np.random.Generator, color: str) -> Draft:
-    """Make a jar of jam with a screw lid and a label. The color word describes the jam.
+    """Make a jar of jam with a screw lid and a label. The color word is the color of the jam.
 
-    A full 0.12 l jar weighs about 0.25 kg. Other sizes are in proportion.
+    A full 0.12 l jar weighs about 0.25 kg. The mass of larger and smaller jars is in proportion to their volume.
     """
     size, height, lid_height = uniforms(rng, (0.86, 1.0), (0.060, 0.074), (0.012, 0.017))
     radius, low, kind = 0.030 * size, height - lid_height, str(rng.choice(list(_LIDS)))
@@ -172,7 +173,7 @@ def jam_jar(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _jam(rng: np.random.Generator, jar: Turned, jam: Rgb) -> Canvas:
-    """Draw jam in glass behind a label with a fruit."""
+    """Draw jam in a glass jar, with a label that shows a fruit."""
     canvas = jar.canvas(jam, (192, 128))
     x, y, width = canvas.x, canvas.y, canvas.width
     low, high = jar.rows[2], jar.rows[3]
@@ -194,7 +195,7 @@ def _jam(rng: np.random.Generator, jar: Turned, jam: Rgb) -> Canvas:
 
 
 def _lid(kind: str, color: str, jam: Rgb) -> Canvas:
-    """Draw a lid from above, as checked cloth or as metal with a ring."""
+    """Draw a lid from above, either covered with checked cloth or made of metal with a ring."""
     canvas = Canvas(2.0, 2.0, (128, 128), _LIDS[kind])
     if kind == "gingham":
         for along in (canvas.x, canvas.y):
@@ -206,9 +207,9 @@ def _lid(kind: str, color: str, jam: Rgb) -> Canvas:
 
 @generator("egg_cup", colors=("white", "yellow"))
 def egg_cup(rng: np.random.Generator, color: str) -> Draft:
-    """Make a footed egg cup with a boiled egg in it. The color word describes the cup.
+    """Make a footed egg cup with a boiled egg in it. The color word is the color of the cup.
 
-    A hen's egg and a porcelain cup weigh 60 g each. The egg cannot be taken out.
+    A hen's egg and a porcelain egg cup weigh 60 g each. The egg cannot be taken out.
     """
     size, share, lip = uniforms(rng, (0.92, 1.0), (0.78, 1.0), (0.037, 0.044))
     height, stem = uniforms(rng, (0.0660, 0.0725), (0.30, 0.62))

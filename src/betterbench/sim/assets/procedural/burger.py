@@ -1,4 +1,4 @@
-"""Burgers."""
+"""Generator of burgers."""
 
 import math
 
@@ -15,7 +15,8 @@ _CRUMB: Rgb = (0.90, 0.74, 0.46)
 def burger(rng: np.random.Generator, _color: str) -> Draft:
     """Make a burger with patty, cheese, tomato and lettuce in a sesame bun.
 
-    A small hamburger is 65 to 70 mm wide and weighs about 0.15 to 0.2 kg. This one fits an 80 mm jaw.
+    A small hamburger is 65 to 70 mm wide and weighs about 0.15 to 0.2 kg. This one is narrow enough for a gripper that
+    opens to 80 mm.
     """
     radius, height = rng.uniform(0.0325, 0.0340), rng.uniform(0.0490, 0.0545)
     bun, seeds = jittered(BUN, rng, amount=0.14), int(rng.choice([0, 18, 26, 34]))
@@ -54,7 +55,7 @@ def burger(rng: np.random.Generator, _color: str) -> Draft:
 
 
 def _patty(rng: np.random.Generator, radius: float, low: float, high: float) -> Mesh:
-    """Return the patty: a thick disc with an uneven edge."""
+    """Return the mesh of the patty, a thick disc with an uneven edge."""
     z = (low - 0.0005, low - 0.0005, low + 0.5 * (high - low), high, high)
     mesh = Turned((0.0, 0.955 * radius, radius, 0.96 * radius, 0.0), z, 14, 60.0, wrap=False).mesh()
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
@@ -64,7 +65,7 @@ def _patty(rng: np.random.Generator, radius: float, low: float, high: float) -> 
 
 
 def _cheese(rng: np.random.Generator, radius: float, z: float) -> Mesh:
-    """Return a square slice whose molten corners hang over the patty."""
+    """Return the mesh of a square slice of cheese, whose molten corners hang over the patty."""
     turn, droop, thickness = rng.uniform(0.0, math.pi / 2.0), rng.uniform(0.005, 0.008), 0.0022
     angle = turn + 2.0 * math.pi * np.arange(16) / 16
     cornerness = np.tile([0.0, 0.42, 1.0, 0.42], 4)
@@ -76,7 +77,7 @@ def _cheese(rng: np.random.Generator, radius: float, z: float) -> Mesh:
 
 
 def _lettuce(rng: np.random.Generator, radius: float, z: float) -> Mesh:
-    """Return a leaf with a frilled edge."""
+    """Return the mesh of a lettuce leaf with a frilled edge."""
     n = 24
     frill = np.where(np.arange(n) % 2 == 0, 1.0, -1.0) * rng.uniform(0.6, 1.0, n)
     angle = 2.0 * math.pi * np.arange(n) / n
@@ -86,7 +87,7 @@ def _lettuce(rng: np.random.Generator, radius: float, z: float) -> Mesh:
 
 
 def _top_bun(radius: float, low: float, high: float) -> Mesh:
-    """Return the domed half of the bun, with its texture mapped from above."""
+    """Return the mesh of the domed half of the bun, with its texture projected from above."""
     rise = high - low
     radii = [share * radius for share in (0.0, 0.955, 1.0, 0.92, 0.66, 0.32, 0.0)]
     z = [low + level * rise for level in (0.0, 0.0, 0.27, 0.60, 0.875, 0.98)]
@@ -94,7 +95,10 @@ def _top_bun(radius: float, low: float, high: float) -> Mesh:
 
 
 def _crust(rng: np.random.Generator, bun: Rgb, *, seeds: int) -> Canvas:
-    """Draw the crust of the bun from above, which is brown in the middle and pale at the edge, with sesame seeds."""
+    """Draw the crust of the bun from above, with sesame seeds.
+
+    The crust is brown in the middle and pale at the edge.
+    """
     canvas = Canvas(2.0, 2.0, (128, 128), bun)
     r = canvas.radius
     canvas.paint(np.clip((r - 0.70) / 0.30, 0.0, 1.0), mixed(bun, _CRUMB, 0.8))

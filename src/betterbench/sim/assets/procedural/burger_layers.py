@@ -1,14 +1,9 @@
-"""Layers of a cheeseburger, and the kitchen sponge that looks like its cheese.
+"""Generators of the layers of a cheeseburger, and of a kitchen sponge that looks like the cheese.
 
-A layer rests on four fixed corners a fraction of a millimeter below its round or square body, and has a flat top. A
-stack therefore has few contacts and stays still. Layers are thicker than real food: the jaw reaches 12 mm below its
-center, so it cannot grasp objects lower than 10 mm on a table. The visual shape may extend beyond the collision shape,
-because the corners of cheese and the edges of a leaf are soft.
-
-Every layer rests on four fixed corners a fraction of a millimeter below its round or square body and has a flat top, so
-that a stack has few contacts and stays still. Layers are thicker than real food, because a jaw reaches 12 mm below its
-center and cannot grasp objects lower than 10 mm on a table. The visual shape may extend beyond the collision shape,
-because the corners of cheese and the edges of a leaf are soft.
+Each layer has a flat top and a round or square body, and stands on four corners that are a fraction of a millimeter
+lower than the body. A stack of layers therefore has few contacts and stays still. The layers are thicker than real
+food: the gripper reaches 12 mm below the center of its pads, so it cannot grasp objects lower than 10 mm from a table.
+The visual shape may extend beyond the collision shape, because the corners of cheese and the edges of a leaf are soft.
 """
 
 import math
@@ -22,20 +17,21 @@ from betterbench.sim.assets.authoring.paint import BUN, Canvas, Rgb, jittered, m
 from betterbench.sim.assets.authoring.solids import solid_box, spheroid, standing
 
 FILLING_M = 0.014
-"""Thickness of patty, cheese and lettuce [m], from their base to the region "top", in every look.
+"""Thickness of patty, cheese and lettuce, from their base to the region "top", in every variant [m].
 
-An object placed on any filling is therefore released at the same height."""
+An object that is placed on any of these fillings is therefore released at the same height."""
 
 BOTTOM_M = 0.026
-"""Height of the cut face of the bun's lower half [m], the same in every look."""
+"""Height of the cut face of the bun's lower half in every variant [m]."""
 
 _CRUMB: Rgb = (0.98, 0.93, 0.79)
 _GRIP = 0.0125
-"""Height of the center of the pads for a filling [m]: they end half a millimeter above the table."""
+"""Height of the center of the finger pads when they grasp a filling [m]. The pads then end half a millimeter above the
+table."""
 
 
 def _square_grasps(length: float, width: float) -> tuple[Grasp, ...]:
-    """Return the grasps across both pairs of sides, the narrower first."""
+    """Return one grasp across each pair of sides. The grasp across the narrower side comes first."""
     return (
         grip("body", _GRIP, width, clearance=0.007),
         grip("long", _GRIP, length, across="x", clearance=0.006, preference=1),
@@ -43,9 +39,9 @@ def _square_grasps(length: float, width: float) -> tuple[Grasp, ...]:
 
 
 def _outline(half_x: float, half_y: float, n: int, *, roundness: float) -> np.ndarray:
-    """Return (n, 2) points of a rounded rectangle about the origin [m], at equal angles.
+    """Return (n, 2) points on a rounded rectangle around the origin, at equal angles [m].
 
-    A ``roundness`` of 2 gives an ellipse. Larger values are more rectangular.
+    A ``roundness`` of 2 gives an ellipse. Larger values give a more rectangular shape.
     """
     angle = 2.0 * math.pi * np.arange(n) / n
     c, s = np.cos(angle), np.sin(angle)
@@ -54,7 +50,10 @@ def _outline(half_x: float, half_y: float, n: int, *, roundness: float) -> np.nd
 
 
 def _slab(outline: np.ndarray, low: float, high: float, *, bevel: float, crease: float = 50.0) -> Mesh:
-    """Return a slab with bevelled edges over a star-shaped outline about the origin [m], textured from above."""
+    """Return a slab with beveled edges over a star-shaped outline around the origin [m].
+
+    Its texture is projected from above.
+    """
     reach = np.linalg.norm(outline, axis=1, keepdims=True)
     rings = []
     for z, inset in ((low, bevel), (low + bevel, 0.0), (high - bevel, 0.0), (high, bevel)):
@@ -64,9 +63,10 @@ def _slab(outline: np.ndarray, low: float, high: float, *, bevel: float, crease:
 
 @generator("bun_bottom", colors=("brown",))
 def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
-    """Make the lower half of a bun with its white cut face up, as of a thick bulging roll that was cut through.
+    """Make the lower half of a bun with its white cut face up. It looks like a thick, bulging roll that was cut in two.
 
-    Half a bun with a diameter of 80 mm weighs 30 to 40 g. 60 to 70 g keep it still while a burger is built on it.
+    Half a bun with a diameter of 80 mm weighs 30 to 40 g. Here it weighs 60 to 70 g, so that it stays still while a
+    burger is built on it.
     """
     radius, belly, bulge = uniforms(rng, (0.0375, 0.0405), (0.40, 0.58), (0.050, 0.100))
     toast, sole = str(rng.choice(["plain", "golden", "rim"])), rng.uniform(0.58, 0.70)
@@ -76,7 +76,7 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
     z = (0.0, 0.0, 0.20 * height, belly * height, 0.84 * height, height - 0.0012, height, height)
     bun = Turned(radii, z, 26, crease_degrees=55.0, wrap=False)
     mesh = bun.mesh().seen_from_above(radius)
-    # The side shows the rim of the texture; the upper edge of the side is nearest to the cut face in the middle.
+    # The side shows the outer ring of the texture. Its upper edge shows the part of the ring next to the cut face.
     level = mesh.vertices[:, 2:] / height
     turned = mesh.uv - 0.5
     outward = turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-9)
@@ -91,7 +91,7 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
         canvas.paint(np.clip((0.80 - r) / 0.12, 0.0, 1.0), brown, strength=0.15)
     elif toast == "rim":
         canvas.paint(np.clip((r - 0.50) / 0.34, 0.0, 1.0) * (r < 0.84), shaded(brown, 0.9), strength=0.60)
-    # Fluffy crumb has soft clouds and no sharp holes, which would look like a biscuit.
+    # Fluffy crumb looks softly clouded. Sharp holes would make it look like a biscuit.
     canvas.grain(rng, cells=(7, 7), amount=0.045)
     canvas.grain(rng, cells=(20, 20), amount=0.025)
     canvas.paint((r > 0.80) & (r < 0.86), mixed(crust, brown, 0.5))
@@ -156,9 +156,9 @@ def patty(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("cheese_slice", colors=("yellow",))
 def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a thick slice of smooth, glossy cheese with a few large round holes, some of them cut by its edge.
+    """Make a thick slice of smooth, glossy cheese with a few large round holes. Some holes are at its edge.
 
-    Cheese measuring 64 by 62 by 14 mm weighs 60 g when solid (1080 kg/m^3). A fifth of it is holes.
+    A solid piece of cheese of 64 x 62 x 14 mm weighs 60 g (1080 kg/m^3). A fifth of this slice is holes.
     """
     length, width, roundness = uniforms(rng, (0.0640, 0.0680), (0.0620, 0.0655), (7.0, 16.0))
     shade = jittered(mixed((0.99, 0.66, 0.05), (1.00, 0.80, 0.22), rng.random()), rng, amount=0.03)
@@ -198,10 +198,10 @@ def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("sponge", colors=("yellow",))
 def sponge(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a kitchen sponge of yellow foam with pores and a waist, on a thick dark green scouring pad.
+    """Make a kitchen sponge of yellow foam with pores and a waist, on a thick, dark green scouring pad.
 
-    The sponge is as wide and as yellow as the cheese slice and nearly twice as high. Foam sponges of 65 by 60 mm are 22
-    to 30 mm high and weigh 5 g dry or 20 to 30 g damp.
+    The sponge is as wide and as yellow as the slice of cheese, and nearly twice as high. Foam sponges of 65 x 60 mm are
+    22 to 30 mm high. They weigh 5 g when dry and 20 to 30 g when damp.
     """
     length, width, height = uniforms(rng, (0.0640, 0.0690), (0.0600, 0.0650), (0.0230, 0.0270))
     scour, waist, roundness = height * rng.uniform(0.34, 0.44), rng.uniform(0.0, 0.12), rng.uniform(6.0, 14.0)
@@ -210,7 +210,7 @@ def sponge(rng: np.random.Generator, _color: str) -> Draft:
     outline = _outline(0.5 * length, 0.5 * width, 36, roundness=roundness)
     outline[:, 1] *= 1.0 - waist * np.clip(1.0 - (outline[:, 0] / (0.36 * length)) ** 2, 0.0, 1.0)
     upper = _slab(outline, scour, height, bevel=0.0015).seen_from_above(0.70 * length)
-    # Texture coordinates of the sides: the strip of the texture just outside the top face.
+    # The sides show the strip of the texture that is just outside the top face.
     down = np.clip((height - 0.0016 - upper.vertices[:, 2]) / 0.70 / length, 0.0, 1.0)[:, None]
     away = upper.uv - 0.5
     stretch = 1.0 + down / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)
@@ -242,10 +242,10 @@ def sponge(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("lettuce_leaf", colors=("green",))
 def lettuce_leaf(rng: np.random.Generator, _color: str) -> Draft:
-    """Make two stacked leaves of lettuce, which are longer than wide, with a pale midrib and a wavy edge.
+    """Make two stacked leaves of lettuce, which are longer than wide and have a pale midrib and a wavy edge.
 
-    Lettuce on a burger is 80 to 100 mm long and weighs 10 to 20 g. The collision shape of the leaves is a flat box as
-    thick as a filling. Their soft edges extend beyond it and are only visual.
+    Lettuce on a burger is 80 to 100 mm long and weighs 10 to 20 g. The collision shape of both leaves together is a
+    flat box as thick as the other fillings. The soft edges extend beyond the box and are only visual.
     """
     half_x, half_y, wave = uniforms(rng, (0.043, 0.050), (0.033, 0.037), (0.0035, 0.0055))
     ruffles, pointed, height = int(rng.integers(6, 10)), rng.uniform(0.0, 0.16), FILLING_M
@@ -290,9 +290,9 @@ def _leaf(
     ruffles: int,
     pointed: float,
 ) -> Mesh:
-    """Return one leaf along x, with ``half`` its length and width, its blade between two heights [m].
+    """Return one leaf along x. ``half`` is half its length and width, and its blade is between the two heights [m].
 
-    Its edge swings by ``wave`` [m] about its middle height. ``pointed`` narrows it toward -x.
+    The edge of the leaf swings by ``wave`` [m] about its middle height. ``pointed`` makes the leaf narrower toward -x.
     """
     outline = _outline(*half, n, roundness=2.2)
     angle = 2.0 * math.pi * np.arange(n) / n
@@ -313,7 +313,7 @@ def _leaf(
 
 
 def _veins(rng: np.random.Generator, shade: Rgb, slender: float, *, tip: Rgb) -> Canvas:
-    """Draw a leaf from above, with a broad pale midrib along x, bent side veins, and its edge in the ``tip`` color."""
+    """Draw a leaf from above, with a broad pale midrib along x, bent side veins, and an edge in the color ``tip``."""
     canvas = Canvas(2.0, 2.0, (128, 128), shade)
     across, along = canvas.y - 1.0, canvas.x - 1.0
     reach = np.hypot(along / 0.90, across / 0.90 / slender)
@@ -333,9 +333,9 @@ def _veins(rng: np.random.Generator, shade: Rgb, slender: float, *, tip: Rgb) ->
 
 @generator("bun_top", colors=("brown",))
 def bun_top(rng: np.random.Generator, _color: str) -> Draft:
-    """Make the domed upper half of a bun, strewn with sesame.
+    """Make the domed upper half of a bun with sesame seeds.
 
-    Half a bun of 72 mm weighs 25 to 30 g. 45 to 55 g keep it where it is put.
+    Half a bun of 72 mm weighs 25 to 30 g. Here it weighs 45 to 55 g, so that it stays where it is put.
     """
     radius, height, full = uniforms(rng, (0.0345, 0.0368), (0.0320, 0.0385), (0.0, 0.06))
     crust, seeds = jittered(BUN, rng, amount=0.20), int(rng.integers(14, 42))
@@ -365,7 +365,7 @@ def bun_top(rng: np.random.Generator, _color: str) -> Draft:
 
 
 def _sesame(rng: np.random.Generator, crust: Rgb, *, seeds: int) -> Canvas:
-    """Draw the crust from above, which is brown on the crown, pale toward the cut, and strewn with seeds."""
+    """Draw the crust of a bun with sesame seeds, seen from above. It is brown at the top and pale at the edge."""
     canvas = Canvas(2.0, 2.0, (160, 160), crust)
     r = canvas.radius
     canvas.paint(np.clip((r - 0.72) / 0.28, 0.0, 1.0), mixed(crust, _CRUMB, 0.6))

@@ -1,4 +1,4 @@
-"""Full beverage cans."""
+"""Generator of full beverage cans."""
 
 import math
 
@@ -18,9 +18,9 @@ DESIGNS = ("wave", "disc", "stripes", "diamond", "halves", "bands")
 def can(rng: np.random.Generator, color: str) -> Draft:
     """Make a full beverage can.
 
-    Cans have a diameter of 66 mm and a height of 115 mm (330 ml), 58 x 134 to 146 mm (330 ml, sleek), 53 x 122 to 134
-    mm (250 ml, slim) or about 60 x 86 mm (200 ml). They have 13 g of aluminum and the drink at 1 kg/l, which fills 86 %
-    of the cylinder around it.
+    Cans have a diameter of 66 mm and a height of 115 mm (330 ml), 58 mm and 134 to 146 mm (330 ml, sleek), 53 mm and
+    122 to 134 mm (250 ml, slim), or about 60 mm and 86 mm (200 ml). The mass of a can is that of 13 g of aluminum and
+    of the drink, which has a density of 1 kg/l and fills 86 % of the can's bounding cylinder.
     """
     size, radius, height = SIZES[int(rng.choice(4, p=(0.4, 0.2, 0.2, 0.2)))]
     height, shoulder = height * rng.uniform(0.960, 1.045), rng.uniform(0.008, 0.019)
@@ -30,7 +30,7 @@ def can(rng: np.random.Generator, color: str) -> Draft:
     scale = radius / 0.033
 
     def on_lid(a: float, b: float, x: float, thickness: float) -> Mesh:
-        """Return a flat ellipse on the lid, with sizes for a can of 66 mm."""
+        """Return a flat ellipse on the lid. The given sizes are for a can of 66 mm and are scaled to this can."""
         outline = np.stack([x + a * np.cos(angle), b * np.sin(angle), np.zeros(10)], axis=1) * scale
         outline[:, 2] = top - 0.0004
         return prism([outline, outline + np.array([0.0, 0.0, 0.0004 + thickness])])
@@ -56,14 +56,14 @@ def can(rng: np.random.Generator, color: str) -> Draft:
 
 
 def can_shell(radius: float, height: float, shoulder: float) -> Turned:
-    """Return a can of a radius and a height to its rim [m], with bottom, wall, tapered shoulder, rim and lid."""
+    """Return the shell of a can with the given radius and height [m]: bottom, wall, tapered shoulder, rim and lid."""
     lid, neck = height - 0.0035, 0.82 * radius
     radii = (0.0, 0.75 * radius, radius, radius, neck + 0.0005, neck, neck - 0.0012, neck - 0.002, 0.0)
     return Turned(radii, (0.0, 0.0, 0.0075, height - shoulder, height - 0.0015, height, height, lid, lid))
 
 
 def draw_label(rng: np.random.Generator, shell: Turned, shade: Rgb, *, design: str) -> Canvas:
-    """Draw half of a can from the bottom to the lid, including a print, one of :data:`DESIGNS`."""
+    """Draw the texture for one half of a can from its bottom to its lid, with one of the prints in :data:`DESIGNS`."""
     bottom, low, high, rim, lid = (shell.rows[k] for k in (1, 2, 3, 5, 7))
     canvas = shell.canvas(CHROME)
     x, y, width = canvas.x, canvas.y, canvas.width

@@ -1,4 +1,4 @@
-"""Coffee machines with a marked ring on the drip tray."""
+"""Generator of coffee machines, which have a marked ring on their drip tray."""
 
 import numpy as np
 
@@ -13,7 +13,8 @@ _TRAY, _RING = 0.0115, 0.0425  # height of the tray, radius of the ring on it [m
 def coffee_machine(rng: np.random.Generator, color: str) -> Draft:
     """Make a C-shaped coffee machine of 3.5 kg whose front faces +x. It is a fixture and cannot be grasped.
 
-    A mug comes down with its handle toward +x: the nozzle is 19 mm behind the ring's center, 126 mm above the tray.
+    A mug is put down on the ring with its handle toward +x. The nozzle is 19 mm behind the center of the ring, and 126
+    mm above the tray.
     """
     width, wall_depth, reach, height = uniforms(rng, (0.176, 0.212), (0.084, 0.098), (0.078, 0.082), (0.262, 0.296))
     more, tray, short, head = uniforms(rng, (0.006, 0.030), (0.120, 0.150), (0.009, 0.011), (0.025, 0.0295))

@@ -1,4 +1,4 @@
-"""Computer mice, and a bar of soap with a mouse's outline."""
+"""Generators of computer mice, and of a bar of soap with the outline of a mouse."""
 
 import math
 
@@ -12,17 +12,20 @@ _SIDES = 24
 
 
 def _size(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw length, width and height [m] of a mouse or the matching soap. Must be a look's first draw."""
+    """Draw the length, width and height [m] of a mouse or of the soap that matches it.
+
+    A generator must call this function before it draws any other random number, so that mouse and soap get equal sizes.
+    """
     length, width, height = uniforms(rng, (0.096, 0.114), (0.0575, 0.0645), (0.0335, 0.0395))
     return length, width, height
 
 
 @generator("computer_mouse", colors=("black", "white", "gray", "blue"))
 def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
-    """Make a cordless computer mouse. Its buttons and its wheel are at -x, away from the user at +x.
+    """Make a cordless computer mouse. Its buttons and its wheel are at -x, and the user sits at +x.
 
-    Cordless mice are 95 to 125 mm long, 57 to 68 mm wide and 33 to 42 mm high, and weigh 80 to 120 g with the battery.
-    The mass is 430 kg/m^3 times the bounding box volume.
+    Cordless mice are 95 to 125 mm long, 57 to 68 mm wide and 33 to 42 mm high, and weigh 80 to 120 g with their
+    battery. The mass here is 430 kg/m^3 times the volume of the bounding box.
     """
     length, width, height = _size(rng)
     # The back is highest behind the center because of the hump; the waist narrows the sides.
@@ -59,24 +62,24 @@ def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _outline(half_x: float, half_y: float, power: float, waist: float) -> np.ndarray:
-    """Return (n, 2) points of a super-ellipse, drawn in at the sides, that fills its half extents [m]."""
+    """Return (n, 2) points on a super-ellipse with the given half extents [m], which narrows toward -x."""
     angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
     c, s = np.cos(angle), np.sin(angle)
     x = half_x * np.sign(c) * np.abs(c) ** (2.0 / power)
     y = half_y * np.sign(s) * np.abs(s) ** (2.0 / power)
-    # Widest behind the center, where the palm rests.
+    # The mouse is widest behind its center, where the palm rests.
     y = y * (1.0 - waist * np.clip(0.25 - x / half_x, 0.0, 1.0))
     return np.stack([x, y * half_y / float(np.abs(y).max())], axis=1)
 
 
 def _back(x: np.ndarray, length: float, height: float, hump: float) -> np.ndarray:
-    """Return the height of a mouse's back along its center line [m]."""
+    """Return the height of a mouse's back at positions along its center line [m]."""
     t = (x - hump) / (0.5 * length + np.where(x < hump, hump, -hump))
     return height * (1.0 - np.where(x < hump, 0.36, 0.50) * np.abs(t) ** 2.2)
 
 
 def _dome(length: float, width: float, height: float, *, hump: float, waist: float, power: float) -> Mesh:
-    """Return the shell of a mouse, with an upright side that leans in a little, under a smooth arched back."""
+    """Return the shell of a mouse: upright sides that lean in slightly, under a smooth arched back."""
     outline = _outline(0.5 * length, 0.5 * width, power, waist)
 
     def ring(share: float, level: float) -> np.ndarray:
@@ -92,10 +95,10 @@ def _dome(length: float, width: float, height: float, *, hump: float, waist: flo
 def _shell(
     shade: Rgb, accent: Rgb, *, length: float, width: float, wheel_x: float, trim: str, extra_button: bool
 ) -> Canvas:
-    """Draw a mouse from above, with button seams, a wheel slot, trim and a small maker's mark."""
+    """Draw a mouse from above, with the seams of the buttons, the slot of the wheel, trim and a small logo."""
     canvas = Canvas(width, length, (144, 256), shade)
     x, y = canvas.x - 0.5 * width, canvas.y - 0.5 * length  # x to the right, y away from the user
-    # Seams are wide, and light on dark, so that the two buttons are seen from across a table.
+    # Seams are wide, and light on a dark mouse, so that the two buttons can be seen from the other side of a table.
     seam = mixed(shade, (1.0, 1.0, 1.0), 0.55) if sum(shade) < 1.2 else shaded(shade, 0.25)
     bow = -0.09 * length - 3.0 * x * x / width
     if trim == "buttons":
@@ -123,10 +126,10 @@ def _shell(
 
 @generator("soap_bar", colors=("gray", "white", "green"), family="computer_mouse")
 def soap_bar(rng: np.random.Generator, color: str) -> Draft:
-    """Make a bar of soap with the size and approximate outline of a computer mouse, with lather on one end.
+    """Make a bar of soap with the size and approximate outline of a computer mouse, and lather on one end.
 
-    A bar fills 70 % of its box. At 1050 kg/m^3, it would weigh 0.15 kg when new. It has three quarters of that mass,
-    like a used bar, so that it is hardly heavier than the mouse that it resembles.
+    A bar of soap fills 70 % of its bounding box. With 1050 kg/m^3, a new bar would weigh 0.15 kg. Here it has three
+    quarters of that mass, like a used bar, so that it is hardly heavier than the mouse that it resembles.
     """
     length, width, height = _size(rng)
     length, width, height = 0.95 * length, 0.97 * width, 0.93 * height
@@ -135,7 +138,7 @@ def soap_bar(rng: np.random.Generator, color: str) -> Draft:
     shade = jittered({"gray": (0.60, 0.61, 0.64), "white": PALETTE["white"], "green": (0.42, 0.66, 0.44)}[color], rng)
     outline, half = _outline(0.5 * length, 0.5 * width, power, 0.0), 0.5 * width - 0.0006
     if waist:
-        # Drawn in at the middle, as bars for the hand are.
+        # The bar is narrower in the middle, like bars that fit the hand.
         drawn = 1.0 - 0.16 * np.exp(-((outline[:, 0] / (0.22 * length)) ** 2))
         outline = outline * np.column_stack(
             [np.ones(_SIDES), drawn / float((drawn * np.abs(outline[:, 1])).max()) * half]
@@ -167,7 +170,10 @@ def soap_bar(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _lather(rng: np.random.Generator, length: float, width: float, height: float, *, count: int) -> Mesh:
-    """Return a heap of lather on one end of the bar, from the top over the edge, away from the grasp."""
+    """Return a heap of lather on one end of the bar.
+
+    The lather runs from the top over the edge of the bar, at a distance from the point where the bar is grasped.
+    """
     end, side = float(rng.choice([-1.0, 1.0])), float(rng.choice([-1.0, 1.0]))
     lumps = []
     for k in range(count):
@@ -181,8 +187,8 @@ def _lather(rng: np.random.Generator, length: float, width: float, height: float
     return merge(lumps)
 
 
-# Strokes of the letters stamped into the soap, the x coordinates of their points and then the y coordinates, in a cell
-# 1 by 1.6.
+# Strokes of the letters that are stamped into the soap. A stroke is given by the x coordinates of its points and then
+# the y coordinates, in a cell of 1 by 1.6.
 _Stroke = tuple[tuple[float, ...], tuple[float, ...]]
 _BOWL: _Stroke = ((0.05, 0.05, 0.7, 1.0, 0.7, 0.05), (0.0, 1.6, 1.6, 1.25, 0.8, 0.8))
 _SNAKE = (0.95, 0.7, 0.25, 0.0, 0.2, 0.8, 1.0, 0.75, 0.25, 0.02)
@@ -217,7 +223,7 @@ def _stamped(rng: np.random.Generator, shade: Rgb, *, stamp: str, length: float,
                 canvas.line([(middle[0] - spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0030, ink)
                 canvas.line([(middle[0] + spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0030, ink)
             continue
-        # The word reads from -y: along the bar from the near to the far end.
+        # The word can be read from -y. It runs along the bar from the near to the far end.
         cell, left = 0.0125, middle[0] + shift
         for k, letter in enumerate(stamp):
             low = middle[1] + 0.0165 * (k - 1.5) + shift

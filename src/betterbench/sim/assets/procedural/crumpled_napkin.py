@@ -1,4 +1,4 @@
-"""Crumpled paper napkins."""
+"""Generator of crumpled paper napkins."""
 
 import itertools
 import math
@@ -15,11 +15,11 @@ _INKS: tuple[Rgb, ...] = ((0.16, 0.34, 0.72), (0.76, 0.16, 0.16), (0.16, 0.52, 0
 
 @generator("crumpled_napkin", colors=("white", "cream"))
 def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
-    """Make a paper napkin crumpled to a loose ball, with protruding paper corners.
+    """Make a paper napkin that is crumpled into a loose ball, from which paper corners stick out.
 
-    A dinner napkin of 0.40 x 0.40 m with two to three plies of 18 to 35 g/m^2 weighs 12 to 18 g. The mass of a crumpled
-    napkin is 77 kg/m^3 times its bounding box volume. It does not roll, because its collision shape has corners above
-    and below.
+    A dinner napkin of 0.40 x 0.40 m with two to three plies of 18 to 35 g/m^2 weighs 12 to 18 g. The mass here is 77
+    kg/m^3 times the volume of the bounding box. The napkin does not roll, because its collision shape has corners at
+    the bottom and at the top.
     """
     wide, deep, high = uniforms(rng, (0.067, 0.071), (0.064, 0.068), (0.046, 0.057))
     ink, printed = _INKS[int(rng.integers(len(_INKS)))], rng.random() < 0.6
@@ -61,14 +61,15 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _sphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors (n, 3) and faces (20 * parts**2, 3) of an icosahedron with divided edges."""
+    """Return the unit vectors (n, 3) and the faces (20 * parts**2, 3) of an icosahedron whose edges are subdivided."""
     golden = 0.5 * (1.0 + math.sqrt(5.0))
     points = []
     for a in (-1.0, 1.0):
         for b in (-golden, golden):
             points += [(0.0, a, b), (a, b, 0.0), (b, 0.0, a)]
     corners = np.array(points)
-    near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.0 + 1e-6  # its edge length
+    # The edges of this icosahedron have the length 2.
+    near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.0 + 1e-6
     soup = []
     for i, j, k in itertools.combinations(range(12), 3):
         if not (near[i, j] and near[j, k] and near[i, k]):
@@ -91,7 +92,7 @@ def _sphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: int, count: int) -> Mesh:
-    """Return a bent, pointed corner of the paper that sticks out of a ball with these half extents [m]."""
+    """Return a bent, pointed paper corner that sticks out of a ball with the given half extents [m]."""
     angle = 2.0 * math.pi * (number + rng.uniform(-0.3, 0.3)) / count
     rise, size, curl = rng.uniform(0.50, 1.15), rng.uniform(0.017, 0.024), rng.uniform(-0.5, 0.5)
     out = np.array([math.cos(angle) * math.cos(rise), math.sin(angle) * math.cos(rise), math.sin(rise)])
@@ -106,24 +107,24 @@ def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: 
         # A sheet of 0.8 mm, folded along its middle line.
         outline = [middle - reach, middle - fold, middle + reach, middle - fold + 0.0008 * lift]
         rings.append(np.array(outline))
-    # A corner reaches 2.5 mm beyond the box of the ball at most.
+    # A corner reaches at most 2.5 mm beyond the box of the ball.
     limit = np.array([half[0] + 0.0025, half[1] + 0.0025, half[2] + 0.001])
     points = [np.clip(ring, np.array([-limit[0], -limit[1], -half[2]]), limit) for ring in rings]
     return creased(loft(points, v=(0.0, 0.5, 1.0), caps=(False, True)), 30.0)
 
 
 def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, roughness: float) -> Mesh:
-    """Return the ball, with flat areas between sharp folds, creases that cut in, and protruding paper tips."""
+    """Return the mesh of the ball. It has flat areas between sharp folds, deep creases, and tips that stick out."""
     directions, faces = _sphere(5)
     n = len(directions)
-    # Flats: the ball is inside randomly placed planes.
+    # Flat areas: the ball is cut off by randomly placed planes.
     planes = rng.standard_normal((16, 3))
     planes /= np.linalg.norm(planes, axis=1, keepdims=True)
     distance = rng.uniform(0.84, 1.0, 16)
     cosine = directions @ planes.T
     share = np.min(np.where(cosine > 0.3, distance / np.maximum(cosine, 0.3), 1.15), axis=1)
     share = np.minimum(share, 1.12)
-    # Creases: valleys along random small circles; tips: single points pulled out or pushed in.
+    # Creases are valleys along random small circles. Tips are single points that are pulled out or pushed in.
     for _ in range(9):
         axis = rng.standard_normal(3)
         axis /= np.linalg.norm(axis)
@@ -144,7 +145,11 @@ def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, rou
 
 
 def _paper(rng: np.random.Generator, paper: Rgb, *, ink: Rgb | None) -> Canvas:
-    """Draw paper whose row is the depth of the fold, gray at the bottom of a crease and bright on a ridge."""
+    """Draw the paper.
+
+    The rows of the texture correspond to the depth in a fold: it is gray at the bottom of a crease and bright on a
+    ridge.
+    """
     canvas = Canvas(1.0, 1.0, (64, 64), paper)
     canvas.grain(rng, cells=(20, 20), amount=0.015)
     if ink is not None:

@@ -1,4 +1,4 @@
-"""Crushed beverage cans. They are trash and look different from full cans."""
+"""Generator of crushed beverage cans, which are trash and look different from full cans."""
 
 import math
 from dataclasses import dataclass
@@ -20,12 +20,13 @@ _CAN = can_shell(_RADIUS, 0.115, 0.0115)  # before it was crushed
 
 @dataclass(frozen=True, slots=True)
 class _Crush:
-    """Deformation of a can that was squeezed while its axis was along x, with lengths in m and angles in rad.
+    """Shape of a can that was squeezed while its axis was along x. Lengths are in meters and angles in radians.
 
     Attributes:
-        length, height: Extents of the crushed can.
-        waist: Half the width where it was pressed together, ``at`` this position along x.
-        bend: Angle of the ends against each other, about the vertical axis.
+        length, height: Length and height of the crushed can.
+        waist: Half the width of the can where it was pressed together.
+        at: Position of the waist along x.
+        bend: Angle between the two ends, about the vertical axis.
         lift: Height of the ends above the table.
     """
 
@@ -39,10 +40,10 @@ class _Crush:
 
 @generator("crushed_can", colors=("red", "silver", "blue", "green"))
 def crushed_can(rng: np.random.Generator, color: str) -> Draft:
-    """Make an empty can on its side, squeezed at its center and bent.
+    """Make an empty can that lies on its side, squeezed in the middle and bent.
 
-    An empty can has 13 to 14 g of aluminum. With some drink left in it, it weighs 18 to 22 g. A jaw grasps it at its
-    waist.
+    An empty can has 13 to 14 g of aluminum. With some of the drink left in it, it weighs 18 to 22 g. The gripper grasps
+    it at its waist.
     """
     length, height, waist, at = uniforms(rng, (0.082, 0.098), (0.044, 0.052), (0.0165, 0.0215), (-0.006, 0.006))
     bend, lift, heading = uniforms(rng, (0.14, 0.46), (0.0, 0.010), (1.15, 1.55))
@@ -76,13 +77,13 @@ def crushed_can(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _bent(crush: _Crush, along: float) -> tuple[float, float, float]:
-    """Return x, y and the direction [rad] of the can's axis at a distance along it from its waist."""
+    """Return x, y and the direction [rad] of the can's axis, at a given distance along the axis from the waist."""
     turn = 0.5 * crush.bend * math.copysign(1.0, along)
     return crush.at + along * math.cos(turn), along * math.sin(turn), turn
 
 
 def _solids(crush: _Crush, heading: float, shift: tuple[float, float]) -> tuple[CollisionPart, ...]:
-    """Return three boxes for the waist and the two ends, which leave room for the pads between them."""
+    """Return collision boxes for the waist and the two ends of the can. Between them is room for the finger pads."""
     turn, wide = 0.5 * abs(crush.bend), 0.86 * _RADIUS
     # The inner corner of an end, turned toward the waist, stays clear of a finger 22 mm wide.
     free = (0.0165 + wide * math.sin(turn)) / math.cos(turn)
@@ -101,10 +102,14 @@ def _solids(crush: _Crush, heading: float, shift: tuple[float, float]) -> tuple[
 
 
 def _squeezed(rng: np.random.Generator, crush: _Crush) -> Mesh:
-    """Return the shell along x, its lid at +x. Its texture rows are the same as for the full can."""
+    """Return the mesh of the crushed can, which lies along x with its lid at +x.
+
+    It uses the same texture rows as the full can.
+    """
     rows = [row / _CAN.rows[-1] for row in _CAN.rows]
     body = [(_RADIUS, t, rows[2] + t * (rows[3] - rows[2])) for t in (0.0, 0.17, 0.34, 0.5, 0.66, 0.83, 1.0)]
-    # Radius [m], share of the length, texture row, from the bottom to the lid, which is pushed in.
+    # Each station has a radius [m], a fraction of the length, and a texture row. They run from the bottom to the lid,
+    # which is pushed in.
     stations = [(0.0, 0.03, 0.0), (0.75 * _RADIUS, 0.0, rows[1])]
     stations += [(r, 0.07 + 0.80 * t, row) for r, t, row in body]
     stations += [(0.83 * _RADIUS, 0.985, rows[4]), (0.79 * _RADIUS, 1.0, rows[6]), (0.73 * _RADIUS, 0.955, rows[7])]
@@ -137,7 +142,7 @@ def _squeezed(rng: np.random.Generator, crush: _Crush) -> Mesh:
 
 
 def _wear(rng: np.random.Generator, canvas: Canvas, *, at: float) -> None:
-    """Darken the valleys where the can was pressed, show bare metal along the folds, and open the lid."""
+    """Darken the dents in the can, show bare metal along the folds, and draw the opened lid."""
     low, high, lid, end = _CAN.rows[2], _CAN.rows[3], _CAN.rows[7], _CAN.rows[8]
     middle = low + (at - 0.07) / 0.80 * (high - low)
     slant = 0.010 * np.sin(80.0 * canvas.x + rng.uniform(0.0, 6.0))

@@ -1,4 +1,4 @@
-"""Tea cups with a handle, and tall tumblers without one."""
+"""Generators of tea cups with a handle, and of tall tumblers without one."""
 
 import math
 
@@ -23,10 +23,10 @@ _FORMS = {
 
 @generator("cup", colors=_COLORS, family="tea cup")
 def cup(rng: np.random.Generator, color: str) -> Draft:
-    """Make a low wide cup of tea on a narrow foot. Its handle protrudes along +x like an ear.
+    """Make a low, wide cup of tea on a narrow foot. Its ear-shaped handle sticks out along +x.
 
-    A porcelain tea cup of 0.12 to 0.18 l is 65 to 90 mm wide, 50 to 65 mm high and weighs 0.13 to 0.2 kg. Its collision
-    shape is filled, because it already contains tea and nothing is put into it.
+    A porcelain tea cup of 0.12 to 0.18 l is 65 to 90 mm wide and 50 to 65 mm high, and weighs 0.13 to 0.2 kg. The
+    collision shape is filled, because the cup already contains tea and nothing is put into it.
     """
     size, base, height = uniforms(rng, (0.975, 1.0), (0.0200, 0.0245), (0.0530, 0.0610))
     # Distance by which the loop protrudes.
@@ -80,7 +80,7 @@ def cup(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _ear(rng: np.random.Generator, radius: float, loop: float, z: tuple[float, float], half: float) -> Mesh:
-    """Return an ear-shaped handle between two heights, with a half width, that protrudes by ``loop`` [m]."""
+    """Return an ear-shaped handle between two heights, with the given half width. It sticks out by ``loop`` [m]."""
     (low, top), b, bevel = z, 0.0034, 0.0016
     droop, start = rng.uniform(0.0, 0.30) * (top - low), radius - 0.0035
     out = radius + loop - b
@@ -93,11 +93,11 @@ def _ear(rng: np.random.Generator, radius: float, loop: float, z: tuple[float, f
 
 @generator("tumbler", colors=_COLORS)
 def tumbler(rng: np.random.Generator, color: str) -> Draft:
-    """Make a tall straight drinking glass of tinted, see-through glass, without a handle.
+    """Make a tall, straight drinking glass of tinted, see-through glass, without a handle.
 
-    It is ribbed, ringed, faceted or plain. Its thick foot is full of color. A long drink glass of 0.25 l is 60 to 65 mm
-    wide and 110 to 120 mm high and weighs 0.15 to 0.25 kg. Its collision shape is filled, because nothing is put into
-    it. A gripper can grasp it at any yaw with the same width.
+    The glass is ribbed, ringed, faceted or plain. Its thick foot has the full color. A long drink glass of 0.25 l is 60
+    to 65 mm wide and 110 to 120 mm high, and weighs 0.15 to 0.25 kg. The collision shape is filled, because nothing is
+    put into the glass. A gripper can grasp it at any yaw, and the width is always the same.
     """
     radius, share, height, wall = uniforms(rng, (0.0290, 0.0325), (0.80, 0.95), (0.106, 0.122), (0.0020, 0.0026))
     pattern, thick = str(rng.choice(["facets", "ribs", "rings", "plain"])), rng.uniform(0.014, 0.020)
@@ -145,7 +145,7 @@ def _clear(name: str, turned: Turned, paint: Rgb | Canvas, *, opacity: float = 1
 
 
 def _glass(glass: Turned, shade: Rgb, *, pattern: str) -> Canvas:
-    """Draw the wall of a tinted glass, with its pattern and white streaks where it catches the light."""
+    """Draw the wall of a tinted glass, with its pattern, and white streaks where the glass catches the light."""
     _, rim, inside, _ = glass.rows
     canvas = glass.canvas(shade, (192, 256))
     x, y, width = canvas.x, canvas.y, canvas.width

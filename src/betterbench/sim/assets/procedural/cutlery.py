@@ -1,4 +1,4 @@
-"""Table cutlery with thick handles that a parallel jaw can grasp on the table."""
+"""Generators of table cutlery, whose handles are thick enough for a gripper to grasp them on the table."""
 
 import math
 from collections.abc import Mapping
@@ -22,16 +22,16 @@ _HANDLES: Mapping[str, tuple[str, tuple[Rgb, ...]]] = {
     "bright": ("plastic", ((0.72, 0.09, 0.08), (0.10, 0.42, 0.20), (0.80, 0.45, 0.06))),
     "steel": ("steel", ((0.60, 0.61, 0.64),)),
 }
-"""Material and colors of handles. None is blue, because the cup on the same table is."""
+"""Material and colors of handles. No handle is blue, because the cup on the same table is blue."""
 
 
 @generator("fork", colors=("silver", "yellow"))
 def fork(rng: np.random.Generator, color: str) -> Draft:
-    """Make a table fork that lies along x, its three or four tines at -x. The color "yellow" gives brass.
+    """Make a table fork that lies along x, with its three or four tines at -x. The color "yellow" gives brass.
 
-    A dessert fork is 0.16 m long and weighs 40 to 60 g with a molded handle. The handle is thicker than that of plain
-    steel cutlery, because the gripper reaches 12 mm below its center and cannot grasp objects lower than 10 mm on a
-    table.
+    A dessert fork with a molded handle is 0.16 m long and weighs 40 to 60 g. The handle is thicker than that of plain
+    steel cutlery. This is necessary because the gripper reaches 12 mm below the center of its pads and therefore cannot
+    grasp objects lower than 10 mm from a table.
     """
     half_width, tines, tine = uniforms(rng, (0.0145, 0.0180), (0.030, 0.043), (0.0019, 0.0023))  # tine: half its width
     count = int(rng.choice([3, 4, 4]))
@@ -51,10 +51,10 @@ def fork(rng: np.random.Generator, color: str) -> Draft:
 
 @generator("spoon", colors=("silver", "yellow"))
 def spoon(rng: np.random.Generator, color: str) -> Draft:
-    """Make a table spoon that lies along x, its bowl at -x. The color "yellow" gives brass.
+    """Make a table spoon that lies along x, with its bowl at -x. The color "yellow" gives brass.
 
-    A dessert spoon is 0.16 m long and weighs 40 to 60 g with a molded handle. The handle is the same as the handle of
-    the fork.
+    A dessert spoon with a molded handle is 0.16 m long and weighs 40 to 60 g. The handle is the same as that of the
+    fork.
     """
     half_width, half_length, depth = uniforms(rng, (0.0160, 0.0195), (0.0225, 0.0290), (0.0080, 0.0110))
     metal, center = jittered(_METAL[color], rng, amount=0.04), -_HALF + half_length
@@ -95,10 +95,18 @@ def _piece(
     sizes: Mapping[str, float],
     rim: CollisionPart | None = None,
 ) -> Draft:
-    """Return the draft of a piece of cutlery from its head, with a handle added.
+    """Return the draft of a piece of cutlery, which consists of the given head and a handle.
 
-    The head has visual parts and ``sizes``, rests on a half width of ``reach`` and leaves the table at x = ``head_end``
-    [m]. The ``rim`` is a wider part of the head above the contact surface.
+    Args:
+        rng: Random generator for the handle.
+        name: Color and kind, such as "silver fork".
+        metal: Color of the metal.
+        head: Visual parts of the head.
+        reach: Half the width with which the head rests on the table [m].
+        head_end: Position along x at which the head leaves the table [m].
+        sizes: Parameters of the head, which are stored in the asset.
+        rim: Collision shape of the part of the head that is above the table and wider than the part on the table. None
+            if there is no such part.
     """
     style = str(rng.choice(list(_HANDLES)))
     material, paints = _HANDLES[style]
@@ -136,7 +144,7 @@ def _piece(
         tags=(kind, "cutlery", "flatware", "tableware"),
         mass_kg=round({"plastic": 0.047, "wood": 0.043, "steel": 0.062}[material] * width / 0.0148, 4),
         material=material,
-        # Steel through the full length: the handle is mostly plastic around its tang.
+        # The head is steel. The handle is mostly plastic around a steel tang.
         densities=(1.0, 3.0, 2.5),
         parts=(
             *parts,
@@ -152,7 +160,7 @@ def _piece(
 
 
 def _rivets(metal: Rgb, thickness: float, *x: float) -> VisualPart:
-    """Return the heads of rivets on top of the handle at positions along x [m]."""
+    """Return the heads of rivets on top of the handle, at the given positions along x [m]."""
     angle, z, dots = 2.0 * math.pi * np.arange(8) / 8, thickness - 0.001, []
     for at in x:
         outline = np.stack([at + 0.0024 * np.cos(angle), 0.0024 * np.sin(angle), np.full(8, z)], axis=1)
@@ -161,7 +169,7 @@ def _rivets(metal: Rgb, thickness: float, *x: float) -> VisualPart:
 
 
 def _bands(paint: Rgb, half_width: float, thickness: float, *x: float) -> VisualPart:
-    """Return bands around the handle at positions along x [m]."""
+    """Return bands around the handle, at the given positions along x [m]."""
     w, t = half_width + 0.0003, thickness + 0.0003
     rings = [rod([(at, w, 0.0003, t), (at + 0.005, w, 0.0003, t)], chamfer=0.0030) for at in x]
     return part("bands", merge(rings), paint, specular=0.5)

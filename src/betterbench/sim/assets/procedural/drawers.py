@@ -1,9 +1,10 @@
-"""Desk cabinet for two drawers, and the drawers, each with a handle that a jaw can grasp from above.
+"""Generators of a desk cabinet for two drawers, and of its drawers.
 
-The three are separate assets. A scene connects each drawer to the carcass by a slide along +x, whose frame is a region
-of the cabinet. The two drawers of a look differ only in the side of their handle. A gripper at one handle then does not
-touch the other. The upper handle is at -y, so that it is clearly above the lower one in an image from above and from
-+y, as in the suite. With the sides exchanged, both handles would be at the same height in the image.
+Each drawer has a handle that can be grasped from above. The cabinet and the two drawers are separate assets. A scene
+connects each drawer to the carcass of the cabinet by a slide joint along +x, whose frame is a region of the cabinet.
+The two drawers of a variant differ only in the side on which their handle is, so that a gripper at one handle does not
+touch the other. The upper handle is at -y. In a camera image from above and from +y, as in the task suite, it is thus
+clearly above the lower handle. If the sides were exchanged, both handles would be at the same height in the image.
 """
 
 from __future__ import annotations
@@ -24,15 +25,16 @@ _OAK: Rgb = (0.72, 0.53, 0.33)
 _SLATE: Rgb = (0.25, 0.29, 0.34)
 
 _BOARD = 0.009  # top, bottom, shelf and back [m]
-_SIDE = 0.012  # thicker, because the sides support the slides [m]
+_SIDE = 0.012  # thickness of the sides, which support the slides [m]
 
-# The drawer [m]. It is lower than its opening by the play and some 16 mm of free height over its rim.
+# Sizes of the drawer [m]. The drawer is lower than its opening: by the play below it, and by some 16 mm above its rim.
 _PLAY = 0.0015
 _FRONT_GAP = 0.002  # between the closed front panel and the carcass
 _PANEL = 0.012
 _WALL, _REAR, _FLOOR, _RIM = 0.008, 0.006, 0.006, 0.054
 
-# From the panel: a gripper 65 mm thick, centered on the handle, clears the panel by 20 mm, the wrist above it by 8 mm.
+# Distance of the handle from the panel. A gripper that is 65 mm thick and centered on the handle clears the panel by
+# 20 mm, and the wrist above the gripper clears it by 8 mm.
 _HANDLE_AWAY = 0.053
 _HANDLE_SIDE, _HANDLE_HEIGHT = 0.066, 0.030
 _STEM = (0.010, 0.010)  # thickness along y and z
@@ -43,13 +45,14 @@ _SLIDE: dict[str, float | str] = {"travel_m": 0.15, "friction_n": 1.5, "damping_
 
 @dataclass(frozen=True, slots=True)
 class _Style:
-    """Style of one look, shared by the carcass and the drawers.
+    """Style of one variant, which the carcass and both drawers share.
 
     Attributes:
-        half_x, half_y, height: Half the depth, half the width and the height of the carcass [m].
+        half_x, half_y, height: Half the depth, half the width, and the height of the carcass [m].
         front: Pattern of the front: "plain", "frame", "groove" or "band".
-        handle: One of :data:`_HANDLES`, with its extents along x, y and z [m]. boards, fronts, top: Colors of the
-            sides, the front panels and the top board.
+        handle: Kind of handle, one of :data:`_HANDLES`.
+        handle_size: Extents of the handle along x, y and z [m].
+        boards, fronts, top: Colors of the sides, the front panels and the top board.
         card: Whether each front has a card holder with a card.
     """
 
@@ -69,7 +72,7 @@ class _Style:
 
     @staticmethod
     def draw(rng: np.random.Generator, color: str) -> _Style:
-        """Draw a style, with the same random numbers for every color."""
+        """Draw a random style. The same random numbers are drawn for every color."""
         half_x, half_y, height = uniforms(rng, (0.1085, 0.1140), (0.1150, 0.1225), (0.1685, 0.1710))
         handle, front = str(rng.choice(_HANDLES)), str(rng.choice(["plain", "frame", "groove", "band"]))
         width, tall, thick = uniforms(rng, (0.044, 0.056), (0.034, 0.042), (0.013, 0.016))
@@ -97,12 +100,12 @@ class _Style:
 
     @property
     def opening(self) -> float:
-        """Height of each opening [m]."""
+        """Height of the opening for each drawer [m]."""
         return 0.5 * (self.height - 3.0 * _BOARD)
 
     @property
     def shelf(self) -> float:
-        """Height of the shelf's underside [m]."""
+        """Height of the underside of the shelf [m]."""
         return _BOARD + self.opening
 
     @property
@@ -117,11 +120,11 @@ class _Style:
 
     @property
     def half_drawer(self) -> float:
-        """Half the depth of a drawer with its panel, without its handle [m]."""
+        """Half the depth of a drawer with its front panel but without its handle [m]."""
         return 0.5 * (_REAR + self.inside_x + _PANEL)
 
     def surface(self, width: float, height: float, pixels: tuple[int, int], shade: Rgb) -> Canvas:
-        """Return the texture of a board in this style, with its grain along the width."""
+        """Return the texture of a board in this style, with the grain along the width of the board."""
         rng, wood = np.random.default_rng(self.grain_seed), shade[0] > 1.25 * shade[2]
         canvas = Canvas(width, height, pixels, shade)
         canvas.grain(rng, cells=(4, 26), amount=0.075 if wood else 0.008)
@@ -130,7 +133,7 @@ class _Style:
 
 
 def _carcass(s: _Style) -> tuple[CollisionPart, ...]:
-    """Return the boards of the cabinet: bottom, shelf, top, back and both sides."""
+    """Return the collision boxes of the cabinet's boards: bottom, shelf, top, back and both sides."""
     x, rear, inside = (-s.half_x, s.half_x), (-s.half_x, -s.half_x + _BOARD), (_BOARD, s.height - _BOARD)
     open_half = s.half_y - _SIDE
     return (
@@ -144,7 +147,7 @@ def _carcass(s: _Style) -> tuple[CollisionPart, ...]:
 
 
 def _linings(s: _Style) -> Mesh:
-    """Return the dark inside of the openings, as thin boards that leave the front edges free."""
+    """Return the dark inside of the openings, as thin boards that do not cover the front edges."""
     back, deep, thin, sheets = -s.half_x + _BOARD, 2.0 * s.half_x - _BOARD - 0.004, 0.0004, []
     x, half_y = (back, back + deep), s.half_y - _SIDE
     for low in (_BOARD, s.shelf + _BOARD):
@@ -158,15 +161,15 @@ def _linings(s: _Style) -> Mesh:
 
 @generator("drawer_cabinet", colors=_COLORS, family="drawers")
 def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
-    """Make the carcass of a two-drawer desk cabinet, open at its front (+x).
+    """Make the carcass of a two-drawer desk cabinet, which is open at its front (+x).
 
-    Desk organizers with two drawers are 22 to 25 cm wide and deep and 16 to 20 cm high. Its 1.9 l of particle board
-    (650 kg/m^3) weigh 1.2 kg. It is meant to be fixed. The regions "upper" and "lower" are the frames of the closed
-    drawers.
+    Desk organizers with two drawers are 22 to 25 cm wide and deep and 16 to 20 cm high. The carcass has 1.9 l of
+    particle board (650 kg/m^3), which weigh 1.2 kg. It is meant to be fixed in place. Its regions "upper" and "lower"
+    are the frames of the two drawers when they are closed.
     """
     s = _Style.draw(rng, color)
     inner, x, open_half = s.height - 2.0 * _BOARD, (-s.half_x, s.half_x), s.half_y - _SIDE
-    # The visual shape has a top and a bottom that extend beyond the sides by their bevel, and boards between them.
+    # In the visual shape, the bevels of top and bottom extend beyond the sides. All other boards are in between.
     top = span(x, s.half_y, (s.height - _BOARD, s.height), bevel=0.0016, corner=s.corner, steps=3)
     size, away = (2 * s.half_x - 0.002, _SIDE - 0.001, inner), s.half_y - 0.5 * _SIDE - 0.0005
     sides = merge([box(size, (-0.001, y * away, 0.5 * s.height)) for y in (-1, 1)])
@@ -200,28 +203,29 @@ def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
 
 @generator("upper_drawer", colors=_COLORS, family="drawers")
 def upper_drawer(rng: np.random.Generator, color: str) -> Draft:
-    """Make the upper drawer of the cabinet (see :func:`_drawer`). Its handle is at -y."""
+    """Make the upper drawer of the cabinet, with its handle at -y (see :func:`_drawer`)."""
     return _drawer(rng, color, side=-1.0, place="upper")
 
 
 @generator("lower_drawer", colors=_COLORS, family="drawers")
 def lower_drawer(rng: np.random.Generator, color: str) -> Draft:
-    """Make the lower drawer of the cabinet (see :func:`_drawer`). Its handle is at +y."""
+    """Make the lower drawer of the cabinet, with its handle at +y (see :func:`_drawer`)."""
     return _drawer(rng, color, side=1.0, place="lower")
 
 
 def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) -> Draft:
-    """Make a drawer with a front panel and a handle on stems, at +y for a ``side`` of +1 and at -y for -1.
+    """Make a drawer with a front panel and a handle on stems.
 
-    Its origin is the center of the bottom face of the bounding box without the handle. Its front faces +x, the
-    direction in which it opens. Boards of 6 to 12 mm have a volume of 0.9 l. Poplar plywood (450 kg/m^3) and the handle
-    weigh 0.5 kg, or 13 kg per m^2 of the floor.
+    The handle is at +y if ``side`` is 1, and at -y if it is -1. The origin is the center of the bottom face of the
+    drawer's bounding box, without the handle. The front faces +x, the direction in which the drawer opens. The boards
+    are 6 to 12 mm thick and have a volume of 0.9 l. If they are made of poplar plywood (450 kg/m^3), they weigh 0.5 kg
+    with the handle, or 13 kg per m^2 of floor.
 
-    The joint that a scene adds is given in the parameters. The travel of 0.15 m is that of a three-quarter extension
-    slide for a drawer 0.18 m long, of which 35 mm stay in the carcass. The friction loss of 1.5 N is 0.5 kg x 9.81
-    m/s^2 x 0.3, as for waxed wood on wood or a light roller slide. A light touch does not move the drawer, and a pinch
-    of 35 N per finger pulls it. With a damping of 4 N s/m, a push decays in 0.5 kg / 4 N s/m = 0.13 s, so that a
-    released drawer stays where it is.
+    The parameters describe the joint that a scene adds. The travel of 0.15 m is that of a three-quarter extension slide
+    for a drawer 0.18 m long, of which 35 mm stay in the carcass. The friction of 1.5 N is 0.5 kg x 9.81 m/s^2 x 0.3, as
+    for waxed wood on wood or a light roller slide. Therefore a light touch does not move the drawer, but a pinch with
+    35 N per finger can pull it. With a damping of 4 N s/m, a push decays in 0.5 kg / 4 N s/m = 0.13 s, so that a drawer
+    stays where it is released.
     """
     s = _Style.draw(rng, color)
     front, back, half_y = s.half_drawer, -s.half_drawer, s.inside_half_y + _WALL
@@ -265,7 +269,10 @@ def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) ->
 
 
 def _handle(s: _Style, front: float, y: float) -> tuple[VisualPart, tuple[CollisionPart, ...]]:
-    """Return the visual and the collision parts of a handle at ``y`` on a panel whose front is at ``front`` [m]."""
+    """Return the visual part and the collision parts of a handle.
+
+    The handle is at ``y``, on a panel whose front is at ``front`` [m].
+    """
     (kx, ky, kz), z = (0.5 * e for e in s.handle_size), _HANDLE_HEIGHT
     x, (sy, sz) = front + _HANDLE_AWAY, (0.5 * e for e in _STEM)
     length, middle = x - kx - front + 0.001, 0.5 * (front + x - kx)
@@ -288,7 +295,7 @@ def _handle(s: _Style, front: float, y: float) -> tuple[VisualPart, tuple[Collis
 
 
 def _panel_mapped(mesh: Mesh) -> Mesh:
-    """Return the panel with the texture on its front. Its back and edges show the plain center of the board."""
+    """Return the panel with the texture on its front. Its back and its edges show the plain center of the board."""
     uv = mapped(mesh, *FRONT).uv
     # A creased box has separate vertices for each face, so the normals identify the faces.
     normals = face_normals(mesh.vertices, mesh.faces)
@@ -300,7 +307,7 @@ def _panel_mapped(mesh: Mesh) -> Mesh:
 
 
 def _front(s: _Style, width: float, height: float) -> Canvas:
-    """Draw the front panel, with its grain, its pattern, and a dark edge that separates it from its neighbor."""
+    """Draw the front panel with its grain and its pattern. A dark edge separates it from the other panel."""
     canvas = s.surface(width, height, (256, 88), s.fronts)
     x, y = canvas.x, canvas.y
     edge = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))

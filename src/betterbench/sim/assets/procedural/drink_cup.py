@@ -1,4 +1,4 @@
-"""Paper cups with a lid and a straw."""
+"""Generator of paper cups with a lid and a straw."""
 
 import math
 
@@ -13,11 +13,11 @@ _STRAW_TOP, _GRIP = 0.1285, 0.0860
 
 @generator("drink_cup", colors=("blue", "red", "green", "yellow", "white", "orange"), keeps_upright=True)
 def drink_cup(rng: np.random.Generator, color: str) -> Draft:
-    """Make a lidded paper cup with a short bent straw that leans along +x. The color word describes the print.
+    """Make a paper cup with a lid and a short bent straw that leans toward +x.
 
-    A small takeaway cup contains 0.25 l and weighs about 0.27 kg when full. Everything, including the straw, ends below
-    the underside of a Franka hand that holds the cup below the lid (45 mm above the tool center point). The straw has
-    no collision shape.
+    The color word is the color of the print. A small takeaway cup contains 0.25 l and weighs about 0.27 kg when full.
+    The underside of the Franka gripper's hand is 45 mm above the tool center point. The cup and its straw stay below it
+    when the gripper holds the cup below the lid. The straw has no collision shape.
     """
     lid, narrower, wall = uniforms(rng, (0.0315, 0.0330), (0.0030, 0.0085), (0.0930, 0.1000))
     top = lid - 0.0022
@@ -57,7 +57,7 @@ def drink_cup(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _print(rng: np.random.Generator, cup: Turned, shade: Rgb, *, design: str) -> Canvas:
-    """Draw the paper wall."""
+    """Draw the printed wall of the paper cup."""
     low, high = cup.rows[2], cup.rows[3]
     span, paper = high - low, (0.94, 0.93, 0.90)
     accent = paper if sum(shade) < 2.2 else (0.80, 0.20, 0.15)

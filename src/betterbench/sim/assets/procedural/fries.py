@@ -1,4 +1,4 @@
-"""Boxes of French fries."""
+"""Generator of boxes of French fries."""
 
 import itertools
 import math
@@ -15,10 +15,10 @@ _OUTSIDE = 0.8
 
 @generator("fries_box", colors=("red", "yellow", "blue", "green"))
 def fries_box(rng: np.random.Generator, color: str) -> Draft:
-    """Make a striped carton of fries. Its wide side faces +x, the gripper closes along x.
+    """Make a striped carton of French fries. Its wide side faces +x, and the gripper closes along x.
 
-    A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close. The fries end below
-    the underside of a Franka hand, 45 mm above the tool center point.
+    A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the finger pads close. The fries
+    end below the underside of the Franka gripper's hand, which is 45 mm above the tool center point.
     """
     thick, width, height = uniforms(rng, (0.0370, 0.0415), (0.0550, 0.0660), (0.0740, 0.0860))
     dip, half_x, half_y = rng.uniform(0.006, 0.022), thick / 2, width / 2
@@ -53,7 +53,10 @@ def fries_box(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
-    """Return the carton, which is narrower at the bottom, with a scooped front, a straight back and a filled inside."""
+    """Return the mesh of the filled carton, which is narrower at the bottom.
+
+    The upper edge of its front is scooped, and that of its back is straight.
+    """
     n = 9  # points along each wide face
     y = np.linspace(-1.0, 1.0, n)
     half_x, half_y = thick / 2, width / 2
@@ -77,7 +80,7 @@ def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
 
 
 def _print(rng: np.random.Generator, shade: Rgb, *, design: str) -> Canvas:
-    """Draw the stripes and the sign on the front."""
+    """Draw the carton, with its stripes and the sign on its front."""
     canvas = Canvas(1.0, 1.0, (128, 128), (0.93, 0.92, 0.89))
     x, y = canvas.x, canvas.y
     pitch = 0.28 if design == "broad stripes" else 0.14
@@ -105,7 +108,7 @@ def _print(rng: np.random.Generator, shade: Rgb, *, design: str) -> Canvas:
 
 
 def _sticks(rng: np.random.Generator, thick: float, width: float, height: float) -> tuple[Mesh, Mesh]:
-    """Return the fries in two shades, as square sticks at random angles that end 92 to 111 mm above the table."""
+    """Return the fries in two shades. They are square sticks at random angles that end 92 to 111 mm above the table."""
     meshes: tuple[list[Mesh], list[Mesh]] = ([], [])
     columns = np.linspace(-0.40, 0.40, 7).tolist()
     for index, (row, column) in enumerate(itertools.product((-0.26, 0.0, 0.26), columns)):

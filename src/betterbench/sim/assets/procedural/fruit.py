@@ -1,4 +1,7 @@
-"""Fruit (apples, oranges, lemons and mangosteens), each with a small flat foot so that it does not roll."""
+"""Generators of fruit: apples, oranges, lemons and mangosteens.
+
+Each has a small flat foot, so that it does not roll.
+"""
 
 import math
 
@@ -20,16 +23,17 @@ _APPLE_RADIUS = 0.035
 
 
 def _round_collision(radius: float, height: float) -> tuple[CollisionPart, ...]:
-    """Return a spheroid of the fruit's size on a flat foot.
+    """Return the collision shape of a round fruit: a spheroid with the size of the fruit, on a flat foot.
 
-    The foot is wide enough for the fruit to recover from a lean of 15 degrees and narrow enough to be invisible.
+    The foot is wide enough for the fruit to return upright from a lean of 15 degrees, and narrow enough to be
+    invisible.
     """
     half = 0.5 * height - 0.00025
     return (foot_square(0.011, height=0.006), spheroid(radius, half, half + 0.0005))
 
 
 def _leaf(rng: np.random.Generator, length: float, width: float, lift: float, z: float) -> Mesh:
-    """Return a thin pointed leaf that sticks out from the axis at height ``z`` [m], its blade folded up at the tip."""
+    """Return a thin pointed leaf that sticks out from the axis at height ``z`` [m]. Its blade is bent up at the tip."""
     turn = rng.uniform(-0.9, 0.9)
     outline = [(0.0, 0.0), (0.30, -0.42), (0.62, -0.40), (1.0, 0.0), (0.62, 0.40), (0.30, 0.42)]
     low = np.array([(length * x, width * y, 0.004 * x * x) for x, y in outline])
@@ -39,10 +43,10 @@ def _leaf(rng: np.random.Generator, length: float, width: float, lift: float, z:
 
 @generator("apple", colors=("red", "green", "yellow"))
 def apple(rng: np.random.Generator, color: str) -> Draft:
-    """Make an apple with shoulders, a stalk in its dimple and five faint lobes.
+    """Make an apple with shoulders, five faint lobes, and a stalk in its dimple.
 
-    A small dessert apple is 65 to 70 mm wide and weighs 0.15 to 0.18 kg. The apples are small because the jaw opens to
-    80 mm.
+    A small dessert apple is 65 to 70 mm wide and weighs 0.15 to 0.18 kg. The apples are small because the gripper opens
+    to only 80 mm.
     """
     size, height, waist = uniforms(rng, (0.930, 1.0), (0.0580, 0.0670), (0.82, 0.98))
     lobes, stalk, lean = uniforms(rng, (0.010, 0.055), (0.009, 0.016), (-0.006, 0.006))
@@ -73,7 +77,7 @@ def apple(rng: np.random.Generator, color: str) -> Draft:
         description=f"A {color} apple.",
         tags=("apple", "fruit", "food"),
         traits=("food",),
-        # 830 kg/m^3: apples float; the shape fills nine tenths of its ellipsoid.
+        # Apples float: they have 830 kg/m^3. The shape fills nine tenths of its ellipsoid.
         mass_kg=round(0.9 * 830.0 * 4.0 / 3.0 * math.pi * radius**2 * 0.5 * height, 4),
         material="fruit",
         parts=(*parts, *_round_collision(radius, height)),
@@ -84,12 +88,15 @@ def apple(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _apple_skin(rng: np.random.Generator, solid: Turned, skin: Rgb, *, color: str, blush: float) -> Canvas:
-    """Draw the skin from the calyx to the stalk, with streaks, a sunny side, pale pores, and russet at the stalk."""
+    """Draw the skin from the calyx to the stalk.
+
+    The skin has streaks, a sunny side, pale pores, and russet at the stalk.
+    """
     canvas = solid.canvas(skin, width=math.pi * _APPLE_RADIUS)
     x, y, width, whole = canvas.x, canvas.y, canvas.width, canvas.height
     shoulder, cavity = solid.rows[8], solid.rows[9]
     if color == "red":
-        # Streaks from pole to pole where the paler ground shows through, more on the side away from the sun.
+        # Streaks from pole to pole, in which the paler color below shows through, mostly on the side away from the sun.
         shadow = np.clip(1.3 * np.abs(x[0] / width - 0.62) - 0.12, 0.0, 1.0) * blush
         weight = np.clip(0.15 + shadow, 0.0, 0.6)
         for _ in range(46):
@@ -114,7 +121,7 @@ def _apple_skin(rng: np.random.Generator, solid: Turned, skin: Rgb, *, color: st
 
 @generator("orange", colors=("orange",))
 def orange(rng: np.random.Generator, _color: str) -> Draft:
-    """Make an orange with a dimpled peel and the green scar of its stalk.
+    """Make an orange with a dimpled peel and a green scar where the stalk was.
 
     A small orange of 70 mm weighs 0.16 to 0.2 kg.
     """
@@ -160,9 +167,9 @@ def orange(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("lemon", colors=("yellow",))
 def lemon(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a lemon that lies on its side along x, its nipple at +x.
+    """Make a lemon that lies on its side along x, with its nipple at +x.
 
-    A lemon is 50 to 60 mm wide, 75 to 90 mm long and weighs about 0.1 kg.
+    A lemon is 50 to 60 mm wide and 75 to 90 mm long, and weighs about 0.1 kg.
     """
     radius, half = 0.029 * rng.uniform(0.90, 1.02), 0.040 * rng.uniform(0.92, 1.06)
     nipple, full = rng.uniform(0.0065, 0.0095), rng.uniform(0.0, 0.06)  # full: how far the ends are filled out
@@ -204,7 +211,7 @@ def lemon(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("mangosteen", colors=("purple",))
 def mangosteen(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a mangosteen with a dark purple rind under four thick green sepals and a short stalk.
+    """Make a mangosteen: a dark purple rind under four thick green sepals and a short stalk.
 
     The fruit is 4 to 7 cm wide and weighs 0.05 to 0.15 kg.
     """
@@ -247,7 +254,7 @@ def mangosteen(rng: np.random.Generator, _color: str) -> Draft:
 
 
 def _sepal(radius: float, height: float, size: float) -> Mesh:
-    """Return a thick rounded lobe that follows the top of the fruit along +x and curls up at its edge."""
+    """Return one sepal, a thick rounded lobe that follows the top of the fruit along +x and curls up at its edge."""
     across = [0.0, 0.62, 0.92, 0.88, 0.52, 0.0]
     along = [0.02, 0.16, 0.40, 0.66, 0.84, 0.90]
     points = [(x, -y) for x, y in zip(along, across, strict=True)] + [

@@ -1,4 +1,4 @@
-"""Woven fruit baskets."""
+"""Generator of woven fruit baskets."""
 
 import math
 
@@ -28,9 +28,9 @@ _WILLOW: dict[str, Rgb] = {"brown": (0.62, 0.42, 0.22), "cream": (0.86, 0.74, 0.
 
 @generator("fruit_basket", colors=("brown", "cream", "white"))
 def fruit_basket(rng: np.random.Generator, color: str) -> Draft:
-    """Make a low round basket woven of willow, with a twisted rim.
+    """Make a low, round basket that is woven of willow and has a twisted rim.
 
-    Bread and fruit baskets of this kind are 18 to 25 cm wide, 5 to 9 cm high and weigh 0.15 to 0.3 kg.
+    Bread and fruit baskets of this kind are 18 to 25 cm wide and 5 to 9 cm high, and weigh 0.15 to 0.3 kg.
     """
     rim, foot, height = uniforms(rng, (0.097, 0.104), (0.076, 0.083), (0.056, 0.066))
     rows, stakes, band = int(rng.integers(7, 11)), 2 * int(rng.integers(13, 19)), rng.random() < 0.5
@@ -76,13 +76,16 @@ def fruit_basket(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _weave(rng: np.random.Generator, shell: Turned, willow: Rgb, *, rows: int, stakes: int, band: bool) -> Canvas:
-    """Draw strands that go over and under upright stakes, from below over the wall and the rim to the floor inside."""
+    """Draw the texture of a basket: strands that go over and under upright stakes.
+
+    The texture runs from the bottom over the wall and the rim to the floor inside.
+    """
     foot, low_edge, high_edge, floor = (shell.rows[k] for k in (2, 3, 8, 9))
     canvas = shell.canvas(willow, (256, 256))
     x, y = canvas.x, canvas.y
     dark, light = shaded(willow, 0.42), mixed(willow, (1.0, 0.95, 0.82), 0.35)
     outside, inside, rim = y < low_edge, canvas.between(high_edge, floor), canvas.between(low_edge, high_edge)
-    # Both sides of the wall at one height have the same row, so that the strands continue through it.
+    # At each height, both sides of the wall have the same row of strands, which thus seem to continue through it.
     share = np.where(inside, 1.0 - (y - high_edge) / (floor - high_edge), (y - foot) / (low_edge - foot))
     across = x / canvas.width * 0.5 * stakes
     row = np.floor(share * rows)
@@ -96,7 +99,7 @@ def _weave(rng: np.random.Generator, shell: Turned, willow: Rgb, *, rows: int, s
     if band:
         stripe = wall & (np.abs(row - rows // 2) < 1.0)
         canvas.paint(stripe, shaded(willow, 0.55), strength=0.6)
-    # The rim is twisted: slanted strands.
+    # Slanted strands make the rim look twisted.
     twist = np.sin(2.0 * math.pi * (across * 1.5 + 90.0 * (y - low_edge)))
     canvas.paint(rim * np.clip(twist, 0.0, 1.0), light, strength=0.5)
     canvas.paint(rim * np.clip(-twist, 0.0, 1.0), dark, strength=0.7)
@@ -106,7 +109,7 @@ def _weave(rng: np.random.Generator, shell: Turned, willow: Rgb, *, rows: int, s
 
 
 def _floor(canvas: Canvas, first: float, dark: Rgb, light: Rgb) -> None:
-    """Draw the floor, whose texture begins at row ``first``: rings of strands over spokes."""
+    """Draw the floor, which consists of rings of strands over spokes. Its texture begins at row ``first``."""
     where = canvas.y > first
     ring = np.abs(np.sin(math.pi * (canvas.y - first) / 0.006))
     spoke = 0.5 + 0.5 * np.cos(2.0 * math.pi * canvas.x / canvas.width * 6.0)

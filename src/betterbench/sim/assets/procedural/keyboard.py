@@ -1,4 +1,4 @@
-"""Computer keyboards, and the texture of keys that laptops use too."""
+"""Generator of computer keyboards, and a function that draws keys, which the laptop generator also uses."""
 
 import math
 
@@ -26,9 +26,10 @@ _KEYS: dict[str, dict[str, Rgb]] = {
 
 @generator("keyboard", colors=("black", "white", "gray"))
 def keyboard(rng: np.random.Generator, color: str) -> Draft:
-    """Make a compact computer keyboard whose user sits at +x. It is a little higher at the far side.
+    """Make a compact computer keyboard whose user sits at +x. It is slightly higher at the far side.
 
-    Compact keyboards with six rows are 260 to 300 x 100 to 125 mm and weigh 0.35 to 0.6 kg, or 16 kg/m^2.
+    Compact keyboards with six rows of keys are 260 to 300 mm wide and 100 to 125 mm deep. They weigh 0.35 to 0.6 kg, or
+    16 kg/m^2.
     """
     width, depth, near, far = uniforms(rng, (0.262, 0.292), (0.102, 0.120), (0.0085, 0.0135), (0.0155, 0.0215))
     corner, key_height, bezel = uniforms(rng, (0.002, 0.016), (0.0026, 0.0042), (0.004, 0.010))
@@ -39,7 +40,7 @@ def keyboard(rng: np.random.Generator, color: str) -> Draft:
     keys, slope = _KEYS[color][style], math.atan2(far - near, 2.0 * half_x)
 
     def top(x: np.ndarray | float) -> np.ndarray:
-        """Return the height of the case at x [m]."""
+        """Return the height of the top of the case at position x [m]."""
         return np.asarray(near + (far - near) * (half_x - np.asarray(x)) / (2.0 * half_x))
 
     rings = []
@@ -95,10 +96,11 @@ def draw_keys(
     accent: Rgb | None = None,
     edges: Rgb | None = None,
 ) -> None:
-    """Draw six rows of keys into a field of a texture, as the user sees them, with the space bar in the lowest row.
+    """Draw six rows of keys into a field of a texture, as the user sees them. The space bar is in the lowest row.
 
-    The field has a lower left corner, a width and a depth [m]. The accent is the color of the escape and enter keys.
-    ``edges`` is the color of the wide keys at the edge and of the far row, if it differs.
+    The field is given by its lower left corner, and its width and depth [m]. ``accent`` is the color of the escape and
+    enter keys. ``edges`` is the color of the wide keys at the edges and of the keys in the farthest row. If it is None,
+    they have the same color as the other keys.
     """
     pitch = size_m[1] / len(ROWS)
     gap, last = 0.075 * pitch, len(ROWS) - 1

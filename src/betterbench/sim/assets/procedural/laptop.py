@@ -1,4 +1,4 @@
-"""Open laptops, the anchor for objects on a desk."""
+"""Generator of open laptops, next to which tasks place objects on a desk."""
 
 import math
 
@@ -18,11 +18,11 @@ _BEHIND = 0.065  # between the back edge of the screen and the center of the zon
 
 @generator("laptop", colors=("silver", "black"))
 def laptop(rng: np.random.Generator, color: str) -> Draft:
-    """Make an open laptop that faces its user at +x. The screen leans back and shows a desktop with windows.
+    """Make an open laptop whose user sits at +x. The screen leans back and shows a desktop with windows.
 
-    A 10- to 11-inch laptop is 0.24 to 0.29 m wide, 0.16 to 0.20 m deep and weighs 1.1 to 1.4 kg, most of it in the
-    lower half. The zones "left", "right" and "behind" are from the view of the user, who looks toward -x, so right is
-    +y.
+    A laptop with a 10- to 11-inch screen is 0.24 to 0.29 m wide and 0.16 to 0.20 m deep, and weighs 1.1 to 1.4 kg, most
+    of it in the lower half. The zones "left", "right" and "behind" are named from the view of the user, who looks
+    toward -x. Right is therefore +y.
     """
     depth, width, lean = uniforms(rng, (0.160, 0.172), (0.240, 0.258), (13.0, 20.0))
     lean, half_x, half_y = math.radians(lean), 0.5 * depth, 0.5 * width
@@ -31,7 +31,7 @@ def laptop(rng: np.random.Generator, color: str) -> Draft:
     dark_keys = bool(color == "black" or rng.random() < 0.6)
     metal = jittered(shaded(PALETTE[color], 1.10) if color == "black" else PALETTE[color], rng, amount=0.06)
 
-    # The hinge is the far upper edge of the base; the lid turns about it. First the base is centered at x = 0.
+    # The lid turns about the hinge, which is the far upper edge of the base. At first, the base is centered at x = 0.
     hinge_x, hinge_z = -0.5 * depth + 0.006, _BASE - 0.001
     reach = (height - hinge_z - 0.5 * _LID * math.sin(lean)) / math.cos(lean)  # length of the lid
     back = hinge_x - reach * math.sin(lean) - 0.5 * _LID * math.cos(lean)
@@ -82,7 +82,7 @@ def laptop(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _sheet(half_y: float, z: tuple[float, float], corner: float, x: tuple[float, float]) -> Mesh:
-    """Return an upright plate with rounded corners between two heights and two positions along x [m]."""
+    """Return an upright plate with rounded corners, between two heights and two positions along x [m]."""
     flat = rectangle(half_y, 0.5 * (z[1] - z[0]), 0.0, corner=corner, steps=2)
     up = 0.5 * (z[0] + z[1]) + flat[:, 1]
     return prism([np.column_stack([np.full(len(flat), at), flat[:, 0], up]) for at in x])
@@ -105,7 +105,7 @@ def _deck(metal: Rgb, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas
 
 
 def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper: str) -> Canvas:
-    """Draw the screen content, with a wallpaper, two or three windows, and a bar with icons."""
+    """Draw the content of the screen: a wallpaper, two or three windows, and a bar with icons."""
     width, height = size_m
     canvas = Canvas(width, height, (256, 144), (0.30, 0.55, 0.85))
     x, y = canvas.x / width, canvas.y / height

@@ -1,4 +1,4 @@
-"""Open plastic lunchboxes with hinged lids."""
+"""Generator of open plastic lunchboxes with a hinged lid."""
 
 import math
 
@@ -15,11 +15,11 @@ _WALL, _FLOOR, _LIP = 0.005, 0.006, 0.003
 
 @generator("lunchbox", colors=("blue", "green", "red"))
 def lunchbox(rng: np.random.Generator, color: str) -> Draft:
-    """Make an open lunchbox. Its latch faces +x and its lid leans back over the -x side.
+    """Make an open lunchbox. Its latch faces +x, and its lid leans back over the -x side.
 
-    The inside is about 0.20 m (x) by 0.25 m (y). The lid is opened by about 120 degrees, so that the space above the
-    opening is free for a gripper from straight above. A box of this size in 2.5 mm polypropylene weighs 0.35 kg. The
-    mass of 0.5 kg, most of it in the floor, represents a box with a cooling element.
+    The inside is about 0.20 m (x) by 0.25 m (y). The lid is opened by about 120 degrees, so that a gripper can enter
+    from straight above. A box of this size made of 2.5 mm polypropylene weighs 0.35 kg. Here the mass is 0.5 kg, most
+    of it in the floor, as for a box with a cooling element.
     """
     dx, dy, dz, corner = uniforms(rng, (-0.002, 0.002), (-0.002, 0.002), (-0.002, 0.002), (0.012, 0.038))
     half_x, half_y, height = 0.100 + dx, 0.125 + dy, 0.065 + dz
@@ -68,22 +68,22 @@ def lunchbox(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _shell_of(half_x: float, half_y: float, corner: float, steps: list[tuple[float, float]]) -> list[np.ndarray]:
-    """Return rounded rectangles from their insets and heights [m]."""
+    """Return rounded rectangles, given the height of each and its inset from the outline of the box [m]."""
     return [rectangle(half_x - e, half_y - e, z, corner=max(corner - e, 0.006), steps=3) for e, z in steps]
 
 
 def _tray(half_x: float, half_y: float, height: float, *, corner: float) -> Mesh:
-    """Return the box with rounded corners, a lip and a real inside."""
+    """Return the mesh of the box, which has rounded corners, a lip and a hollow inside."""
     outside = [(0.008, 0.0), (0.002, 0.006), (0.0, height - 0.011)]
     lip = [(-_LIP, height - 0.009), (-_LIP, height - 0.001), (-_LIP + 0.001, height), (_WALL - 0.002, height)]
     inside = [(_WALL - 0.0015, _FLOOR + 0.006), (_WALL + 0.005, _FLOOR)]
     rings = _shell_of(half_x, half_y, corner, [*outside, *lip, *inside])
-    # Texture rows: outside below 0.45, lip to 0.55, inside above.
+    # In the texture, rows below 0.45 are the outside, rows up to 0.55 the lip, and all others the inside.
     return creased(loft(rings, v=(0.02, 0.06, 0.42, 0.46, 0.50, 0.54, 0.60, 0.90, 0.97)), 40.0)
 
 
 def _shell(shade: Rgb, lining: Rgb) -> Canvas:
-    """Draw the tray from its underside over the lip to the floor, with the inside in its own shadow."""
+    """Draw the texture of the box, which runs from the underside over the lip to the shaded inside."""
     canvas = Canvas(1.0, 1.0, (8, 128), shade)
     y = canvas.y
     canvas.shade(np.where(y < 0.42, 0.86 + 0.14 * y / 0.42, 1.0))
@@ -94,10 +94,10 @@ def _shell(shade: Rgb, lining: Rgb) -> Canvas:
 
 
 def _lid(length: float, half_y: float, depth: float, *, corner: float) -> Mesh:
-    """Return the closed lid from its hinge at the origin along +x, with a texture on its inner side."""
+    """Return the closed lid, which extends from its hinge at the origin along +x. Its inner side has the texture."""
     steps = [(0.007, depth - 0.004), (0.006, 0.0), (0.0, 0.0), (0.0, depth - 0.004), (0.004, depth)]
     closed = prism(_shell_of(0.5 * length, half_y, corner, steps), crease_degrees=40.0).moved(x=0.5 * length)
-    # Seen from below (which is the front when it is open) with the hinge at the bottom.
+    # The texture is projected from below, with the hinge at the bottom. When the lid is open, this side is in front.
     return mapped(closed, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 
 

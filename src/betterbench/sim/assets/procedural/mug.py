@@ -1,4 +1,4 @@
-"""Mugs with a handle that a parallel jaw can pinch from above."""
+"""Generator of mugs with a handle that a gripper can pinch from above."""
 
 import numpy as np
 
@@ -15,8 +15,9 @@ _WALL, _FLOOR, _TOP = 0.0035, 0.006, 0.0745  # thickness of wall and floor, heig
 def mug(rng: np.random.Generator, color: str) -> Draft:
     """Make a ceramic mug with a filled collision shape. Its handle points along +x.
 
-    A 0.3 l stoneware mug is 70 to 75 mm wide, 80 to 90 mm high and weighs 0.25 to 0.35 kg. A light mug tilts less when
-    held by its handle. The flat handle has room for a finger of 20 mm, and a hand 45 mm above it clears the rim.
+    A stoneware mug of 0.3 l is 70 to 75 mm wide and 80 to 90 mm high, and weighs 0.25 to 0.35 kg. These mugs are light,
+    because a light mug tilts less when it is held by its handle. The flat handle leaves room for a finger of 20 mm. A
+    gripper whose hand is 45 mm above its pads clears the rim.
     """
     radius, height, bar = uniforms(rng, (0.0338, 0.0372), (0.080, 0.090), (0.0540, 0.0575))  # bar: its x from the axis
     thick, depth, low = uniforms(rng, (0.0105, 0.0130), (0.0080, 0.0095), (0.010, 0.022))
@@ -29,7 +30,8 @@ def mug(rng: np.random.Generator, color: str) -> Draft:
     shell = Turned(radii, (*rising, height - 0.0012, 0.3 * height, _FLOOR + 0.004, _FLOOR), sides, crease_degrees=30.0)
     lining = mixed(shade, PALETTE["cream"], 0.85) if rng.random() < 0.5 else None
     picture = glazed(rng, shell, shade, decoration, rows=(1, 2, 5, 7, 9), lining=lining)
-    arm = half - 0.0005  # a finger touches only the bar: half the contacts
+    # The arms are narrower than the bar. A finger then touches only the bar, which halves the number of contacts.
+    arm = half - 0.0005
     a, z, near, far = _TOP - depth / 2, low + depth / 2, axis + radius - 0.004, axis + bar - depth / 2
     handle_x = (radius - 0.003, bar - 0.011, bar - 0.0033, bar, bar, bar - 0.00385, bar - 0.0132, base - 0.003)
     handle_z = (a, a, a - 0.0033, a - 0.011, z + 0.0132, z + 0.0044, z, z)

@@ -1,4 +1,4 @@
-"""The flat plate of a place setting, around which cutlery and cups are placed."""
+"""Generator of the flat plate of a place setting, around which cutlery and cups are placed."""
 
 import math
 
@@ -15,8 +15,9 @@ _SIDE = _RADIUS + 0.045  # distance from the center of the plate to the zones ne
 def place_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a breakfast plate with a decorated rim. The diner sits at +x.
 
-    A stoneware plate with a diameter of 18 to 19 cm weighs 0.4 to 0.6 kg. The upper value is used, so that it stays in
-    place while objects are placed around it. Its regions are named as seen by the eater: right is +y, upper is -x.
+    A stoneware plate with a diameter of 18 to 19 cm weighs 0.4 to 0.6 kg. These plates have a mass near the upper end,
+    so that they stay in place while objects are placed around them. The regions are named from the view of the diner:
+    right is +y, and upper is -x.
     """
     stand = rng.uniform(0.046, 0.058)
     well = stand + rng.uniform(0.003, 0.014)
@@ -62,7 +63,7 @@ def _glaze(rng: np.random.Generator, glaze: Rgb, ink: Rgb, *, decoration: str, w
     canvas = Canvas(2.0, 2.0, (256, 256), glaze)
     r = canvas.radius
     middle = 0.5 * (well + 0.97)
-    # Nearer the ink at the edge, where the glaze runs thin.
+    # The edge has the color of the ink, because the glaze is thin there.
     canvas.paint(r > 0.965, ink, strength=0.9)
     if decoration == "bands":
         canvas.paint((r > middle - 0.055) & (r < middle + 0.055), ink)

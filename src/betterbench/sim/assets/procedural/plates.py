@@ -1,4 +1,4 @@
-"""Dinner plates from one family of sizes that stack in any order, and a bowl as wide as a plate."""
+"""Generators of dinner plates that stack in any order, and of a bowl that is as wide as a plate."""
 
 import math
 
@@ -12,16 +12,17 @@ from betterbench.sim.assets.authoring.mesh import Mesh
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 FLOOR_M = 0.0105
-"""Height of a plate's floor, on which the next plate rests [m]. It is the same for all plates, so that stacks are
-equally high.
+"""Height of a plate's floor, on which the next plate of a stack rests [m]. It is the same for all plates, so that all
+stacks of equally many plates have the same height.
 
-It is also the height at which the rim begins. In a stack, each plate's rim therefore begins above the rim of the plate
-below, and plates with any two radii stack with room to the sides.
+It is also the height at which the rim of a plate begins. In a stack, the rim of each plate therefore begins above the
+rim of the plate below it. As a result, two plates of any radii stack with room to the sides.
 """
 
 RIM_M = 0.0205
-"""Height of the rim [m]: pads that reach 9 mm down its upright edge of 10 mm hold a plate at half of their force with a
-tilt of less than 1 degree; they end 1 mm above the floor, and 1 mm above the rim of a plate below."""
+"""Height of the rim [m]. Its upright edge is 10 mm high. Finger pads that reach 9 mm down this edge hold a plate with
+half of their force, and the plate then tilts by less than 1 degree. The pads end 1 mm above the floor of the plate, and
+1 mm above the rim of a plate below it."""
 
 _LIP = 0.004
 _GRIP_ABOVE_RIM = 0.0030  # height of the center of the pads, which reach 12 mm further down
@@ -31,22 +32,24 @@ _DESIGNS = ("plain", "wide band", "thin lines", "pale middle", "dots", "rays", "
 
 @generator("dinner_plate", colors=_COLORS, family="plates")
 def dinner_plate(rng: np.random.Generator, color: str) -> Draft:
-    """Make a flat plate on a foot, 152 to 164 mm across, whose edge is turned up for a jaw to pinch.
+    """Make a flat plate on a foot, 152 to 164 mm in diameter. Its edge is turned up, so that a gripper can pinch it.
 
-    Side plates are 150 to 180 mm across and 20 to 30 mm high. A melamine plate (1.5 g/cm^3, 2.5 to 3 mm thick) weighs
-    0.10 to 0.15 kg, as does a plate of 0.6 mm enameled steel sheet. A plate tilts when it is held at its rim. A
-    stoneware plate of 0.25 kg would tilt by more than 20 degrees, so no plate is heavier than 0.13 kg.
+    Side plates are 150 to 180 mm in diameter and 20 to 30 mm high. A melamine plate (1.5 g/cm^3, 2.5 to 3 mm thick)
+    weighs 0.10 to 0.15 kg, and so does a plate of 0.6 mm enameled steel sheet. A plate tilts when it is held at its
+    rim, and a stoneware plate of 0.25 kg would tilt by more than 20 degrees. Therefore no plate is heavier than 0.13
+    kg.
     """
     return _plate(rng, color, radii=(0.0760, 0.0820), density=1500.0, solid=0.70, name="dinner plate")
 
 
 @generator("serving_plate", colors=_COLORS, family="plates")
 def serving_plate(rng: np.random.Generator, color: str) -> Draft:
-    """Make a plate like a dinner plate, 190 to 202 mm across, which shows a rim of 13 to 25 mm under a dinner plate.
+    """Make a plate like a dinner plate, but 190 to 202 mm in diameter.
 
-    Service plates under other plates are 25 to 35 % wider than these. Foot, floor and rim are the same as for a dinner
-    plate, so that stacks have equal heights. A polypropylene plate (0.9 g/cm^3, 2.5 to 3 mm thick) weighs 0.09 to 0.12
-    kg. Held at its rim, it tilts no more than a melamine dinner plate.
+    If a dinner plate stands on it, its rim extends 13 to 25 mm beyond that plate. Service plates are 25 to 35 % wider
+    than the plates that stand on them. Foot, floor and rim are the same as for a dinner plate, so that stacks have
+    equal heights. A polypropylene plate (0.9 g/cm^3, 2.5 to 3 mm thick) weighs 0.09 to 0.12 kg. When it is held at its
+    rim, it tilts no more than a dinner plate of melamine.
     """
     return _plate(rng, color, radii=(0.0950, 0.1010), density=905.0, solid=0.95, name="serving plate")
 
@@ -54,10 +57,17 @@ def serving_plate(rng: np.random.Generator, color: str) -> Draft:
 def _plate(
     rng: np.random.Generator, color: str, *, radii: tuple[float, float], density: float, solid: float, name: str
 ) -> Draft:
-    """Make a flat plate with an upright rim and a radius in a range [m]. The density is in kg/m^3.
+    """Make a flat plate with an upright rim.
 
-    The floor's collision shape is ``solid`` over this fraction of the radius. The rest, up to the rim, is free for the
-    fingers that pinch it. It must be narrower than the edge of any object that may be put down there upside down.
+    Args:
+        rng: Random generator for the variant.
+        color: Color word.
+        radii: Smallest and largest radius [m].
+        density: Density of the material [kg/m^3].
+        solid: Fraction of the radius up to which the floor has a collision shape. The ring between it and the rim has
+            none, so that a finger that pinches the rim can enter it. The ring must be so narrow that the edge of an
+            object that is put down upside down does not fit into it.
+        name: Name of the plate, for its description.
     """
     radius, foot_share, well = uniforms(rng, radii, (0.46, 0.56), (0.60, 0.76))
     raised, flare = float(rng.choice([0.0, 0.0010, 0.0016])), rng.uniform(0.0006, 0.0020)
@@ -93,7 +103,10 @@ def _plate(
 
 
 def _scalloped(mesh: Mesh, radius: float, count: int, depth: float) -> Mesh:
-    """Indent the edge of a mesh between ``count`` scallops by a fraction ``depth`` of its distance from the center."""
+    """Indent the edge of a mesh between ``count`` scallops.
+
+    ``depth`` is the depth of the indentation, as a fraction of the edge's distance from the center.
+    """
     if not count:
         return mesh
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
@@ -103,10 +116,11 @@ def _scalloped(mesh: Mesh, radius: float, count: int, depth: float) -> Mesh:
 
 @generator("shallow_bowl", colors=("red", "white", "blue"), keeps_upright=True)
 def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
-    """Make a round soup bowl on a narrow foot, about as wide as a dinner plate and more than twice as high.
+    """Make a round soup bowl on a narrow foot. It is about as wide as a dinner plate and more than twice as high.
 
-    A melamine bowl of 140 to 150 mm is 55 to 65 mm high and weighs 0.12 to 0.2 kg. The collision shape is the upright
-    upper wall, two discs under the hollow and the foot, so that a plate wrongly put into the bowl rests in it.
+    A melamine bowl of 140 to 150 mm is 55 to 65 mm high and weighs 0.12 to 0.2 kg. The collision shape consists of the
+    upper, upright part of the wall, of two discs under the hollow, and of the foot. A plate that is wrongly put into
+    the bowl therefore comes to rest in it.
     """
     radius, rim, foot = uniforms(rng, (0.0702, 0.0745), (0.0560, 0.0640), (0.0260, 0.0310))
     belly, floor, banded = rng.uniform(0.90, 1.0), 0.010, bool(rng.random() < 0.5)
@@ -136,14 +150,15 @@ def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _lip(radius: float, low: float, high: float) -> list[CollisionPart]:
-    """Return eight upright boxes tangential to the rim, where the grasps are. They protrude by 1.5 mm at most."""
+    """Return the rim as eight upright boxes, one for each grasp. They stick out of the round rim by at most 1.5 mm."""
     return round_wall(radius, _LIP, low, high, half_length=math.sqrt((radius + 0.0015) ** 2 - radius**2))
 
 
 def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
-    """Return the ways to pinch the lip from above, every 45 degrees, the fingers opening along the radius.
+    """Return eight grasps that pinch the rim from above, one every 45 degrees. The fingers open along the radius.
 
-    They share the name "rim", so that a search by name gives the grasp at +x and a planner can choose any of them.
+    All eight grasps have the name "rim". A search by this name finds the grasp at +x, but a planner can use any of
+    them.
     """
     away, height = radius - 0.5 * _LIP, rim + _GRIP_ABOVE_RIM
     angles = [k * math.pi / 4.0 for k in range(8)]
@@ -156,18 +171,21 @@ class _Glaze:
     """Color and decoration of a piece of tableware."""
 
     def __init__(self, rng: np.random.Generator, color: str, *, edge: bool) -> None:
-        """Draw a design. With an ``edge``, the rim has a dark or a pale line around it, as enameled ware has."""
+        """Draw a random design.
+
+        If ``edge`` is True, the rim has a dark or a pale line around it, like enameled tableware.
+        """
         self.color: Rgb = jittered(PALETTE[color], rng, amount=0.10)
         self.design = str(rng.choice(_DESIGNS))
         self._edge, self._rng = edge, rng
-        # On white tableware gray, sand or brown, which are not colors of plates in the suite; on the others a pale
-        # tint.
+        # The decoration of white tableware is gray, sand or brown, which are not colors of plates in the suite. That
+        # of other tableware is a pale tint.
         inks = ((0.42, 0.43, 0.45), (0.66, 0.55, 0.36), (0.40, 0.27, 0.17))
         chosen = inks[int(rng.integers(3))]
         self._ink = chosen if color == "white" else mixed(self.color, (0.97, 0.96, 0.93), 0.80)
 
     def from_above(self, reach: float, well: float, lip: float) -> Canvas:
-        """Draw a plate as seen from above. ``reach`` is the radius at the edge of the texture [m]."""
+        """Draw the plate from above. The edge of the texture is at radius ``reach`` [m]."""
         canvas = Canvas(2.0, 2.0, (160, 160), self.color)
         r = canvas.radius
         inner, edge, ink = well / reach, lip / reach, self._ink
@@ -189,7 +207,7 @@ class _Glaze:
             for u, v, size in self._rng.uniform(0.0, 1.0, (70, 3)).tolist():
                 dot = 0.012 + 0.022 * size
                 canvas.ellipse((2.0 * u, 2.0 * v), (dot, dot), ink)
-        # A shadow where the well begins and where the edge rises; the edge itself catches the light.
+        # A shadow marks where the well begins and where the edge rises. The edge itself is bright.
         canvas.shade(1.0 - 0.20 * np.exp(-(((r - inner) / 0.022) ** 2)))
         canvas.paint(np.clip(1.0 - r / inner, 0.0, 1.0) * (r < inner), shaded(self.color, 1.15), strength=0.5)
         canvas.shade(np.where(r > edge - 0.02, 0.88, 1.0))
@@ -198,9 +216,11 @@ class _Glaze:
         return canvas
 
     def inside_out(self, piece: Turned, *, rim: int, floor: int) -> Canvas:
-        """Draw a bowl from the foot over the rim to the floor. The inside is dark toward its floor.
+        """Draw the texture of a bowl, which runs from the foot over the rim to the floor inside.
 
-        ``rim`` and ``floor`` are the profile points at which the rim and the floor begin.
+        The inside becomes darker toward the floor.
+
+        ``rim`` and ``floor`` are the indices of the profile points at which the rim and the floor begin.
         """
         crest, well = piece.rows[rim], piece.rows[floor]
         canvas = piece.canvas(self.color, (8, 256), width=1.0)

@@ -1,4 +1,4 @@
-"""Small desktop loudspeakers."""
+"""Generator of small desktop loudspeakers."""
 
 import numpy as np
 
@@ -14,8 +14,8 @@ _PROUD = 0.0036  # how far a driver sticks out of the front
 def speaker(rng: np.random.Generator, color: str) -> Draft:
     """Make a small desktop loudspeaker whose round drivers face +x.
 
-    Small powered USB loudspeakers are 60 to 75 mm wide and deep, 90 to 120 mm high, and weigh 0.25 to 0.45 kg each. The
-    mass is 785 kg/m^3 times the bounding box volume.
+    Small powered USB loudspeakers are 60 to 75 mm wide and deep and 90 to 120 mm high, and weigh 0.25 to 0.45 kg each.
+    The mass here is 785 kg/m^3 times the volume of the bounding box.
     """
     width, depth, height = uniforms(rng, (0.0590, 0.0690), (0.0600, 0.0690), (0.088, 0.112))
     corner, two_way = rng.uniform(0.003, 0.016), rng.random() < 0.6
@@ -76,7 +76,7 @@ def speaker(rng: np.random.Generator, color: str) -> Draft:
 def _driver(
     name: str, radius: float, x: float, z: float, *, rim: Rgb, cone: Rgb, sides: int, specular: float
 ) -> VisualPart:
-    """Return a driver that faces +x, with a rim, a rubber surround, a recessed cone and a dust cap."""
+    """Return a loudspeaker driver that faces +x, with a rim, a rubber surround, a recessed cone and a dust cap."""
     shares, levels = (0.0, 1.0, 1.0, 0.93, 0.84, 0.34, 0.24, 0.0), (0.75 * _PROUD, _PROUD, 0.62 * _PROUD, 0.0004)
     z_profile = (-0.0006, -0.0006, *levels, 0.40 * _PROUD, 0.62 * _PROUD)
     solid = Turned([share * radius for share in shares], z_profile, sides, 30.0, wrap=False)

@@ -1,4 +1,4 @@
-"""Spice jars, plain jars that differ only in the label, and a pill bottle of their size."""
+"""Generators of spice jars, of plain jars that differ only in their label, and of a pill bottle of the same size."""
 
 import math
 from collections.abc import Sequence
@@ -13,11 +13,12 @@ from betterbench.sim.assets.authoring.mesh import Mesh, creased, loft
 from betterbench.sim.assets.authoring.paint import PALETTE, STEEL, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 JAR_RADIUS_M = 0.0215
-"""Mean radius of the jars [m]: a 100 ml spice jar has a diameter of 42 to 44 mm. The rack's holes are made for it. A
-jar's own radius differs by 0.3 mm at most."""
+"""Mean radius of the jars [m], for which the holes of the rack are made. The radius of a single jar differs from it by
+at most 0.3 mm. A 100 ml spice jar has a diameter of 42 to 44 mm."""
 
 JAR_HEIGHT_M = 0.085
-"""Mean height of the jars with their caps [m]: such jars are 80 to 95 mm high. Looks differ by 4 mm."""
+"""Mean height of the jars with their caps [m]. The variants differ from it by up to 4 mm. Real jars of this kind are 80
+to 95 mm high."""
 
 _SIDES = 24
 _NAMES = {"white": "salt", "black": "pepper", "red": "paprika"}
@@ -29,15 +30,15 @@ _INK: Rgb = (0.07, 0.08, 0.10)
 
 
 _TRAITS = ("glass", "medicine", "pharmacy", "plain", "steel")
-"""Tags of jars and of the bottle that name a material, a use or a look."""
+"""Tags of the jars and of the bottle that name a material, a use or an appearance."""
 
 
 @generator("spice_jar", colors=("white", "black", "red"), family="spice jar")
 def spice_jar(rng: np.random.Generator, color: str) -> Draft:
-    """Make a glass spice jar filled to its shoulder with white salt (S), black pepper (P) or red paprika.
+    """Make a glass spice jar that is filled to its shoulder with white salt (S), black pepper (P) or red paprika.
 
     The whole jar has the color of the spice. The cap has the same color or is made of steel, so that no cap has the
-    color word of another jar. The glass is painted instead of transparent, because one transparent part doubles the
+    color of a different jar. The glass is painted instead of transparent, because a single transparent part doubles the
     rendering time of depth images.
     """
     shape, steel = _Shape(rng), bool(rng.random() < 0.45)
@@ -59,7 +60,7 @@ def spice_jar(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _plain_jar(rng: np.random.Generator, name: str) -> Draft:
-    """Make a steel spice jar with a pale label. Body, cap and label colors are the same for every spice."""
+    """Make a steel spice jar with a pale label. The colors of body, cap and label are the same for every spice."""
     shape, steel = _Shape(rng), shaded((0.44, 0.45, 0.47), rng.uniform(0.86, 1.06))
     canvas = shape.wrap(steel)
     canvas.shade(1.0 + 0.10 * np.cos(4.0 * math.pi * canvas.x / canvas.width + rng.uniform(0.0, 6.0)))
@@ -76,28 +77,31 @@ def _plain_jar(rng: np.random.Generator, name: str) -> Draft:
 
 @generator("plain_salt_jar", colors=("gray",), family="spice jar")
 def plain_salt_jar(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a plain steel spice jar with an S on its label, the only difference from the other plain jars."""
+    """Make a plain steel spice jar for salt. It differs from the other plain jars only in the S on its label."""
     return _plain_jar(rng, "salt")
 
 
 @generator("plain_pepper_jar", colors=("gray",), family="spice jar")
 def plain_pepper_jar(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a plain steel spice jar with a P on its label, the only difference from the other plain jars."""
+    """Make a plain steel spice jar for pepper. It differs from the other plain jars only in the P on its label."""
     return _plain_jar(rng, "pepper")
 
 
 @generator("plain_paprika_jar", colors=("gray",), family="spice jar")
 def plain_paprika_jar(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a plain steel spice jar with a dark pod on its label, the only difference from the other plain jars."""
+    """Make a plain steel spice jar for paprika.
+
+    It differs from the other plain jars only in the dark pod on its label.
+    """
     return _plain_jar(rng, "paprika")
 
 
 @generator("pill_bottle", colors=("white",), family="spice jar")
 def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
-    """Make a pharmacy bottle with a big cross and a tall ribbed child-proof cap, as large as a spice jar.
+    """Make a pharmacy bottle as large as a spice jar, with a big cross and a tall, ribbed, child-proof cap.
 
-    Vials with 8 to 13 drams have diameters of 38 to 44 mm. Filled, they weigh 60 to 120 g. The upper value is used, so
-    that its weight is similar to a jar's weight.
+    Pharmacy vials of 8 to 13 drams have diameters of 38 to 44 mm and weigh 60 to 120 g when filled. The mass here is at
+    the upper end, so that it is similar to that of a spice jar.
     """
     shape = _Shape(rng)
     white, amber, r = PALETTE[color], bool(rng.random() < 0.5), shape.radius
@@ -114,7 +118,7 @@ def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
     ribbed = 0.84 + 0.16 * np.sign(np.sin(2.0 * math.pi * ribs * cap.x / cap.width))
     cap.shade(np.where(cap.between(low_row + 0.002, high_row - 0.001), ribbed, 1.0))
     cap.shade(np.where(cap.y < low_row + 0.002, 0.88, 1.0))
-    # The lid of a push-and-turn cap, set into its rim; marks on it would look like a shaker's holes.
+    # The lid of a push-and-turn cap is set into its rim. It has no marks, which would look like the holes of a shaker.
     cap.shade(np.where(cap.y > edge + 0.004, 0.93, 1.0))
     return _bottle(
         shape,
@@ -129,21 +133,28 @@ def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
 
 
 class _Wrap(Canvas):
-    """A texture wrapped once around each half of a turned body, so that the print appears on both halves.
+    """Texture that is wrapped around each half of a turned body, so that the print appears on both halves.
 
     Attributes:
-        solid: The body.
-        height_on_wall: (height, 1) height of each row of samples above the foot [m], as far as the wall is upright.
+        solid: The turned body.
+        height_on_wall: (height, 1) height above the foot of each row of texture samples [m]. It is only valid for rows
+            on the upright wall.
     """
 
     def __init__(self, radii: Sequence[float], heights: Sequence[float], color: Rgb, *, sides: int = _SIDES) -> None:
-        """Create the texture of a body turned from a profile [m]. With few ``sides``, it has flat faces."""
+        """Create the texture of a body, given the radii and heights of its profile [m].
+
+        If there are few ``sides``, the faces of the body are drawn as flat faces.
+        """
         self.solid, self._sides = Turned(radii, heights), sides
         super().__init__(math.pi * max(radii), self.solid.rows[-1], (160, 192), color)
         self.height_on_wall = np.interp(self.y, self.solid.rows, heights)
 
     def mesh(self) -> Mesh:
-        """Return the creased mesh. Each half begins with a seam, the first at -y, so +x is in the middle of a half."""
+        """Return the creased mesh.
+
+        The texture covers each half of the mesh. The first half begins at -y, so the middle of the texture faces +x.
+        """
         half = self._sides // 2
         turn = np.concatenate([np.arange(half + 1), half + np.arange(half + 1)]) * (math.pi / half) - 0.5 * math.pi
         c, s, n = np.cos(turn), np.sin(turn), len(turn)
@@ -153,7 +164,11 @@ class _Wrap(Canvas):
 
 
 class _Shape:
-    """The outline of a look. The base is the same for all, to fit its hole. Above the hole, the shapes differ."""
+    """Shape of one variant.
+
+    The base is the same for all variants, so that every jar fits the holes of the spice rack. The shapes differ above
+    the base.
+    """
 
     def __init__(self, rng: np.random.Generator) -> None:
         r, self.height, cap, waist = uniforms(rng, (0.0212, 0.0218), (0.081, 0.089), (0.0165, 0.0245), (0.86, 0.97))
@@ -181,12 +196,12 @@ class _Shape:
         self.cap = Turned(radii, heights)
 
     def wrap(self, color: Rgb) -> _Wrap:
-        """Create the texture of the body."""
+        """Create the texture of the jar's body."""
         return _Wrap(self._radii, self._heights, color, sides=self.sides)
 
 
 def _jar(shape: _Shape, canvas: _Wrap, cap: Rgb, description: str, tags: tuple[str, ...], *, specular: float) -> Draft:
-    """Put a jar together. The edge of its cap is knurled."""
+    """Put a jar together from its body and its cap. The edge of the cap is knurled."""
     r, start = shape.cap_radius, shape.cap_radius - 0.0160
     knurled = shape.cap.canvas(cap, (128, 128))
     skirt = knurled.between(start + 0.002, start + shape.cap_height - 0.003)
@@ -206,14 +221,15 @@ def _bottle(
     *visual: VisualPart,
     **parameters: float | str,
 ) -> Draft:
-    """Return a jar or the pill bottle, with its visual parts and their common properties.
+    """Return a jar or the pill bottle, given its visual parts.
 
-    The mean size has 70 g of glass and cap and 50 g of content. Other sizes are in proportion. The collision shape is a
-    cylinder on a square foot. The pads reach 12 mm below the grasp and thus stay above a hole 35 mm deep.
+    A jar of mean size has 70 g of glass and cap and 50 g of content. The masses of larger and smaller jars are in
+    proportion to their volumes. The collision shape is a cylinder on a square foot. The finger pads reach 12 mm below
+    the grasp, and therefore stay above the rack while the jar stands in a hole that is 35 mm deep.
     """
     r, height, touched = shape.radius, shape.height, shape.touched
     if material == "plastic":
-        touched = ((r, height),)  # a pill bottle is straight in every look
+        touched = ((r, height),)  # all variants of the pill bottle are straight
     mass = 0.12 * (r / JAR_RADIUS_M) ** 2 * height / JAR_HEIGHT_M
     return Draft(
         shape="cylinder",
@@ -231,7 +247,7 @@ def _bottle(
 
 @dataclass(frozen=True, slots=True)
 class _Print:
-    """Colors of a label, for letters, lines and the drawing of a pepper pod."""
+    """Colors of the print on a label: the color of letters and lines, and the colors of the drawing of a pepper pod."""
 
     ink: Rgb
     pod: Rgb
@@ -240,7 +256,7 @@ class _Print:
 
 
 def _label(canvas: _Wrap, rng: np.random.Generator, name: str, colors: _Print, *, height: float) -> None:
-    """Print the initial of salt or pepper, or a pepper pod for paprika, as large as fits."""
+    """Print the contents of the jar on its label: S for salt, P for pepper, or a pepper pod for paprika."""
     design, up, ink = str(rng.choice(["plain", "bands", "round", "frame"])), canvas.height_on_wall, colors.ink
     middle, across = 0.50 * height, 0.5 * canvas.width
     base = float(np.interp(middle, up[::-1, 0], canvas.y[::-1, 0]))
@@ -262,7 +278,7 @@ def _label(canvas: _Wrap, rng: np.random.Generator, name: str, colors: _Print, *
 
 
 def _chili(canvas: _Wrap, center: tuple[float, float], colors: _Print) -> None:
-    """Draw a pepper pod with its stalk on a disc."""
+    """Draw a pepper pod with its stalk on a round background."""
     x, y = center
     canvas.ellipse(center, (0.0165, 0.0185), colors.disc)
     canvas.ellipse((x - 0.0015, y - 0.0005), (0.0068, 0.0130), colors.pod, 0.35)
@@ -271,7 +287,7 @@ def _chili(canvas: _Wrap, center: tuple[float, float], colors: _Print) -> None:
 
 
 def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Rgb, height: float) -> None:
-    """Glue on a pharmacy label with a big cross, a colored edge, and a two-color capsule below it."""
+    """Draw a pharmacy label with a big cross, a colored edge, and a capsule in two colors below the cross."""
     up, left = canvas.height_on_wall, canvas.x - 0.5 * canvas.width
     wide, reach, low, high = 0.47 * canvas.width, np.abs(left), 0.0060, height - 0.0070
     canvas.paint((reach < wide) & (up > low) & (up < high), (0.98, 0.98, 0.97))

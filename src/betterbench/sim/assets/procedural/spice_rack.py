@@ -1,4 +1,4 @@
-"""A wooden block with three numbered holes for jars."""
+"""Generator of a wooden rack with three numbered holes for jars."""
 
 import math
 
@@ -24,12 +24,13 @@ from betterbench.sim.assets.authoring.paint import Canvas, Rgb, jittered, mixed,
 from betterbench.sim.assets.procedural.spice_jars import JAR_RADIUS_M
 
 CLEARANCE_M = 0.0027
-"""Clearance between a mean jar and its hole on each side [m]. The task requires 3 mm per side or less, and the jars in
-all looks have 2.4 to 3.0 mm.
+"""Clearance on each side between a jar of mean radius and its hole [m]. The task requires at most 3 mm per side. All
+variants of the jars have 2.4 to 3.0 mm.
 """
 
 PITCH_M = 0.085
-"""Distance between the holes [m]: an open gripper (80 mm and the fingers) fits around one jar next to another."""
+"""Distance between the centers of the holes [m]. It leaves room for an open gripper (80 mm plus the fingers) around one
+jar next to another jar."""
 
 _FLOOR = 0.006
 _DEPTH = 0.035
@@ -43,9 +44,9 @@ _WOOD: dict[str, Rgb] = {"brown": (0.60, 0.38, 0.19), "gray": (0.52, 0.51, 0.49)
 def spice_rack(rng: np.random.Generator, color: str) -> Draft:
     """Make a solid wooden rack with octagonal holes 1, 2 and 3 along y. Hole 1 is at -y.
 
-    0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) minus three holes weigh 0.38 kg. It is meant to be fixed. All looks
-    have the same holes, because they are the task's tolerance. They differ in width, length and edges, in wood, grain,
-    finish and marks.
+    A block of hardwood (650 kg/m^3) of 0.073 x 0.27 x 0.041 m minus the three holes weighs 0.38 kg. The rack is meant
+    to be fixed in place. All variants have the same holes, because these determine the tolerance of the task. The
+    variants differ in width, length, edges, wood, grain, finish and marks.
     """
     half_x, half_y = uniforms(rng, (0.0345, 0.0400), (0.1290, 0.1370))
     edge = rng.uniform(0.0012, 0.0045)  # chamfer of the outer edges, visual only
@@ -90,15 +91,18 @@ def spice_rack(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _corner(center: float, angle: float) -> CollisionPart:
-    """Return the box at an angle [rad] that bevels a corner of the square hole at y = ``center`` to an octagon."""
-    depth = 0.0049  # half of it; reaches the square's corner, 0.41 apothems behind the side
+    """Return the box that bevels one corner of a square hole, so that the hole becomes octagonal.
+
+    The hole is centered at y = ``center``, and the corner is in the direction ``angle`` [rad].
+    """
+    depth = 0.0049  # half the depth; the box reaches the corner of the square, 0.41 apothems behind its side
     away, half = _APOTHEM + depth, (depth, _APOTHEM * math.tan(math.pi / 8.0), 0.5 * _DEPTH)
     middle = (away * math.cos(angle), center + away * math.sin(angle), _FLOOR + 0.5 * _DEPTH)
     return CollisionPart("box", half, middle, from_yaw(angle))
 
 
 def _outside(plan: tuple[float, float, float]) -> Mesh:
-    """Return the sides and the bottom of the block up to its chamfer. Each long side shows the complete texture."""
+    """Return the sides and the bottom of the block up to its chamfer. Each long side shows the whole texture."""
     half_x, half_y, edge = plan
     insets = ((0.0, 0.0), (0.0, _HEIGHT - edge), (edge, _HEIGHT))
     rings = [rectangle(half_x - e, half_y - e, z) for e, z in insets]
@@ -109,7 +113,7 @@ def _outside(plan: tuple[float, float, float]) -> Mesh:
 
 
 def _cell(index: int, plan: tuple[float, float, float]) -> Mesh:
-    """Return a third of the top face with its hole."""
+    """Return one third of the rack's top face, with one of its holes."""
     center = (index - 1) * PITCH_M
     half_x, half_y = plan[0] - plan[2], plan[1] - plan[2]
     low = -0.5 * PITCH_M if index > 0 else -(half_y - PITCH_M)
@@ -136,7 +140,7 @@ def _cell(index: int, plan: tuple[float, float, float]) -> Mesh:
 
 
 def _marks(plan: tuple[float, float, float]) -> Mesh:
-    """Return the six number plates, two per hole, each showing its third of the texture."""
+    """Return the six number plates, two for each hole. Each plate shows one third of the texture, i.e. one digit."""
     half_x, _, edge = plan
     plates = []
     for index in range(3):
@@ -151,16 +155,16 @@ def _marks(plan: tuple[float, float, float]) -> Mesh:
 
 
 def _digits(plate: Rgb, ink: Rgb) -> Canvas:
-    """Draw the digits side by side."""
+    """Draw the three digits side by side."""
     canvas = Canvas(3.0, 1.0, (192, 64), plate)
     for index in range(3):
-        # Equally wide on the plate in front, where the digit is as high as the plate, and on the flat plate.
+        # The digit is equally wide on the plate in front, where it is as high as the plate, and on the plate on top.
         write_word(canvas, str(index + 1), (index + 0.5, 0.5), height=0.74, ink=ink, weight=0.19)
     return canvas
 
 
 def _grain(rng: np.random.Generator, wood: Rgb, length: float, *, stripe: bool) -> Canvas:
-    """Draw the long side of the block."""
+    """Draw the wood of a long side of the block."""
     canvas = Canvas(2 * length, _HEIGHT, (256, 48), wood)
     canvas.grain(rng, cells=(5, 22), amount=0.07)
     canvas.grain(rng, cells=(40, 40), amount=0.02)
@@ -171,7 +175,7 @@ def _grain(rng: np.random.Generator, wood: Rgb, length: float, *, stripe: bool) 
 
 
 def _top(rng: np.random.Generator, wood: Rgb, plan: tuple[float, float, float]) -> Canvas:
-    """Draw the top face. The holes are in their own shadow."""
+    """Draw the top face. The holes are shaded."""
     lit = shaded(wood, 1.10)
     width, depth = 2.0 * (plan[1] - plan[2]), 2.0 * (plan[0] - plan[2])
     canvas = Canvas(width, depth, (256, 80), lit)

@@ -1,4 +1,4 @@
-"""Staplers."""
+"""Generator of staplers."""
 
 import math
 
@@ -13,7 +13,10 @@ from betterbench.sim.assets.procedural.stapler_outline import cover_outline, on_
 
 @generator("stapler", colors=("black", "red", "blue"))
 def stapler(rng: np.random.Generator, color: str) -> Draft:
-    """Make a half-strip desk stapler of 0.2 to 0.25 kg (945 kg/m^3 of its bounding box), with its mouth at +x."""
+    """Make a half-strip desk stapler with its mouth at +x.
+
+    It weighs 0.2 to 0.25 kg, i.e. 945 kg/m^3 times the volume of its bounding box.
+    """
     length, width, height = stapler_size(rng)
     slope, style = math.radians(rng.uniform(7.0, 11.0)), str(rng.choice(["wedge", "arch", "bar"]))
     badge, base_kind = str(rng.choice(["plate", "pad", "stripe"])), int(rng.integers(3))

@@ -1,4 +1,4 @@
-"""Size of staplers and of the block that looks like one, and outlines of the cover from the side and from above."""
+"""Size of staplers and of the block that looks like a stapler, and outlines of the stapler's cover and badge."""
 
 from collections.abc import Sequence
 
@@ -9,16 +9,21 @@ from betterbench.sim.assets.authoring.mesh import box
 
 
 def stapler_size(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw length, width and height [m] of a stapler or its look-alike. Must be a look's first draw.
+    """Draw the length, width and height [m] of a stapler or of the block that looks like it.
 
-    Desk staplers are 110 to 150 mm long, 30 to 40 mm wide and 50 to 65 mm high. These fit into a drawer.
+    A generator must call this function before it draws any other random number, so that a stapler and its block get
+    equal sizes. Desk staplers are 110 to 150 mm long, 30 to 40 mm wide and 50 to 65 mm high. The sizes here fit into a
+    drawer.
     """
     length, width, height = uniforms(rng, (0.112, 0.132), (0.0330, 0.0380), (0.0500, 0.0575))
     return length, width, height
 
 
 def cover_outline(style: str, arm: float, t: float) -> tuple[Sequence[float], Sequence[float]]:
-    """Return x and z of the cover's side view about its hinge, for an arm with a given length and thickness [m]."""
+    """Return the x and z coordinates of the cover's side view, relative to its hinge [m].
+
+    The arm has the given length and thickness [m].
+    """
     x: Sequence[float]
     if style == "bar":
         x = (-0.010, arm, arm + 0.002, arm - 0.001, 0.010, -0.006, -0.011)
@@ -32,7 +37,7 @@ def cover_outline(style: str, arm: float, t: float) -> tuple[Sequence[float], Se
 
 
 def on_top(badge: str, arm: float, width: float, t: float) -> Mesh:
-    """Return the plate, the pad or the stripe on the crown of a cover, level about the hinge, in meters."""
+    """Return the mesh of the badge (plate, pad or stripe) on top of the level cover, relative to the hinge [m]."""
     sizes = {"plate": (0.026, 0.42, 0.56), "pad": (0.034, 0.80, 0.70), "stripe": (0.050, 0.16, 0.52)}
     long, share, at = sizes[badge]
     return box((long, share * width, 0.0018), (at * arm, 0.0, 0.0032 + 0.975 * t), bevel=0.0004)

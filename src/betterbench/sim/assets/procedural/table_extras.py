@@ -1,4 +1,4 @@
-"""Small objects served with food: a stack of napkins and a cup of sauce."""
+"""Generators of small objects that are served with food: a stack of napkins, and a cup of sauce."""
 
 import math
 
@@ -17,7 +17,7 @@ _FAN, _CORNER = (-0.4, 0.4), (0.001, 0.008)
 def napkin_stack(rng: np.random.Generator, color: str) -> Draft:
     """Make a small stack of folded paper napkins.
 
-    A folded cocktail napkin weighs 2 to 3 g. Twenty of them are about 50 g and 20 mm high.
+    A folded cocktail napkin weighs 2 to 3 g. A stack of twenty weighs about 50 g and is 20 mm high.
     """
     side, count, thickness = rng.uniform(0.056, 0.068), int(rng.integers(4, 9)), rng.uniform(0.0026, 0.0034)
     print_, fan, round_corner = str(rng.choice(["frame", "dots", "stripes", "flower"])), *uniforms(rng, _FAN, _CORNER)
@@ -54,7 +54,7 @@ def napkin_stack(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _print_napkin(canvas: Canvas, kind: str, ink: Rgb) -> None:
-    """Print a pattern on a napkin, 2 by 2 around (1, 1)."""
+    """Print a pattern on the texture of a napkin. The texture is 2 units wide and high, and its center is at (1, 1)."""
     x, y = canvas.x - 1.0, canvas.y - 1.0
     reach = np.maximum(np.abs(x), np.abs(y))
     if kind == "frame":
@@ -70,9 +70,9 @@ def _print_napkin(canvas: Canvas, kind: str, ink: Rgb) -> None:
 
 @generator("sauce_cup", colors=("red", "yellow", "white", "brown"))
 def sauce_cup(rng: np.random.Generator, color: str) -> Draft:
-    """Make a small paper cup of sauce. The color word describes the sauce.
+    """Make a small paper cup of sauce. The color word is the color of the sauce.
 
-    Portion cups with 45 to 90 ml are 54 to 68 mm wide and 27 to 42 mm high. They are made of white or brown paper or
+    Portion cups of 45 to 90 ml are 54 to 68 mm wide and 27 to 42 mm high. They are made of white or brown paper or of
     black plastic.
     """
     radius = rng.uniform(0.0270, 0.0340)

@@ -1,4 +1,4 @@
-"""Open takeaway boxes of kraft board."""
+"""Generator of open takeaway boxes made of kraft board."""
 
 import numpy as np
 
@@ -16,8 +16,8 @@ _OUTSIDE = 0.58
 def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
     """Make a low, wide, open kraft box with a printed sign on its long side, which faces +x.
 
-    The inside is about 0.20 m (x) by 0.27 m (y). The box weighs 0.45 kg, mostly in the floor, like a box with a stiff
-    insert and some content. An empty 40 g box would slide at a touch.
+    The inside is about 0.20 m (x) by 0.27 m (y). The box weighs 0.45 kg, most of it in the floor, like a box with a
+    stiff insert and some content. An empty box of 40 g would slide when it is touched.
     """
     half_x, half_y = 0.100 + rng.uniform(-0.002, 0.002), 0.135 + rng.uniform(-0.002, 0.002)
     height, tooth = rng.uniform(0.100, 0.108), rng.uniform(0.0032, 0.0045)
@@ -49,7 +49,7 @@ def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, *, tooth: float) -> tuple[Mesh, float]:
-    """Return the mesh, and the fraction of the texture's width at which the front ends."""
+    """Return the mesh of the box, and the fraction of the texture's width at which the front ends."""
     long, short = 16, 10  # segments along y and along x; even, so that each side has a midpoint
     corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
     plan = []
@@ -59,7 +59,7 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
     n = len(outline)
     teeth = np.where(np.arange(n) % 2 == 0, 0.0, -tooth)
     on_short = np.abs(np.abs(outline[:, 1]) - half_y) < 1e-9
-    # The folded-in middle of the narrow sides: deepest at the rim, gone at the floor.
+    # The middle of the narrow sides is folded in, most at the rim and not at all at the floor.
     fold = np.where(on_short, np.clip(1.0 - np.abs(outline[:, 0]) / half_x, 0.0, 1.0), 0.0) * 0.0040
     # Long sides are slightly uneven, as in folded paper.
     on_long = np.abs(np.abs(outline[:, 0]) - half_x) < 1e-9
@@ -79,7 +79,8 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
     none, bent, paper = np.zeros(n), fold + wave, 0.0012
     outer = [ring(0.0, none, 0.0), ring(0.0, 0.5 * bent, 0.52 * height), ring(0.0, bent, height + teeth)]
     rings = [*outer, ring(paper, bent, height + teeth), ring(paper, none, _FLOOR)]
-    # Distance along the edge from the center of the front, so that only the two centers are seams.
+    # The texture coordinate is the distance along the edge from the center of the front. Therefore the only seams are
+    # at the centers of the front and the back.
     x, y = outline[:, 0], np.abs(outline[:, 1])
     back = np.where(np.abs(x + half_x) < 1e-9, 2 * half_y + 2 * half_x - y, half_y + half_x - x)
     along = np.where(np.abs(x - half_x) < 1e-9, y, back)
@@ -99,7 +100,7 @@ def _print(
     half_perimeter: float,
     front: float,
 ) -> Canvas:
-    """Draw half of the box, from the center of the front to the center of the back."""
+    """Draw the texture for one half of the box, from the center of its front to the center of its back."""
     scale = height / _OUTSIDE  # meters per full height of the texture
     canvas = Canvas(half_perimeter, scale, (256, 128), kraft)
     x, y = canvas.x, canvas.y
@@ -132,7 +133,7 @@ def _print(
 
 
 def _sign(canvas: Canvas, sign: str, center: tuple[float, float], ink: Rgb, kraft: Rgb) -> None:
-    """Draw the printed sign (a burger, a sun or a leaf), which is seven tenths of the board high."""
+    """Draw the printed sign (a burger, a sun or a leaf), which is seven tenths as high as the board."""
     dx, dy = (canvas.x - center[0]) / 1.15, (canvas.y - center[1]) / 1.15
     if sign == "burger":
         canvas.paint(((dx / 0.034) ** 2 + ((dy - 0.003) / 0.027) ** 2 < 1.0) & (dy > 0.006), ink)

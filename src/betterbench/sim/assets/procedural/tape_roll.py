@@ -1,4 +1,4 @@
-"""Rolls of adhesive tape."""
+"""Generator of rolls of adhesive tape."""
 
 import math
 
@@ -11,10 +11,10 @@ from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittere
 
 @generator("tape_roll", colors=("blue", "brown", "yellow", "green"))
 def tape_roll(rng: np.random.Generator, color: str) -> Draft:
-    """Make a roll of adhesive tape that lies flat. The hole in its cardboard core is open.
+    """Make a roll of adhesive tape that lies flat. Its cardboard core has an open hole.
 
-    Rolls of 15 to 30 mm tape on cores of 25 to 40 mm are 55 to 72 mm wide and weigh 40 to 80 g. A short end of the tape
-    sticks out.
+    Rolls of tape 15 to 30 mm wide, on cores of 25 to 40 mm, are 55 to 72 mm in diameter and weigh 40 to 80 g. A short
+    end of the tape sticks out.
     """
     radius, width, hole = uniforms(rng, (0.0285, 0.0355), (0.0190, 0.0290), (0.42, 0.64))
     hole *= radius
@@ -48,7 +48,7 @@ def tape_roll(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _windings(rng: np.random.Generator, tape: Turned, shade: Rgb) -> Canvas:
-    """Draw the tape, with rings of the windings on both flat sides and a glossy outside with its free end in front."""
+    """Draw the tape: rings of the windings on both flat sides, and a glossy outside with the free end in front."""
     length, canvas = tape.rows, tape.canvas(shade, (64, 256))
     y = canvas.y
     flat = (y < length[1]) | canvas.between(length[4], length[5])
@@ -64,7 +64,7 @@ def _windings(rng: np.random.Generator, tape: Turned, shade: Rgb) -> Canvas:
 
 
 def _core(rng: np.random.Generator, ring: Turned, board: Rgb, shade: Rgb) -> Canvas:
-    """Draw the core, with plies of board on its end and a printed line inside."""
+    """Draw the core, with the plies of the board on its ends and a printed line inside."""
     _, _, low, high, end = ring.rows
     canvas = ring.canvas(board, (64, 128), width=1.0)
     plies = 1.0 + 0.12 * np.sin(2.0 * math.pi * (canvas.y - low) / 0.0008)

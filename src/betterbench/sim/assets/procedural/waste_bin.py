@@ -1,4 +1,4 @@
-"""Open waste bins for a desk."""
+"""Generator of open waste bins for a desk."""
 
 import math
 from collections.abc import Sequence
@@ -19,11 +19,12 @@ _FINISHES = ("mesh", "plain", "slots", "ribs", "plain")
 
 @generator("waste_bin", colors=("black", "gray", "blue"))
 def waste_bin(rng: np.random.Generator, color: str) -> Draft:
-    """Make an open waste bin that widens toward its rim, round or square, of wire mesh or of plastic.
+    """Make an open waste bin that widens toward its rim. It is round or square, and of wire mesh or plastic.
 
-    Most have a bag folded over the rim. Plastic bins have the three recycling arrows on their front. Table and desk
-    bins of 3 to 5 l are 18 to 22 cm wide and 12 to 25 cm high and weigh 0.3 to 0.7 kg. This one is low, so that an
-    object released above its rim falls 10 cm. Most of the 0.55 to 0.65 kg is in the floor, as in stable bins.
+    Most bins have a bag that is folded over the rim. Plastic bins have the three recycling arrows on their front. Bins
+    of 3 to 5 l for tables and desks are 18 to 22 cm wide and 12 to 25 cm high, and weigh 0.3 to 0.7 kg. This bin is
+    low, so that an object that is released above its rim falls 10 cm. It weighs 0.55 to 0.65 kg, most of it in the
+    floor, as stable bins do.
     """
     rim, foot, height = uniforms(rng, (0.0990, 0.1050), (0.0890, 0.0940), (0.118, 0.134))
     square, finish = rng.random() < 0.4, str(rng.choice(_FINISHES))
@@ -73,20 +74,20 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _corners() -> np.ndarray:
-    """Return the factor by which each side of a round body moves outward to make it a square with round corners."""
+    """Return the factor by which to move each side of a round body outward to get a square with round corners."""
     angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
     share: np.ndarray = (np.abs(np.cos(angle)) ** 6 + np.abs(np.sin(angle)) ** 6) ** (-1.0 / 6.0)
     return share
 
 
 def _squared(mesh: Mesh, corner: np.ndarray) -> Mesh:
-    """Return a turned mesh with each of its sides moved outward by a factor."""
+    """Return a turned mesh with each of its sides moved outward by the given factor."""
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
     return mesh.scaled_across(corner[np.round(angle * _SIDES / (2.0 * math.pi)).astype(int) % _SIDES])
 
 
 def _square_walls(foot: float, top: float, height: float) -> Sequence[CollisionPart]:
-    """Return a floor and four leaning boards."""
+    """Return the collision shape of a square bin: a floor and four leaning boards."""
     flare, half_z = math.atan2(top - foot, height), 0.5 * (height - 0.001)
     away, board = 0.5 * (foot + top) - 0.5 * _WALL, (0.5 * _WALL, top - 0.004, half_z / math.cos(flare) - 0.0005)
     low, walls = foot - 0.002, []
@@ -106,7 +107,7 @@ def _bag(
     hem: float,
     folds: np.ndarray,
 ) -> VisualPart:
-    """Return a bag that lines a bin and is folded outward over its rim down to a ragged hem."""
+    """Return a bag that lines the bin and is folded outward over its rim. It ends in a ragged hem."""
     foot, rim, height = size
 
     def wall(z: float) -> float:
@@ -121,7 +122,7 @@ def _bag(
     side = np.round(angle * _SIDES / (2.0 * math.pi)).astype(int) % _SIDES
     ragged, level = np.abs(points[:, 2] - low) < 1e-6, np.abs(points[:, 2] - middle) < 1e-6
     reach = np.hypot(points[:, 0], points[:, 1])
-    # At most 2 mm outward, because visual parts have no contacts.
+    # The bag moves at most 2 mm outward, because it is only visual and has no contacts.
     shift = np.where(ragged, 0.003 * folds[1][side] + 0.002, 0.0) + np.where(level, 0.006 * folds[2][side], 0.0)
     points[:, :2] *= (1.0 + shift / np.maximum(reach, 1e-9))[:, None]
     points[:, 2] += np.where(ragged, 0.007 * folds[0][side], 0.0)
@@ -136,13 +137,13 @@ def _bag(
 def _pattern(
     rng: np.random.Generator, shell: Turned, shade: Rgb, *, finish: str, metal_rim: bool, symbol: float
 ) -> Canvas:
-    """Draw the bin from below over the wall and the rim to the floor inside."""
+    """Draw the texture of the bin, which runs from its bottom over the wall and the rim to the floor inside."""
     foot, top, lip, floor = (shell.rows[k] for k in (2, 3, 6, 7))
     half = math.pi * 0.5 * (shell.radii[2] + shell.radii[3])
     canvas = shell.canvas(shade, (256, 256), width=half)
     x, y = canvas.x, canvas.y
     inside = y > lip
-    # Both sides of the wall at one height have the same row, so that the pattern continues through it.
+    # At each height, both sides of the wall have the same row of the pattern, so that it seems to continue through it.
     share = np.where(inside, 1.0 - (y - lip) / (floor - lip), (y - foot) / (top - foot))
     up = share * (top - foot)
     wall, field = (share > 0.0) & (share < 1.0), (share > 0.08) & (share < 0.94)
@@ -173,9 +174,9 @@ def _pattern(
 
 
 def _symbol_height(finish: str, *, bag: bool) -> float:
-    """Return the height of the recycling sign relative to the wall's height, below the hem of a bag.
+    """Return the height of the recycling sign's center, as a fraction of the wall's height. 0 if there is no sign.
 
-    Returns 0 for no sign.
+    If the bin has a bag, the sign is below the hem of the bag.
     """
     if finish == "mesh" or (bag and finish == "slots"):
         return 0.0
@@ -183,12 +184,12 @@ def _symbol_height(finish: str, *, bag: bool) -> float:
 
 
 def _arrows(canvas: Canvas, center: tuple[float, float], radius: float, ink: Rgb, where: np.ndarray) -> None:
-    """Draw the three arrows that follow each other around a triangle, the sign of recycling."""
+    """Draw the recycling sign: three arrows that follow each other around a triangle."""
     dx, dy = canvas.x - center[0], canvas.y - center[1]
     for k in range(3):
         turn = 2.0 * math.pi * k / 3.0
         u, v = math.cos(turn) * dx + math.sin(turn) * dy, -math.sin(turn) * dx + math.cos(turn) * dy
-        # One side of the triangle, level below the middle, its head to the right.
+        # This is one side of the triangle: a level arrow below the middle that points to the right.
         shaft = (np.abs(v + 0.55 * radius) < 0.17 * radius) & (u > -0.62 * radius) & (u < 0.22 * radius)
         head = (u > 0.20 * radius) & (np.abs(v + 0.55 * radius) < 0.40 * (0.86 * radius - u) / 0.66)
         canvas.paint((shaft | head) & where, ink)

@@ -1,6 +1,7 @@
-"""Text encoders, one file each, and their registry; new files in this folder are registered automatically.
+"""Text encoders and their registry.
 
-``wordpiece`` splits texts into the pieces that the default encoder knows.
+Each encoder is one file, and new files in this folder are registered automatically. ``wordpiece`` splits texts into the
+word pieces that the default encoder takes as input.
 """
 
 import importlib

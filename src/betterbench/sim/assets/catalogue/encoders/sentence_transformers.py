@@ -1,4 +1,4 @@
-"""Encoders of the package sentence-transformers, if the user has installed it: SBERT models, and CLIP for texts."""
+"""Encoders that use the package sentence-transformers, if it is installed: SBERT models and CLIP's text model."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAME = "sentence-transformers"
 
 
 class SentenceEncoder:
-    """A model by name or folder, which the package may download."""
+    """A sentence-transformers model, given by its name or its folder. The package may download the model."""
 
     def __init__(self, model: str, loaded: Any) -> None:  # noqa: ANN401 - a class of the package
         self.name = f"{NAME}:{model}"
@@ -24,18 +24,20 @@ class SentenceEncoder:
         self.dimension = self.encode(["size"]).shape[1]
 
     def encode(self, texts: Sequence[str]) -> np.ndarray:
-        """Return unit vectors, (n, dimension) float32."""
+        """Return a unit vector for each text, as an (n, dimension) float32 array."""
         found = np.asarray(self._model.encode(list(texts), convert_to_numpy=True, show_progress_bar=False), np.float32)
         if found.ndim != 2 or len(found) != len(texts) or not np.isfinite(found).all():
             problem = f"returned an array of shape {found.shape} for {len(texts)} texts, or values that are not finite"
-            raise InvalidInputError(self.name, problem, "Give a text embedding model")
+            raise InvalidInputError(self.name, problem, "Use a text embedding model")
         return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), np.float32(1e-12)))
 
 
 def _open(target: str) -> SentenceEncoder:
     if not target:
         raise InvalidInputError(
-            "encoder", "the model name is missing", f"Write {NAME}:all-mpnet-base-v2, or {NAME}:clip-ViT-B-32"
+            "encoder",
+            "the model name is missing",
+            f"Write, for example, {NAME}:all-mpnet-base-v2 or {NAME}:clip-ViT-B-32",
         )
     try:
         package = importlib.import_module("sentence_transformers")
@@ -45,7 +47,9 @@ def _open(target: str) -> SentenceEncoder:
         return SentenceEncoder(target, package.SentenceTransformer(target))
     except (OSError, ValueError, RuntimeError) as error:
         problem = f"could not be loaded ({described(error)})"
-        raise InvalidInputError(f"{NAME}:{target}", problem, "Check the name and the network") from error
+        raise InvalidInputError(
+            f"{NAME}:{target}", problem, "Check the name of the model and the network connection"
+        ) from error
 
 
 register(

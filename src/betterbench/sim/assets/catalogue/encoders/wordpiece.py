@@ -1,4 +1,7 @@
-"""Word pieces of uncased BERT models: words and punctuation marks, split into the longest known pieces."""
+"""Tokenizer for uncased BERT models, which is based on word pieces.
+
+Words and punctuation marks are split into the longest pieces that the model knows.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 
 _LONGEST_WORD = 100
-"""Maximum length of a word [characters]; longer words become the unknown piece."""
+"""Maximum length of a word [characters]. Longer words are replaced by the piece for unknown words."""
 _IDEOGRAPHS = (
     (0x4E00, 0x9FFF),
     (0x3400, 0x4DBF),
@@ -21,10 +24,10 @@ _IDEOGRAPHS = (
 
 
 class WordPieces:
-    """Tokenizer that splits texts into word piece numbers.
+    """Tokenizer that splits texts into word pieces and returns their indices in a vocabulary.
 
     Args:
-        vocabulary: The pieces, ordered by their numbers in the model.
+        vocabulary: The pieces, in the order of their indices in the model.
     """
 
     def __init__(self, vocabulary: Sequence[str]) -> None:
@@ -32,12 +35,15 @@ class WordPieces:
         self._unknown, self._begin, self._end = (self._numbers[name] for name in ("[UNK]", "[CLS]", "[SEP]"))
 
     def numbers(self, text: str, *, limit: int) -> list[int]:
-        """Return at most ``limit`` piece numbers of a text, including the start and end markers."""
+        """Return the indices of the word pieces in a text, including the start and end markers.
+
+        At most ``limit`` indices are returned.
+        """
         found = [number for word in _words(text) for number in self._pieces(word)]
         return [self._begin, *found[: limit - 2], self._end]
 
     def has_word(self, word: str) -> bool:
-        """Return whether a word in lower case is one piece."""
+        """Return whether a word in lower case is a single piece of the vocabulary."""
         return word in self._numbers
 
     def _pieces(self, word: str) -> list[int]:
@@ -58,7 +64,7 @@ class WordPieces:
 
 
 def _words(text: str) -> Iterator[str]:
-    """Yield lower-case words without accents, and each punctuation mark."""
+    """Yield each word of a text in lower case and without accents, and each punctuation mark."""
     cleaned = "".join(_cleaned(character) for character in text)
     for word in cleaned.split():
         plain = "".join(c for c in unicodedata.normalize("NFD", word.lower()) if unicodedata.category(c) != "Mn")

@@ -1,7 +1,7 @@
-"""Asset sources, one file each, and the registry of their address schemes.
+"""Kinds of asset sources, one file each, and their registry.
 
-New files in this folder are registered automatically. ``source`` is the registry, and ``mesh_facts`` reads facts of
-mesh files without loading the mesh.
+New files in this folder are registered automatically. ``source`` contains the registry. ``mesh_facts`` reads facts
+about mesh files without loading the meshes.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""Folders of mesh files: GLB, glTF, OBJ, STL, URDF and MJCF."""
+"""Asset source for folders of mesh files: GLB, glTF, OBJ, STL, URDF and MJCF."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.sim.assets.licenses import license_name
 from betterbench.sim.assets.names import file_words, named_by, words_of
 
 SIDECARS = ("assets.json", "assets.csv")
-"""Names of the sidecar file that describes the assets in a folder."""
+"""Possible names of the sidecar file, which describes the assets in a folder."""
 
 MAX_FILE_BYTES = 512 << 20
 """Largest file that is indexed [byte]."""
@@ -34,7 +34,7 @@ _Text = Annotated[str, Field(max_length=2000)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Described:
-    """One asset in a sidecar file."""
+    """Description of one asset, as read from a sidecar file that describes the files in a folder."""
 
     file: _Text
     name: _Text = ""
@@ -51,7 +51,7 @@ _DESCRIBED = TypeAdapter(tuple[_Described, ...])
 
 @dataclass(frozen=True, slots=True)
 class _Folder:
-    """The mesh files of a folder and its subfolders."""
+    """Asset source that contains the mesh files in a folder and its subfolders."""
 
     root: Path
     name: str
@@ -59,11 +59,11 @@ class _Folder:
 
     @property
     def address(self) -> str:
-        """Folder address."""
+        """Address of the folder, ``folder:PATH``."""
         return f"folder:{self.root}"
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
-        """Yield one item for each object; files that a URDF or MJCF file uses belong to that file."""
+        """Yield one item for each object. Meshes that a URDF or MJCF file uses belong to the object in that file."""
         described, stamp = _sidecar(self.root)
         files = sorted(_mesh_files(self.root))
         used = _used_files(files, on_skip, self.root)
@@ -82,7 +82,9 @@ def _reader(folder: _Folder, file: Path, inside: str, told: _Described | None) -
     def read() -> CatalogueEntry:
         size = file.stat().st_size
         if size > MAX_FILE_BYTES:
-            raise InvalidInputError(inside, f"has {size} bytes, more than {MAX_FILE_BYTES}", "Reduce the mesh")
+            raise InvalidInputError(
+                inside, f"has {size} bytes, more than {MAX_FILE_BYTES}", "Reduce the number of triangles in the mesh"
+            )
         facts = mesh_facts(file)
         named = told or _Described(inside)
         return CatalogueEntry(
@@ -105,7 +107,7 @@ def _reader(folder: _Folder, file: Path, inside: str, told: _Described | None) -
 
 
 def _mesh_files(root: Path) -> Iterator[Path]:
-    """Yield files with a mesh extension, except hidden files; links are not followed."""
+    """Yield all files with a mesh extension. Hidden files and links are left out."""
     for place, folders, names in os.walk(root):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in names:
@@ -115,7 +117,10 @@ def _mesh_files(root: Path) -> Iterator[Path]:
 
 
 def _used_files(files: list[Path], on_skip: Callable[[str, str], None], root: Path) -> set[Path]:
-    """Return the files without a row of their own: parts of a URDF or MJCF file, and XML files that are not assets."""
+    """Return the files that are not separate objects.
+
+    These are the files that a URDF or MJCF file uses, and XML files that do not describe an object.
+    """
     found: set[Path] = set()
     for file in files:
         if file.suffix.lower() not in (".urdf", ".xml"):
@@ -136,13 +141,16 @@ def _preference(file: Path) -> tuple[int, str]:
 
 
 def _object_of(file: Path, root: Path) -> tuple[Path, str]:
-    """Return a key shared by all files of an object: the folder that names it, or the folder and the stem."""
+    """Return a key that is the same for all files of one object.
+
+    If the folder names the object, the key is the folder. Otherwise, it is the folder and the file name without suffix.
+    """
     place, stem = named_by(file, root)
     return (place, "") if stem is None else (file.parent, stem)
 
 
 def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
-    """Return the sidecar entry of each file, and a fingerprint of the sidecar."""
+    """Return the description of each file in the folder's sidecar file, and a fingerprint of the sidecar file."""
     there = [root / name for name in SIDECARS if (root / name).is_file()]
     if not there:
         return {}, ""
@@ -160,7 +168,7 @@ def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
 
 
 def _csv_rows(path: Path, data: bytes) -> tuple[_Described, ...]:
-    """Return the rows of a table that has a header; tags are separated by semicolons."""
+    """Parse a CSV table with a header row. Tags are separated by semicolons."""
     try:
         table = csv.DictReader(io.StringIO(data.decode("utf-8-sig")), strict=True, restkey="")
         forms: list[dict[str, object]] = []
@@ -176,11 +184,15 @@ def _csv_rows(path: Path, data: bytes) -> tuple[_Described, ...]:
 def _open(target: str, options: SourceOptions) -> _Folder:
     root = Path(target).absolute()
     if not target or not root.is_dir():
-        raise InvalidInputError(target or "folder:", "is not a folder", "Give a folder of mesh files as folder:PATH")
+        raise InvalidInputError(
+            target or "folder:", "is not a folder", "Write the path of a folder of mesh files as folder:PATH"
+        )
     name = options.name or "_".join(words_of(root.name)) or "folder"
     if "/" in name or not name.isprintable() or name in ("procedural", "objaverse"):
         raise InvalidInputError(
-            "name", f"{one_line(name)!r} is not a valid source name", "Give a name without slashes with --name"
+            "name",
+            f"{one_line(name)!r} is not a valid source name",
+            "Use --name with a printable name that contains no slashes",
         )
     return _Folder(root, name, options)
 

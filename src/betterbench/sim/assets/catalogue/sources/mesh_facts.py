@@ -1,7 +1,7 @@
-"""Reading of mesh file facts (triangles and extents) without loading the mesh.
+"""Reading of the number of triangles and the extents of a mesh from its file, without loading the mesh.
 
-Referenced files are not opened, and the number of bytes read per file is limited. Missing or non-finite numbers are
-treated as unknown.
+Files that a mesh refers to are not opened, and the number of bytes read per file is limited. Numbers that are missing
+or not finite count as unknown.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from betterbench.sim.assets.gltf import description_of
 from betterbench.sim.assets.xml_file import MAX_XML_BYTES, parse_xml
 
 MAX_TEXT_BYTES = 64 << 20
-"""Maximum size of an OBJ or text STL file to read [byte]; facts about larger files are unknown."""
+"""Maximum size of an OBJ or text STL file that is read [byte]. The facts about larger files are unknown."""
 _MOST_NODES = 20_000
 _CURE = "Repair the file or remove it"
 
 
 @dataclass(frozen=True, slots=True)
 class MeshFacts:
-    """Facts stated in a mesh file.
+    """Facts about a mesh, as stated in its file.
 
     Attributes:
-        faces: Number of triangles, None if unknown.
-        size: Extents along the file's axes, in its own units; None if unknown.
-        name: Name in the file, empty if it has none.
+        faces: Number of triangles, or None if unknown.
+        size: Extents along the axes of the file, in the unit of the file. None if unknown.
+        name: Name stated in the file. Empty if there is none.
         refers_to: Relative paths of the mesh files that a URDF or MJCF file uses.
         is_asset: False for an XML file that is neither URDF nor MJCF.
     """
@@ -47,10 +47,10 @@ class MeshFacts:
 
 
 def mesh_facts(path: Path) -> MeshFacts:
-    """Read a file's facts; the extension determines the format.
+    """Read the facts that a mesh file states. The extension determines the format.
 
     Raises:
-        InvalidInputError: If the file is damaged or has another format.
+        InvalidInputError: If the file is damaged or does not have the format of its extension.
     """
     try:
         return _READERS[path.suffix.lower()](path)
@@ -63,7 +63,7 @@ def _wrong(path: Path, problem: str) -> InvalidInputError:
 
 
 def _size(low: np.ndarray, high: np.ndarray) -> Vector | None:
-    """Return the extents between two corners, or None if they are not finite or all zero."""
+    """Return the extents between two corners, or None if an extent is not finite or all extents are zero."""
     with np.errstate(all="ignore"):
         sides = [float(side) for side in np.asarray(high, float) - np.asarray(low, float)]
     if len(sides) != 3 or not all(math.isfinite(side) and side >= 0.0 for side in sides) or not any(sides):
@@ -85,7 +85,7 @@ def _gltf(path: Path) -> MeshFacts:
 
 
 class _GltfScene:
-    """Triangles and extents of the default scene in a glTF description."""
+    """Reader of a glTF description. It determines the number of triangles and the extents of the default scene."""
 
     def __init__(self, form: Mapping[str, Any]) -> None:
         self._form = form
@@ -103,7 +103,7 @@ class _GltfScene:
             number, above = stack.pop()
             self._visited += 1
             if self._visited > _MOST_NODES:
-                raise ValueError(f"more than {_MOST_NODES} nodes, or nodes in a cycle")
+                raise ValueError(f"the scene has more than {_MOST_NODES} nodes, or its nodes form a cycle")
             node = self._nodes[_index(number, len(self._nodes))]
             pose = above @ _node_matrix(node)
             if "mesh" in node:
@@ -121,7 +121,7 @@ class _GltfScene:
                 *([] if shared is None else [accessors[_index(shared, len(accessors))]["count"]]),
             ]
             if not all(isinstance(count, int) and not isinstance(count, bool) and count >= 0 for count in counts):
-                raise ValueError("a count is not a number")
+                raise ValueError("the count of an accessor is not a non-negative integer")
             count = counts[-1]
             mode = primitive.get("mode", 4)
             self._faces += count // 3 if mode == 4 else max(count - 2, 0) if mode in (5, 6) else 0
@@ -142,7 +142,7 @@ def _index(value: object, count: int) -> int:
 
 
 def _node_matrix(node: Mapping[str, Any]) -> np.ndarray:
-    """Return a node's pose relative to its parent, (4, 4)."""
+    """Return the (4, 4) pose of a node relative to its parent."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=float).reshape(4, 4).T
     x, y, z, w = (float(part) for part in node.get("rotation", (0, 0, 0, 1)))
@@ -180,7 +180,7 @@ def _obj(path: Path) -> MeshFacts:
 
 
 def _extent_of_lines(path: Path, lines: list[bytes]) -> Vector | None:
-    """Return the extents of the points in lines with a word and three numbers."""
+    """Return the extents of the points in a list of lines, each of which consists of a word and three numbers."""
     try:
         points = np.array([line.split()[1:4] for line in lines], dtype="S40").astype(float)
     except ValueError as error:
@@ -241,4 +241,4 @@ _READERS: dict[str, Callable[[Path], MeshFacts]] = {
     ".xml": _xml,
 }
 ENDINGS = tuple(_READERS)
-"""Extensions of possible asset files, best first: the first one found gives the row of an object."""
+"""Extensions of possible asset files, best first. If an object has several files, the best one becomes its row."""

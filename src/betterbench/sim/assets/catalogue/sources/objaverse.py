@@ -1,8 +1,8 @@
-"""Objaverse source: published models, each with its own license and author.
+"""Objaverse as an asset source: published models, each with its own license and author.
 
 ``objaverse:FOLDER`` reads the files that the package ``objaverse`` stores on disk (``metadata/*.json.gz``,
-``lvis-annotations.json.gz``, ``object-paths.json.gz``, ``glbs/``) and needs no network. ``objaverse`` alone lets the
-installed package download the annotations first.
+``lvis-annotations.json.gz``, ``object-paths.json.gz``, ``glbs/``) and does not need a network. If the address is only
+``objaverse``, the package first downloads the annotations.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from betterbench.sim.assets.licenses import license_name
 
 NAME = "objaverse"
 MAX_JSON_BYTES = 512 << 20
-"""Largest unpacked annotation file [byte]; the real files have about 30 MB, object-paths.json.gz 80 MB."""
+"""Maximum size of an unpacked annotation file [byte]. The real files have about 30 MB, object-paths.json.gz 80 MB."""
 _CURE = "Download it again with the package objaverse"
 _LONGEST = 600
-"""Largest stored length of a description [characters]."""
+"""Maximum length of a stored description [characters]."""
 _MOST_TAGS = 24
 _UID = frozenset("0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ-_")
 
 
 @dataclass(frozen=True, slots=True)
 class _Objaverse:
-    """The annotations in a folder."""
+    """Objaverse models that are described by the annotations in a folder."""
 
     root: Path
     name: str = NAME
 
     @property
     def address(self) -> str:
-        """Folder address."""
+        """Address of the folder, ``objaverse:FOLDER``."""
         return f"{NAME}:{self.root}"
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
-        """Yield one item for each annotated model; a shard that cannot be read is skipped as a whole."""
+        """Yield one item for each annotated model. If an annotation file cannot be read, its models are skipped."""
         categories = _categories(self.root, on_skip)
         places = _object(self.root / "object-paths.json.gz", on_skip)
         for shard in sorted((self.root / "metadata").glob("*.json.gz")):
@@ -60,7 +60,7 @@ class _Objaverse:
                 yield SourceItem(f"{NAME}/{uid}", mark, _reader(uid, annotation, categories.get(uid, ""), file))
 
     def _local_file(self, told: object) -> Path | None:
-        """Return the mesh of a model if it has been downloaded into the folder."""
+        """Return the path of a model's mesh if it has been downloaded into the folder, and otherwise None."""
         if not isinstance(told, str) or "\0" in told:
             return None
         file = self.root / told
@@ -97,14 +97,14 @@ def _text(value: object) -> str:
 
 
 def _names(value: object) -> list[str]:
-    """Return the names in a list of names or of objects with a name."""
+    """Return the names in a JSON list, whose elements are either names or JSON objects that contain a name."""
     listed = value if isinstance(value, list) else []
     found = (_text(one.get("name") if isinstance(one, dict) else one) for one in listed)
     return [name[:80] for name in found if name]
 
 
 def _categories(root: Path, on_skip: Callable[[str, str], None]) -> dict[str, str]:
-    """Return the LVIS category of each annotated model, "pop (soda)" for ``pop_(soda)``."""
+    """Return the LVIS category of each model, with spaces instead of underscores ("pop (soda)" for ``pop_(soda)``)."""
     found: dict[str, str] = {}
     for category, uids in _object(root / "lvis-annotations.json.gz", on_skip).items():
         if isinstance(uids, list):
@@ -113,9 +113,9 @@ def _categories(root: Path, on_skip: Callable[[str, str], None]) -> dict[str, st
 
 
 def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
-    """Return the object in a packed file.
+    """Return the JSON object in a gzip file.
 
-    The result is empty if the file is missing or damaged; damage is reported to the caller.
+    The result is empty if the file is missing or damaged. If it is damaged, ``on_skip`` is called with the reason.
     """
     if not path.exists():
         return {}
@@ -134,29 +134,35 @@ def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
 
 def _open(target: str, options: SourceOptions) -> _Objaverse:
     if options.license or options.author or options.name:
-        raise InvalidInputError(NAME, "each model has its own license and author", "Leave these options out")
+        raise InvalidInputError(
+            NAME, "each model has its own license and author", "Leave out --license, --author and --name"
+        )
     if not target:
         return _Objaverse(_downloaded())
     root = Path(target).absolute()
     if not (root / "metadata").is_dir():
-        raise InvalidInputError(target, "has no folder metadata", f"Give the folder hf-objaverse-v1 of {NAME}. {_CURE}")
+        raise InvalidInputError(
+            target, "has no folder metadata", f"Pass the folder hf-objaverse-v1 of the package {NAME}. {_CURE}"
+        )
     return _Objaverse(root)
 
 
 def _downloaded() -> Path:
-    """Let the package download the annotations, and return its folder."""
+    """Download the annotations with the package objaverse, and return the folder in which it stores them."""
     try:
         package = importlib.import_module(NAME)
     except ImportError as error:
         problem = "The source objaverse needs the package objaverse, which is not installed"
-        raise missing_packages(problem, NAME, otherwise="or give a folder with its files: objaverse:FOLDER") from error
+        raise missing_packages(problem, NAME, otherwise="or read its files from a folder: objaverse:FOLDER") from error
     try:
         package.load_annotations()
         package.load_lvis_annotations()
         root = Path(package._VERSIONED_PATH)
     except Exception as error:  # any error of the package
         problem = f"its annotations could not be downloaded ({described(error)})"
-        raise InvalidInputError(NAME, problem, "Check the network, or give a folder: objaverse:FOLDER") from error
+        raise InvalidInputError(
+            NAME, problem, "Check the network connection, or read the files from a folder: objaverse:FOLDER"
+        ) from error
     return root
 
 

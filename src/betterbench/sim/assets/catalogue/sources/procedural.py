@@ -1,4 +1,7 @@
-"""Source of the procedural library, with one row for each category and color that represents all looks."""
+"""The procedural library as an asset source.
+
+The catalogue has one row for each category and color, which represents all variants of the object.
+"""
 
 from __future__ import annotations
 
@@ -16,23 +19,26 @@ AUTHOR = "betterbench"
 
 
 def asset_address(entry_id: str) -> tuple[str, str, int]:
-    """Return category, color and look from a row id ("procedural/mug-red") or the id of one look ("...red#3").
+    """Parse the id of a catalogue row or of one variant, and return the category, the color and the variant number.
+
+    For example, "procedural/mug-red" is the id of a row, and "procedural/mug-red#3" is the id of a variant. For the id
+    of a row, the variant number is 0.
 
     Raises:
-        InvalidInputError: If the id has another form.
+        InvalidInputError: If the id has a different form.
     """
     rest, _, look = entry_id.removeprefix(f"{NAME}/").partition("#")
     category, _, color = rest.rpartition("-")
     if not entry_id.startswith(f"{NAME}/") or not category or not (look or "0").isdecimal():
         raise InvalidInputError(
-            "id", f"{entry_id!r} is not an asset of the procedural library", "Write procedural/mug-red#3"
+            "id", f"{entry_id!r} is not an asset of the procedural library", "Write an id such as procedural/mug-red#3"
         )
     return category, color, int(look or "0")
 
 
 @dataclass(frozen=True, slots=True)
 class _Procedural:
-    """Source of the registered generators."""
+    """Asset source that contains the objects of all registered generators."""
 
     name: str = NAME
     address: str = NAME
@@ -68,7 +74,9 @@ def _reader(category: str, color: str) -> Callable[[], CatalogueEntry]:
 
 def _open(target: str, options: SourceOptions) -> _Procedural:
     if target or options.license or options.author or options.name:
-        raise InvalidInputError(NAME, "it does not take a target, license, author or name", f"Write {NAME}")
+        raise InvalidInputError(
+            NAME, "it does not take a target, license, author or name", f"Use the address {NAME} alone"
+        )
     return _Procedural()
 
 

@@ -1,4 +1,4 @@
-"""Interface for asset sources, and the registry of all source kinds."""
+"""Interface of asset sources, and the registry of all kinds of sources."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 
 @dataclass(frozen=True, slots=True)
 class SourceItem:
-    """Asset of a source whose row has not been read yet.
+    """An asset in a source. Its catalogue row is only read when it is needed.
 
     Attributes:
-        id: Id of the row.
-        fingerprint: Text that changes if the row must be read again.
-        read: Returns the row; raises a BetterError if the asset cannot be used.
+        id: Id of the asset's row.
+        fingerprint: Text that differs from that of the previous indexing if the row must be read again.
+        read: Function that returns the row. It raises a BetterError if the asset cannot be used.
     """
 
     id: str
@@ -27,18 +27,18 @@ class SourceItem:
 
 
 class AssetSource(Protocol):
-    """Source: a collection of assets that can be listed."""
+    """A source of assets, i.e. a collection of assets that can be listed."""
 
     @property
     def name(self) -> str:
-        """Source name in the catalogue."""
+        """Name of the source in the catalogue."""
 
     @property
     def address(self) -> str:
         """Address with which the same source can be opened again."""
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
-        """Yield the assets in a fixed order; call ``on_skip`` with the name and the reason for each skipped asset."""
+        """Yield the assets in a fixed order. For each skipped asset, call ``on_skip`` with its name and the reason."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,9 +46,9 @@ class SourceOptions:
     """Options for a source, given by the user.
 
     Attributes:
-        name: Source name in the catalogue; by default, the name of the source.
-        license: License of assets without one.
-        author: Author of assets without one.
+        name: Name of the source in the catalogue. If empty, the source determines it.
+        license: License of assets that do not state a license.
+        author: Author of assets that do not state an author.
     """
 
     name: str = ""
@@ -58,13 +58,14 @@ class SourceOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceKind:
-    """Kind of source.
+    """Kind of asset source.
 
     Attributes:
-        scheme: First part of its addresses, before the colon and the target.
-        shown: Displayed form of its addresses ("folder:PATH").
-        summary: One sentence about its assets.
-        open: Opens the source for a target (may be empty); raises a BetterError on failure.
+        scheme: Part before the colon in the addresses of such sources.
+        shown: Form of these addresses for display ("folder:PATH").
+        summary: One sentence that describes the assets in such sources.
+        open: Function that opens the source. It takes the text after the colon in the address, which may be empty, and
+            raises a BetterError if the source cannot be opened.
     """
 
     scheme: str
@@ -78,23 +79,25 @@ SOURCES: dict[str, SourceKind] = {}
 
 
 def register(kind: SourceKind) -> SourceKind:
-    """Register a kind of source, and return it.
+    """Register a kind of source and return it.
 
     Raises:
-        ValueError: If another kind already has this scheme.
+        ValueError: If a different kind of source already has this scheme.
     """
     if SOURCES.setdefault(kind.scheme, kind) is not kind:
-        raise ValueError(f"another kind of sources is called {kind.scheme!r}; give this one another scheme")
+        raise ValueError(
+            f"a kind of source with the scheme {kind.scheme!r} is already registered; choose a different scheme"
+        )
     return kind
 
 
 def open_source(address: str, options: SourceOptions | None = None) -> AssetSource:
-    """Open the source at an address; for a folder, the path of an existing folder is enough.
+    """Open the asset source at an address such as "folder:PATH". A folder can also be given by its path alone.
 
     Raises:
-        UnknownNameError: If no kind has such addresses.
+        UnknownNameError: If no kind of source has the scheme of the address.
         InvalidInputError: If the source cannot be read.
-        MissingDependencyError: If its package is not installed.
+        MissingDependencyError: If a package that the source needs is not installed.
     """
     scheme, colon, target = address.partition(":")
     chosen = options or SourceOptions()
@@ -103,5 +106,5 @@ def open_source(address: str, options: SourceOptions | None = None) -> AssetSour
     if Path(address).is_dir():
         return SOURCES["folder"].open(address, chosen)
     if not colon and ("/" in address or address.startswith(".")):
-        raise InvalidInputError(address, "the folder does not exist", "Give a folder of mesh files")
+        raise InvalidInputError(address, "the folder does not exist", "Pass the path of a folder of mesh files")
     raise UnknownNameError("source of assets", scheme, SOURCES)

@@ -1,9 +1,11 @@
-"""Data of human reviews of imported objects: changes, verdicts, and their replay without the browser page.
+"""Human reviews of imported objects: storage of the decisions, and their application to the objects.
 
-- ``changes``: one change of an object, with its value before and after.
+The browser page is in a different package.
+
+- ``changes``: one change to an object, with the values before and after.
 - ``content``: hash of the reviewed mesh file.
-- ``journal``: the append-only file of decisions, and the history of one object in it.
-- ``applying``: an object with the changes of its history applied.
+- ``journal``: append-only file of decisions, and the history of each object in it.
+- ``applying``: applies the changes of a history to an object.
 """
 
 from betterbench.jobs.decisions import Undo, Verdict

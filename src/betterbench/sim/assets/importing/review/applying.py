@@ -1,4 +1,7 @@
-"""An imported object with the changes of a review applied, as a pure function of the object and the changes."""
+"""Application of the changes made in a review to an imported object.
+
+The result depends only on the imported object and on the changes.
+"""
 
 from __future__ import annotations
 
@@ -55,18 +58,19 @@ from betterbench.sim.assets.importing.review.changes import (
 from betterbench.sim.assets.importing.solid import mass_of_cells, solid_of
 
 SAME_RAD, SAME_M, SAME_SHARE = 2e-3, 2e-4, 5e-3
-"""Tolerances for values that a reviewer saw, because of rounding and differences between CPUs."""
+"""Tolerances when a value is compared with the one that the reviewer saw. The values can differ slightly because of
+rounding and differences between CPUs."""
 
 ItemT = TypeVar("ItemT", Grasp, Region)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewState:
-    """An object in a review.
+    """State of an object during a review.
 
     Attributes:
-        imported: The object with all changes so far.
-        turned: Rotation (w, x, y, z) from the imported pose.
+        imported: The object with all changes made so far.
+        turned: Rotation (w, x, y, z) from the pose in which the object was imported to its current pose.
     """
 
     imported: Imported
@@ -74,7 +78,7 @@ class ReviewState:
 
     @property
     def size_m(self) -> Vector:
-        """Extents of the bounding box [m]."""
+        """Extents of the object's bounding box [m]."""
         return size_of(self.imported.draft)
 
     @property
@@ -84,19 +88,19 @@ class ReviewState:
 
 
 def apply(imported: Imported, changes: Iterable[Change], *, where: str = "review") -> Imported:
-    """Return an object with changes applied in order.
+    """Apply changes to an object, in order.
 
-    The result is deterministic: the same object and changes give the same bytes
+    The same object and the same changes always give the same bytes
     (:func:`~betterbench.sim.assets.importing.stored.to_bytes`).
 
     Args:
         imported: The object as it was imported.
-        changes: The changes in order.
-        where: Name of the object for messages.
+        changes: The changes, in the order in which they were made.
+        where: Name of the object, for messages.
 
     Raises:
-        InvalidInputError: If the value before a change differs from the recorded value, or a change makes the object
-            unusable.
+        InvalidInputError: If a value of the object differs from the value before the change that the review has
+            recorded, or if a change makes the object unusable.
     """
     state = ReviewState(imported)
     for change in changes:
@@ -105,7 +109,7 @@ def apply(imported: Imported, changes: Iterable[Change], *, where: str = "review
 
 
 def changed(state: ReviewState, change: Change, *, where: str = "review") -> ReviewState:
-    """Return an object with one change applied. For arguments and errors, see :func:`apply`."""
+    """Apply one change to an object. The arguments and the errors are the same as for :func:`apply`."""
     draft, turned = state.imported.draft, state.turned
     match change:
         case PoseChange():
@@ -144,7 +148,7 @@ def changed(state: ReviewState, change: Change, *, where: str = "review") -> Rev
 
 
 def size_of(draft: Draft) -> Vector:
-    """Return the extents of the bounding box of the visual parts [m]."""
+    """Return the extents of the bounding box of an asset draft's visual parts [m]."""
     points = np.concatenate([part.vertices for part in _visual(draft)]).astype(float)
     x, y, z = (round(float(e), 6) for e in np.ptp(points, axis=0))
     return x, y, z
@@ -158,7 +162,7 @@ def _visual(draft: Draft) -> list[VisualPart]:
 
 
 def _placed(draft: Draft, place: Callable[[np.ndarray], np.ndarray]) -> Draft:
-    """Return a draft with moved visual parts and without collision parts. These are computed again later."""
+    """Move the visual parts of a draft. The collision parts are dropped, because they are computed again later."""
     parts = []
     for part in _visual(draft):
         vertices = np.ascontiguousarray((np.round(place(part.vertices.astype(float)), 7) + 0.0).astype(np.float32))
@@ -168,7 +172,7 @@ def _placed(draft: Draft, place: Callable[[np.ndarray], np.ndarray]) -> Draft:
 
 
 def _moved(draft: Draft, turn: Quaternion, *, to_bottom: bool = False, lower_m: float = 0.0) -> Draft:
-    """Return a draft that is turned and then lowered [m], with its origin in the middle of its bounding box."""
+    """Rotate a draft, center it above the origin, and lower it by ``lower_m`` [m] or until its bottom is at z = 0."""
     matrix = np.array([rotate(turn, axis) for axis in np.eye(3).tolist()])
     points = np.concatenate([part.vertices for part in _visual(draft)]).astype(float) @ matrix
     low, high = points.min(axis=0), points.max(axis=0)
@@ -181,14 +185,14 @@ def _scaled(draft: Draft, factor: float) -> Draft:
 
 
 def _leveling(change: SupportChange, where: str) -> Quaternion:
-    """Return the smallest rotation that points the normal of the plane up."""
+    """Return the smallest rotation that turns the normal of the new support plane upward."""
     if distance(change.before.normal, Plane().normal) > SAME_RAD or abs(change.before.height_m) > SAME_M:
         raise _other(where, "support plane", f"{change.before}", f"{Plane()}")
     x, y, z = change.after.normal
     length = math.sqrt(x * x + y * y + z * z)
     if abs(length - 1.0) > 1e-3:
         problem = f"the normal of its support plane has the length {length:g}"
-        raise InvalidInputError(where, problem, "Give a normal of length 1")
+        raise InvalidInputError(where, problem, "Use a normal of length 1")
     across = math.hypot(x, y)
     angle = math.atan2(across, z)
     axis = (y / across, -x / across, 0.0) if across > 1e-9 else (1.0, 0.0, 0.0)
@@ -196,7 +200,7 @@ def _leveling(change: SupportChange, where: str) -> Quaternion:
 
 
 def _refound(imported: Imported, draft: Draft, where: str) -> Imported:
-    """Return an object with moved visual parts. Collision shape, inertia, grasps and regions are computed again."""
+    """Compute the collision shape, inertia, grasps and regions again, after the visual parts were moved."""
     raw = [
         RawPart(p.name, np.maximum(p.vertices.astype(float), (-np.inf, -np.inf, 0.0)), p.faces.astype(np.int64))
         for p in _visual(draft)
@@ -251,11 +255,13 @@ def _replaced(
     *,
     where: str,
 ) -> tuple[ItemT, ...]:
-    """Return named items with one item moved, added or removed."""
+    """Move, add or remove one of several named items, i.e. one of the grasps or regions of an object."""
     named = {item.name: item for item in items}
     before, after = before_after
     if before is None and after is None:
-        raise InvalidInputError(where, f"a change of a {what} has no frame", "Give its frame before or after")
+        raise InvalidInputError(
+            where, f"a change to a {what} has no frame", "Add the frame before the change, the frame after it, or both"
+        )
     if before is not None:
         if before.name not in named:
             known = ", ".join(named) or "none"
@@ -263,7 +269,7 @@ def _replaced(
         if not is_same(before, named[before.name]):
             raise _other(where, f"{what} {before.name!r}", str(before), str(named[before.name]))
     if after is not None and after.name in named and (before is None or after.name != before.name):
-        raise InvalidInputError(where, f"{what} {after.name!r} exists already", "Give it another name")
+        raise InvalidInputError(where, f"{what} {after.name!r} already exists", "Choose a different name")
     if before is None:
         return items if after is None else items + (after,)  # noqa: RUF005 - mypy infers the type of a sum
     new = [after if item.name == before.name else item for item in items]
@@ -280,11 +286,11 @@ def _is_same_region(a: Region, b: Region) -> bool:
     return apart < SAME_M and angle_between(a.quaternion, b.quaternion) < SAME_RAD
 
 
-_OTHER_CURE = "Import it with the options of the review (name, size_m, up), or review it again"
+_OTHER_CURE = "Import it with the same options as in the review (name, size_m, up), or review it again"
 
 
 def _other(where: str, what: str, found: str, here: str) -> InvalidInputError:
-    """Return the error for a change that was made to a different state of the object."""
+    """Return the error for a change that was recorded for a different state of the object."""
     return InvalidInputError(where, f"its {what} was {found} in the review, but is {here} here", _OTHER_CURE)
 
 

@@ -1,7 +1,7 @@
-"""Decisions about an imported object: changes with values before and after, verdicts, and undo.
+"""Decisions about an imported object: changes (with the values before and after each change), verdicts, and undo.
 
-Poses, planes, grasps and regions are in the object frame at the time of the change. Its origin is in the middle of the
-bottom of the bounding box, with z up.
+Poses, planes, grasps and regions are given in the object's frame at the time of the change. Its origin is in the middle
+of the bottom of the bounding box, with z up.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """The plane on which an object rests, given by its unit normal and the height of the plane along it [m]."""
+    """Plane on which an object rests, given by its unit normal and its height along the normal [m]."""
 
     normal: Vector = (0.0, 0.0, 1.0)
     height_m: float = 0.0
@@ -37,9 +37,9 @@ class Plane:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PoseChange:
-    """A rotation of the object. ``before`` and ``after`` are rotations (w, x, y, z) from the imported pose.
+    """Rotation of the object. ``before`` and ``after`` are rotations (w, x, y, z) relative to the imported pose.
 
-    The collision shape, grasps and regions are then computed again.
+    After the rotation, the collision shape, grasps and regions are computed again.
     """
 
     before: Quaternion
@@ -50,9 +50,9 @@ class PoseChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ScaleChange:
-    """A new size, as the longest side of the bounding box [m]. The mass stays the same.
+    """New size of the object. ``before`` and ``after`` are lengths of the longest side of its bounding box [m].
 
-    The collision shape, grasps and regions are then computed again.
+    The mass stays the same. The collision shape, grasps and regions are computed again after the change.
     """
 
     before: _Length
@@ -63,10 +63,10 @@ class ScaleChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SupportChange:
-    """A new support plane. ``before`` is the bottom of the bounding box.
+    """New plane on which the object rests. ``before`` is always the bottom of the bounding box.
 
-    The object is turned by the smallest rotation that levels the plane. Parts below the plane do not touch the table.
-    The collision shape, grasps and regions are then computed again.
+    The object is turned by the smallest rotation that makes the plane horizontal. Parts below the plane do not touch
+    the table. The collision shape, grasps and regions are computed again.
     """
 
     before: Plane
@@ -77,7 +77,7 @@ class SupportChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class GraspChange:
-    """A grasp that is moved, added (``before`` is None) or removed (``after`` is None)."""
+    """Change to a grasp, which was moved, added (``before`` is None) or removed (``after`` is None)."""
 
     before: Grasp | None
     after: Grasp | None
@@ -87,7 +87,10 @@ class GraspChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RegionChange:
-    """A placement frame (opening, floor, base, top) that is moved, added or removed, like :class:`GraspChange`."""
+    """Change to a placement frame (opening, floor, base or top), which was moved, added or removed.
+
+    As in :class:`GraspChange`, ``before`` is None for an added frame, and ``after`` is None for a removed frame.
+    """
 
     before: Region | None
     after: Region | None
@@ -97,7 +100,7 @@ class RegionChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class MassChange:
-    """A new mass [kg]. The inertia changes in proportion."""
+    """Change to the mass of the object [kg]. The inertia changes in proportion to the mass."""
 
     before: _Mass
     after: _Mass
@@ -107,7 +110,7 @@ class MassChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class NameChange:
-    """A new name, which determines the description and the tags."""
+    """Change to the name of the object, which determines the description and the tags of the object."""
 
     before: _Name
     after: _Name
@@ -125,7 +128,7 @@ AS_IMPORTED: Quaternion = IDENTITY_QUATERNION
 
 
 def said(change: Change) -> str:
-    """Return a change as a short English phrase."""
+    """Describe a change to an object by a short English phrase."""
     match change:
         case PoseChange():
             return "turned"

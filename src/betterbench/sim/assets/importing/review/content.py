@@ -1,4 +1,4 @@
-"""Hash of a mesh file and of the files that it refers to. It identifies a reviewed object."""
+"""Hash of a mesh file and of all files that it refers to. The hash identifies an object in a review."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderRes
 def content_hash(path: Path) -> str:
     """Return the hexadecimal SHA-256 of a mesh file with its materials, textures and buffers.
 
-    A referenced file that cannot be read is treated as missing. The import then raises an error.
+    A referenced file that cannot be read counts as missing. The import of the mesh then raises an error.
 
     Raises:
         InvalidInputError: If the mesh file itself cannot be read.
@@ -40,7 +40,7 @@ def content_hash(path: Path) -> str:
 
 
 def _references(suffix: str, data: bytes) -> list[str]:
-    """Return the names of the files that a file refers to, in order of appearance."""
+    """Return the names of the files that a file refers to, in the order in which they appear."""
     if suffix == ".obj":
         return _after(data, (b"mtllib",))
     if suffix == ".mtl":
@@ -58,7 +58,7 @@ def _references(suffix: str, data: bytes) -> list[str]:
 
 
 def _after(data: bytes, keywords: tuple[bytes, ...]) -> list[str]:
-    """Return the rest of each line that begins with one of the keywords."""
+    """Return the rest of each line that begins with one of the keywords, without the keyword."""
     found = []
     for line in data.splitlines():
         words = line.strip().split(None, 1)

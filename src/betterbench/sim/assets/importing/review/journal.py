@@ -1,6 +1,7 @@
-"""Review file, with one appended JSON line per decision, and the history of each object in it.
+"""Review file with one JSON line per decision, and the history of decisions about each object.
 
-This module defines the lines about imported objects. :mod:`betterbench.jobs.decisions` has the mechanism.
+This module defines the lines of a review of imported objects. The general mechanism is in
+:mod:`betterbench.jobs.decisions`.
 """
 
 from __future__ import annotations
@@ -29,15 +30,15 @@ SHOWN = 16
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Review:
-    """Human decision about one object: one line of the file.
+    """A person's decision about one object. Each decision is one line of the review file.
 
     Attributes:
         author: Name of the person.
-        time: Time of the decision, UTC, ISO 8601.
+        time: Time of the decision (UTC, ISO 8601).
         content: Content hash of the mesh file (:func:`~betterbench.sim.assets.importing.review.content_hash`).
-        asset: Displayed name of the object.
+        asset: Name under which the object is shown.
         size_m: Extents of the object that the person saw before the decision [m].
-        decision: The decision.
+        decision: A change, a verdict, or an undo.
     """
 
     author: Author
@@ -49,11 +50,15 @@ class Review:
 
     @property
     def subject(self) -> str:
-        """Displayed name of the object."""
+        """Name under which the object is shown."""
         return self.asset
 
     def misfit(self, changes: int) -> str:
-        """Return the reason why a verdict does not match the number of changes, or ""."""
+        """Check that a verdict matches the number of changes to the object: "accept" for none, "fix" for some.
+
+        Returns:
+            The reason why the verdict does not match, or "" if it does.
+        """
         decision = self.decision
         if not isinstance(decision, Verdict) or decision.verdict == "reject":
             return ""
@@ -70,49 +75,51 @@ History = DecisionHistory[Review]
 
 
 class ReviewJournal(DecisionJournal[Review]):
-    """The file of a review of objects, open for appending by one process.
+    """Review file for objects. The process that opens the file appends its decisions to it.
+
+    An unfinished last line is cut off when the file is opened.
 
     Raises:
-        RunConflictError: If another process writes to the file.
-        RecordError: If the file was changed by hand, or is not a review file. An unfinished last line is cut off.
+        RunConflictError: If another process is writing to the file.
+        RecordError: If the file was changed by hand, or is not a review file.
     """
 
     adapter: ClassVar[TypeAdapter[Any]] = _REVIEW
 
     @staticmethod
     def form(review: Review) -> dict[str, Any]:
-        """Return a line as JSON."""
+        """Return the JSON form of a line in the review file."""
         form = DecisionJournal.form(review)
         form["size_m"] = [round(float(v), 6) for v in review.size_m]
         return form
 
 
 def asset_name(mesh: Path) -> str:
-    """Return the name of an object in reviews: the file name, with the folder if the file name is generic."""
+    """Return the name of an object in reviews: its file name, preceded by its folder if the file name is generic."""
     return one_line(shown_name(mesh), most=100)
 
 
 def read_reviews(path: Path) -> tuple[Review, ...]:
-    """Return the decisions of a file. An unfinished last line is ignored.
+    """Return all decisions in a review file. An unfinished last line is ignored.
 
     Raises:
-        RecordError: If the file is missing, was changed by hand, or is not the file of a review.
+        RecordError: If the file is missing, was changed by hand, or is not a review file.
     """
     return read_decisions(_REVIEW, path)
 
 
 def history_of(path: Path, content: str, asset: str) -> History:
-    """Return the history of an object in a file.
+    """Return the history of one object in a review file.
 
     Args:
-        path: The file.
+        path: The review file.
         content: Content hash of the object's mesh file.
         asset: Name of the object.
 
     Raises:
-        RecordError: As for :func:`read_reviews`.
-        InvalidInputError: If the file has no decision about this content. The message names the reviewed content of an
-            object with the same name.
+        RecordError: If the review file cannot be read (see :func:`read_reviews`).
+        InvalidInputError: If the review file has no decision about this content. If there is a decision about an object
+            with the same name, the message shows the content hash that was reviewed.
     """
     reviews = read_reviews(path)
     found = histories(reviews, str(path)).get(content)
@@ -127,16 +134,16 @@ def history_of(path: Path, content: str, asset: str) -> History:
 
 
 def accepted(imported: Imported, history: History, *, asset: str, content: str) -> Imported:
-    """Return an object with its accepted changes.
+    """Apply the accepted changes to an object.
 
     Args:
         imported: The object as it was imported.
-        history: History of the object.
+        history: History of the object in the review file.
         asset: Name of the object, for messages.
         content: Content hash of the object's mesh file.
 
     Raises:
-        InvalidInputError: If the object was rejected, has no verdict, or was reviewed with another size or content.
+        InvalidInputError: If the object was rejected, has no verdict, or was reviewed with a different size or content.
     """
     verdict = history.verdict
     if verdict is None or history.last is None:
@@ -145,16 +152,16 @@ def accepted(imported: Imported, history: History, *, asset: str, content: str) 
     for _, review in history.reviews:
         if review.content != content:
             problem = f"a decision is about the content {review.content[:SHOWN]}, but the file has {content[:SHOWN]}"
-            raise InvalidInputError(asset, problem, "Restore the reviewed file, or review this one")
+            raise InvalidInputError(asset, problem, "Restore the file that was reviewed, or review the current file")
     last = history.last[1]
     if verdict.verdict == "reject":
         problem = f"{last.author} rejected it on {last.time[:10]}: {verdict.reason}"
-        raise InvalidInputError(asset, problem, "Use another object, or review this one again")
+        raise InvalidInputError(asset, problem, "Use a different object, or review this object again")
     made = apply(imported, history.changes, where=asset)
     size = size_of(made.draft)
     if any(abs(a - b) > SAME_SHARE * max(size) for a, b in zip(size, last.size_m, strict=True)):
         problem = f"it was accepted with a size of {_centimeters(last.size_m)}, but is {_centimeters(size)} here"
-        raise InvalidInputError(asset, problem, "Import it with the options of the review (name, size_m, up)")
+        raise InvalidInputError(asset, problem, "Import it with the same options as in the review (name, size_m, up)")
     return made
 
 

@@ -1,4 +1,7 @@
-"""Imported objects with the accepted changes of a review file, stored in the cache of imports."""
+"""Application of the accepted changes in a review file to imported objects.
+
+The changed objects are stored in the import cache.
+"""
 
 from __future__ import annotations
 
@@ -16,22 +19,23 @@ from betterbench.sim.assets.importing.review.journal import accepted, asset_name
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
 VERSION = 1
-"""Version of the replay. Incremented when the same changes to the same import give another object."""
+"""Version of the replay. It is incremented whenever the same changes to the same import would give a different object
+than before."""
 
 _MOST_STORED_BYTES = 64 << 20
 
 
 def reviewed(imported: Imported, mesh: Path, reviews: Path) -> Imported:
-    """Return an imported object with its accepted changes.
+    """Apply the accepted changes of a review file to an imported object.
 
     Args:
         imported: The object as it was imported.
         mesh: Mesh file of the object.
-        reviews: File of the review.
+        reviews: The review file.
 
     Raises:
-        InvalidInputError: If the object was rejected, has no verdict, or was reviewed with another content or size.
-        RecordError: If the file of the review cannot be read.
+        InvalidInputError: If the object was rejected, has no verdict, or was reviewed with a different content or size.
+        RecordError: If the review file cannot be read.
     """
     content, asset = content_hash(mesh), asset_name(mesh)
     history = history_of(reviews, content, asset)
@@ -44,7 +48,7 @@ def reviewed(imported: Imported, mesh: Path, reviews: Path) -> Imported:
         try:
             return from_bytes(read_bounded(file, max_bytes=_MOST_STORED_BYTES, cure="Delete it"), asset)
         except InvalidInputError:
-            pass  # a damaged file of the cache is created again
+            pass  # the cached file is damaged and will be written again
     made = to_bytes(accepted(imported, history, asset=asset, content=content))
     file.parent.mkdir(parents=True, exist_ok=True)
     write_durably(file, made)
