@@ -122,7 +122,7 @@ BAD = {
     "variation of another task": (
         {"tasks": ["fast_food"], "variations": ["morning_coffee/L1"]},
         InvalidInputError,
-        "belongs to no task of this run",
+        "no task of this run has the variation",
     ),
     "action space": ({"action_space": "ee_detla"}, UnknownNameError, "Did you mean 'ee_delta'"),
     "robot": ({"robot": "so100"}, UnknownNameError, "robot 'so100'.*Did you mean 'so101'"),

@@ -48,7 +48,7 @@ class RowForm:
             self.places[name], self.shapes[name] = slice(at, end), tuple(shape)
             at = end
         if at > MAX_NUMBERS:
-            raise ValueError(f"a row of {at} numbers is too long")
+            raise ValueError(f"the rows have {at} numbers, which is too long")
         self.size = at
 
     def array(self, row: np.ndarray, name: str) -> np.ndarray:
