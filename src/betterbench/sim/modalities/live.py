@@ -1,4 +1,7 @@
-"""Materialization during recording, with the same bytes as a later ``better materialize``."""
+"""Modality files that are written during recording.
+
+They have the same bytes as those of a later ``better materialize``.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +18,16 @@ from betterbench.tasks import TrialId
 
 
 class LiveMaterializer:
-    """Renderer for a scene's views row by row during recording. It is a context manager.
+    """Renders the views of a scene row by row during recording. It is a context manager.
 
-    Call :meth:`add` after the reset and after every step, when the record's rows are appended, and :meth:`finish` with
-    the record. Without :meth:`finish`, no files are left. ``out`` is a folder in the layout of better materialize,
-    which reuses files in ``RUN/modalities``.
+    Call :meth:`add` after the reset and after every step, whenever a row is appended to the record, and call
+    :meth:`finish` with the finished record. Without :meth:`finish`, no files are left. ``out`` is a folder with the
+    layout of better materialize. If it is ``RUN/modalities``, better materialize finds the files there and keeps them.
 
     Raises:
-        RunConflictError: If the folder contains other files, or was rendered with another OpenGL.
+        RunConflictError: If the folder contains unrelated files, or was rendered with a different OpenGL.
         StorageError: If the disk is full.
-        MissingDependencyError: If no off-screen OpenGL works here.
+        MissingDependencyError: If off-screen OpenGL does not work here.
     """
 
     def __init__(self, scene: Scene, out: Path, wanted: Wanted) -> None:
@@ -55,6 +58,9 @@ class LiveMaterializer:
         self._files.add(list(self._sights.draw(self._scene.data)), self._scene.state().time_s)
 
     def finish(self, record: Record, record_sha256: str) -> list[Path]:
-        """Move a record's files to their final paths and return them. The digest is that of the record file."""
+        """Move the files of a record to their final paths and return these.
+
+        ``record_sha256`` is the record file's digest.
+        """
         origin = TrialOrigin(record.metadata, record_sha256, self._scene.quality.name, self._fingerprint)
         return self._files.finish(origin)
