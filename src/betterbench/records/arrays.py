@@ -1,4 +1,4 @@
-"""Parquet files of arrays with equal length: one column per array, with fixed-size lists for rows of numbers."""
+"""Parquet files of arrays with equal lengths: one column per array, with fixed-size lists for rows of numbers."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from betterbench.json_form import read_bounded
 from betterbench.records.parquet import COMPRESSION_LEVEL
 
 MAX_BYTES = 1 << 28
-"""Maximum size of a file to read [byte]."""
+"""Maximum size of a file that is read [byte]."""
 
 _KINDS = {"number": (pa.float64(), np.float64), "boolean": (pa.bool_(), np.bool_)}
 
 Column = tuple[str, int]
-"""Kind ("number" or "boolean") and width of a column; 0 for one value per row."""
+"""Kind ("number" or "boolean") and width of a column. The width is 0 if there is one value per row."""
 
 
 def array_bytes(columns: Mapping[str, Column], arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Encode arrays, each (rows,) or (rows, width), as a Parquet file (zstd); equal arrays give equal bytes."""
+    """Encode arrays, each (rows,) or (rows, width), as a Parquet file (zstd). Equal arrays give equal bytes."""
     schema = pa.schema([(name, _type(column)) for name, column in columns.items()])
     made = []
     for name, (kind, width) in columns.items():
@@ -38,10 +38,10 @@ def array_bytes(columns: Mapping[str, Column], arrays: Mapping[str, np.ndarray])
 
 
 def read_arrays(path: Path, columns: Mapping[str, Column], *, cure: str) -> dict[str, np.ndarray]:
-    """Read the arrays of a file by name, (rows,) or (rows, width); numbers may be NaN.
+    """Read the arrays of a file by name, each (rows,) or (rows, width). Numbers may be NaN.
 
     Raises:
-        RecordError: If the file cannot be read, or a column is missing, has another kind or has empty cells.
+        RecordError: If the file cannot be read, or if a column is missing, has a different kind or has empty cells.
     """
     raw = read_bounded(path, max_bytes=MAX_BYTES, cure=cure, raises=RecordError)
     try:
