@@ -110,8 +110,8 @@ def test_the_plan_is_json_and_holds_every_version_and_convention():
 
 
 BAD = {
-    "no trials": ({"trials": 0}, InvalidInputError, "--trials: 0 is out of range. It must be ≥ 1"),
-    "negative seed": ({"seed": -1}, InvalidInputError, "--seed: -1 is out of range. It must be ≥ 0"),
+    "no trials": ({"trials": 0}, InvalidInputError, "--trials: 0 is out of range. Use a number ≥ 1"),
+    "negative seed": ({"seed": -1}, InvalidInputError, "--seed: -1 is out of range. Use a number ≥ 0"),
     "unknown task": ({"tasks": ["fastfood"]}, UnknownNameError, "Did you mean 'fast_food'"),
     "unknown variation": (
         {"tasks": ["fast_food"], "variations": ["Q1"]},

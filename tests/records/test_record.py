@@ -323,7 +323,7 @@ def reseal(table, path, document: bytes | None = None) -> None:
         (lambda f: f.pop("outcome"), "outcome: is missing"),
         (lambda f: f["outcome"].update(success="yes"), r"outcome\.success: Input should be a valid boolean"),
         (lambda f: f["outcome"].update(termination="boredom"), "boredom"),
-        (lambda f: f["bodies"].clear(), "a contact refers to a body that is not listed"),
+        (lambda f: f["bodies"].clear(), "a contact refers to a body that the record does not list"),
         (lambda f: f["widths"].update(nq=51), "its columns \\(qpos\\) do not match its metadata"),
         (lambda f: f["widths"].update(nq=-1), r"widths\.nq: Input should be greater than or equal to 0, not -1"),
         (lambda f: f["widths"].update(objects=2), r"widths\.objects: is 2, but the metadata lists 3"),

@@ -158,7 +158,7 @@ def test_a_check_with_other_options_than_the_folder_has_is_refused(check):
     for words in (["--camera", "wrist:49x32"], ["--camera", VIEW.text, "--modality", "depth"]):
         status, told = check(*words)
         assert status == EXIT_BAD_INPUT
-        assert "contains another set of modalities" in told
+        assert "contains a different set of modalities" in told
     assert "fast_food/train1/77 is not recorded" in check("--trial", "fast_food/train1/77")[1]
 
 
@@ -201,5 +201,5 @@ def test_settings_bind_a_folder_as_soon_as_it_holds_a_file(folder, tmp_path):
     part.parent.mkdir(parents=True)
     part.write_bytes(b"half")
     for begun in (out, folder):
-        with pytest.raises(RunConflictError, match="contains another set of modalities"):
+        with pytest.raises(RunConflictError, match="contains a different set of modalities"):
             ModalityFolder(begun, Wanted((VIEW,), ("depth",)))
