@@ -129,7 +129,7 @@ BAD = {
     "action space of another robot": (
         {"action_space": "so101_degrees"},
         UnknownNameError,
-        "action space of the Franka .* 'so101_degrees'",
+        "action space for the Franka .* 'so101_degrees'",
     ),
     "joint space of another robot": (
         {"robot": "so101", "action_space": "joint_delta"},

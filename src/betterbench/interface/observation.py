@@ -44,7 +44,7 @@ class ObservationSpec:
         known = {camera.name: camera for camera in self.cameras}
         for name in cameras:
             if name not in known:
-                raise UnknownNameError(f"camera of the observation {self.name}", name, known)
+                raise UnknownNameError(f"camera in the observation preset {self.name}", name, known)
         return replace(self, cameras=tuple(camera for camera in self.cameras if camera.name in cameras))
 
     def to_json(self) -> dict[str, Any]:

@@ -116,12 +116,14 @@ class PolicyInfo:
         for name, kind in (("name", str), ("action_space", str), ("metadata", Mapping), ("execution", Execution)):
             if not isinstance(getattr(self, name), kind):
                 found = type(getattr(self, name)).__name__
-                raise InvalidInputError(f"PolicyInfo: {name}", f"it is of type {found}", f"Give {kind.__name__}")
+                raise InvalidInputError(f"PolicyInfo: {name}", f"it is of type {found}", f"Give a {kind.__name__}")
         entries: Iterable[tuple[object, object]] = self.metadata.items()
         for key, value in entries:
             if not isinstance(key, str) or not isinstance(value, str):
                 raise InvalidInputError(
-                    f"PolicyInfo: metadata[{key!r}]", f"it is of type {type(value).__name__}", "Give strings by name"
+                    f"PolicyInfo: metadata[{key!r}]",
+                    f"it is of type {type(value).__name__}",
+                    "Use strings as keys and values",
                 )
         for name in ("needs_images", "heavy"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):
@@ -179,7 +181,7 @@ def require_policy(policy: object, where: str) -> None:
     for needed in ("info", "reset", "act"):
         if not hasattr(policy, needed):
             raise InvalidInputError(
-                where, f"{name} has no {needed!r}", "A policy needs info, reset(start) and act(observation)"
+                where, f"{name} has no {needed!r}", "Define info, reset(start) and act(observation)"
             )
     info = getattr(policy, "info", None)
     if not isinstance(info, PolicyInfo):

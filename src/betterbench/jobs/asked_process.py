@@ -67,7 +67,7 @@ class AskedProcess:
 
     @property
     def pid(self) -> int:
-        """Operating system's id of the process."""
+        """Process id (PID)."""
         return self._process.pid
 
     @property

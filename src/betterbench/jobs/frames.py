@@ -194,5 +194,5 @@ def _received(link: Link, count: int) -> bytes:
 def _failed(error: OSError) -> FrameError:
     """Return the FrameError to raise after a failed read or write."""
     if isinstance(error, TimeoutError):
-        return FrameTimeoutError("no answer in time")
+        return FrameTimeoutError("no answer arrived in time")
     return FrameEndError(f"the connection failed ({error})")

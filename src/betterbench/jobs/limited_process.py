@@ -89,7 +89,7 @@ class LimitedProcess:
 
     @property
     def pid(self) -> int:
-        """Operating system's id of the process."""
+        """Process id (PID)."""
         return self._process.pid
 
     @property

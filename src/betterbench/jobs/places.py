@@ -110,13 +110,13 @@ def open_in_place(path: Path) -> int:
         if error.errno == errno.ELOOP:
             raise InvalidInputError(str(path), "is a symbolic link", "Remove the link") from error
         if error.errno == errno.ENXIO:
-            raise InvalidInputError(str(path), "is not a regular file", "Move it away") from error
+            raise InvalidInputError(str(path), "is not a regular file", "Move it to another place") from error
         raise
     found = os.fstat(handle)
     if stat.S_ISREG(found.st_mode) and found.st_nlink < 2:
         return handle
     os.close(handle)
     if not stat.S_ISREG(found.st_mode):
-        raise InvalidInputError(str(path), "is not a regular file", "Move it away")
+        raise InvalidInputError(str(path), "is not a regular file", "Move it to another place")
     problem = "has a second name (a hard link), so another file would be changed too"
-    raise InvalidInputError(str(path), problem, "Replace it with a copy")
+    raise InvalidInputError(str(path), problem, "Replace the file with a copy of it")

@@ -36,7 +36,7 @@ class RecordBuilder:
 
     def __init__(self, metadata: RecordMetadata) -> None:
         if metadata.schema_version != SCHEMA_VERSION:
-            problem = f"{metadata.schema_version!r} cannot be written"
+            problem = f"version {metadata.schema_version!r} cannot be written"
             raise InvalidInputError("schema_version", problem, f"Use {SCHEMA_VERSION}")
         dump_json(metadata.to_json())
         self._metadata = metadata
@@ -217,7 +217,7 @@ class RecordBuilder:
             try:
                 columns[name] = _column(list(map(attrgetter(source), states)), shape)
             except (TypeError, ValueError) as error:
-                cure = f"Give {shape} numbers in every row"
+                cure = f"Give numbers of the shape {shape} in every row"
                 raise InvalidInputError(f"state.{source}", str(error), cure) from error
         return columns
 
@@ -242,7 +242,7 @@ class RecordBuilder:
     def _check_truths(self, predicates: Sequence[bool], subgoals: Sequence[bool]) -> None:
         """Raise InvalidInputError if the number of truth values differs from that in the metadata."""
         if (len(predicates), len(subgoals)) != self._lengths:
-            problem = f"{len(predicates)} and {len(subgoals)} truth values"
+            problem = f"got {len(predicates)} predicates and {len(subgoals)} subgoals"
             cure = f"Give {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
             raise InvalidInputError("predicates, subgoals", problem, cure)
 

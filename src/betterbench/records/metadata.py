@@ -54,7 +54,7 @@ class Outcome:
     def __post_init__(self) -> None:
         """Raise InvalidInputError if the outcome contradicts itself."""
         if self.termination not in TERMINATIONS:
-            problem = f"{self.termination!r} is not a termination"
+            problem = f"{self.termination!r} is not a valid termination"
             raise InvalidInputError("termination", problem, f"Use one of {', '.join(TERMINATIONS)}")
         if self.success and self.termination in ("failure", "policy_error", "interrupted"):
             raise InvalidInputError(
@@ -64,7 +64,7 @@ class Outcome:
             )
         for name in ("clipped_actions", "invalid_actions"):
             if getattr(self, name) < 0:
-                raise InvalidInputError(name, f"{getattr(self, name)} is negative", "Give a number of at least 0")
+                raise InvalidInputError(name, f"{getattr(self, name)} is negative", "Use a number ≥ 0")
 
 
 @strict_form

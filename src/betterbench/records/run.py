@@ -159,7 +159,7 @@ class RunFolder:
             inside = sorted(str(path / found.parent.name) for found in path.glob("*/run.json"))
             cure = f"Give a run inside it: {', '.join(inside)}" if inside else "Give the --out folder of a run"
             raise RecordError(f"{path}: contains no run (no run.json). {cure}.")
-        cure = "Restore it, or start the run in a new folder; read a run of another version with that version"
+        cure = "Restore it, or start the run in a new folder. Read a run of another version with that version"
         data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure, raises=RecordError)
         where = str(path / "run.json")
         form = open_seal(data, where=where, cure=cure, raises=RecordError, since=("schema_version", 2))

@@ -17,7 +17,7 @@ from betterbench.tasks.trial_id import TrialId
 PAIRS_FILE = "pairs.jsonl"
 """Name of the file in a run of demonstrations that lists its pairs, one per line."""
 _MAX_BYTES = 256 * 1024 * 1024
-_CURE = "Repeat the command of the demonstrations, which writes this list again from the records"
+_CURE = "Repeat the command of the demonstrations. It writes this list again from the records"
 
 _Rows = Annotated[int, Field(ge=1)]
 

@@ -28,10 +28,10 @@ class AgreementTable:
         """Raise InvalidInputError if the table is not square or a count is negative."""
         size = len(self.categories)
         if size < 2 or len(self.counts) != size or any(len(row) != size for row in self.counts):
-            problem = f"{len(self.counts)} rows for {size} categories"
+            problem = f"the table has {len(self.counts)} rows for {size} categories"
             raise InvalidInputError("counts", problem, "Give a square table with at least two categories")
         if any(count < 0 for row in self.counts for count in row):
-            raise InvalidInputError("counts", "a count is negative", "Give counts of at least 0")
+            raise InvalidInputError("counts", "a count is negative", "Use counts ≥ 0")
 
     @classmethod
     def of_pairs(cls, pairs: Iterable[tuple[str, str]], categories: Sequence[str]) -> AgreementTable:

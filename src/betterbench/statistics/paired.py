@@ -23,7 +23,7 @@ class PairedTable:
         for name in ("both", "only_first", "only_second", "neither"):
             count = getattr(self, name)
             if count < 0:
-                raise InvalidInputError(name, f"{count} is not a valid number of pairs", "Give counts of at least 0")
+                raise InvalidInputError(name, f"{count} is not a valid number of pairs", "Use counts ≥ 0")
 
     @classmethod
     def from_outcomes(cls, outcomes: Iterable[tuple[bool, bool]]) -> PairedTable:

@@ -11,9 +11,9 @@ _FARTHEST = 1e6
 
 
 def ratio_of(first: Difference, second: Difference) -> Difference | None:
-    """Return ``first / second`` for two independent differences, or None if the second may be zero or negative.
+    """Return ``first / second`` for two independent differences.
 
-    More precisely, the result is None unless the whole interval of the second difference is above zero.
+    The result is None unless the whole interval of the second difference is above zero.
 
     The interval contains each ratio ``r`` for which the interval of ``first - r * second`` contains zero. That interval
     adds the distances to the ends of both intervals in quadrature, as in Donner and Zou (Statistical Methods in Medical

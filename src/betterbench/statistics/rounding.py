@@ -31,7 +31,7 @@ def round_half_up(value: float | str | Decimal | Fraction, digits: int) -> Decim
         The rounded number with exactly that many decimals.
     """
     if digits < 0:
-        raise InvalidInputError("digits", f"{digits} is not a valid number of decimals", "Give a number of at least 0")
+        raise InvalidInputError("digits", f"{digits} is not a valid number of decimals", "Use a number ≥ 0")
     try:
         exact = Fraction(f"{value:.{_FLOAT_DIGITS - 1}e}") if isinstance(value, float) else Fraction(value)
     except (ValueError, OverflowError, ZeroDivisionError) as error:

@@ -179,7 +179,7 @@ def fit_threshold(
         raise InvalidInputError("resamples", f"must be at least 1, got {resamples}", "Use 200 or more")
     for r in readings:
         if not (r.size > 0 and 0 <= r.score <= 1 and 0 <= r.chance < 1):
-            problem = f"size {r.size!r}, score {r.score!r}, chance {r.chance!r}"
+            problem = f"a reading has the size {r.size!r}, the score {r.score!r} and the chance {r.chance!r}"
             raise InvalidInputError("readings", problem, "Give sizes above 0, and scores and chances from 0 to 1")
     sizes = [r.size for r in readings]
     clusters = sorted({r.cluster for r in readings})

@@ -71,7 +71,7 @@ class ViewSpec:
         if not _NAME.fullmatch(self.camera):
             raise InvalidInputError("camera", f"{self.camera!r} cannot be a file name", "Use letters and digits")
         if not (1 <= self.width <= MAX_SIDE_PX and 1 <= self.height <= MAX_SIDE_PX):
-            problem = f"{self.width} x {self.height} pixels"
+            problem = f"{self.width} x {self.height} pixels is out of range"
             raise InvalidInputError(f"camera {self.camera}", problem, f"Use 1 to {MAX_SIDE_PX} pixels per side")
 
     @property

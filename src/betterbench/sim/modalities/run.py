@@ -128,7 +128,9 @@ def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[Trial
     done = [entry.key for entry in run.entries() if entry.status == "done"]
     missing = [trial for trial in trials if trial not in done]
     if missing:
-        raise RecordError(f"{run.path}: {missing[0]} is not recorded. Write trials as TASK/CONDITION/SEED.")
+        raise RecordError(
+            f"{run.path}: the trial {missing[0]} is not recorded. Name a recorded trial as TASK/CONDITION/SEED."
+        )
     yield from (trial for trial in done if not trials or trial in trials)
 
 

@@ -137,7 +137,7 @@ class ArmController:
             raise InvalidInputError(
                 "time step",
                 f"{model.opt.timestep} s does not divide the control period of {spec.control_period_s} s",
-                f"Use {PHYSICS.timestep_s} s",
+                f"Use a time step of {PHYSICS.timestep_s} s",
             )
         self.substeps = round(substeps)
         self._period = self.substeps * float(model.opt.timestep)
@@ -267,7 +267,7 @@ class ArmController:
             raise InvalidInputError(
                 "action space",
                 f"planned motions cannot be expressed in {self.action_space.name!r}",
-                "Use ee_delta or a space of absolute joint angles",
+                "Use ee_delta or an action space of absolute joint angles",
             )
         numbers = action.tolist()
         measured = self._get_joints()

@@ -300,7 +300,7 @@ def robot_space(name: str, action_space: str | None = None) -> str:
     if action_space is None:
         return known.action_spaces[0]
     if action_space not in known.action_spaces:
-        raise UnknownNameError(f"action space of the {known.title}", action_space, known.action_spaces)
+        raise UnknownNameError(f"action space for the {known.title}", action_space, known.action_spaces)
     return action_space
 
 

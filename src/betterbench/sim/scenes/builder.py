@@ -44,10 +44,7 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Pose in the model of an object that is fixed or slides from there (a closed drawer).
-
-        None for a free object.
-        """
+        """Pose that the compiled model contains: of a fixed object or a closed drawer. None for free objects."""
         return self.pose if self.spec.fixed else self.shut
 
 

@@ -43,7 +43,7 @@ class CameraMatrices:
         """
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 3:
-            raise InvalidInputError("points", f"have the shape {array.shape}", "Give an array of shape (n, 3)")
+            raise InvalidInputError("points", f"the array has the shape {array.shape}", "Give an array of shape (n, 3)")
         R_world_camera = _rotation_matrix(self.T_world_camera.quaternion)
         local = (array - np.asarray(self.T_world_camera.position)) @ R_world_camera
         depth = local[:, 2]
@@ -144,7 +144,9 @@ def focal_length_px(fovy_deg: float, height: int) -> float:
 def check_size(width: int, height: int) -> None:
     """Raise InvalidInputError unless the width and the height [pixel] are in range."""
     if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX):
-        raise InvalidInputError("image size", f"{width} x {height} pixels", f"Use 1 to {MAX_SIDE_PX} pixels per side")
+        raise InvalidInputError(
+            "image size", f"{width} x {height} pixels is out of range", f"Use 1 to {MAX_SIDE_PX} pixels per side"
+        )
 
 
 def _rotation_matrix(quaternion: Quaternion | Sequence[float]) -> np.ndarray:

@@ -260,7 +260,7 @@ class LimitedView:
 
     @property
     def process_id(self) -> int:
-        """Operating system's id of the process."""
+        """Process id (PID)."""
         return self._process.pid
 
     @property
@@ -331,7 +331,7 @@ class LimitedView:
     def _refused(self, what: str, cause: str = "The scene file may be damaged or forged") -> RecordError:
         self.close()
         return RecordError(
-            f"stored scene: {what}. {cause}. Run the trial again to store the scene, or leave out films."
+            f"stored scene: {what}. {cause}. Run the trial again to store the scene, or run the command without films."
         )
 
 

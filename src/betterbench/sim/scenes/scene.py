@@ -272,7 +272,7 @@ class Scene:
         return dict(zip((c.name for c in spec.cameras), images, strict=True))
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return an empty dictionary: the world has no state of its own to offer besides the standard observation."""
+        """Return an empty dictionary, because policies get only the standard observation in this world."""
         return {}
 
     def draw_next(self, *, wanted: bool) -> None:

@@ -92,11 +92,13 @@ class Quality:
         """Reject values that OpenGL does not support."""
         if not 0 <= self.samples <= _MAX_SAMPLES or self.samples == 1:
             raise InvalidInputError(
-                "quality.samples", f"{self.samples} samples per pixel", f"Use 0 or 2 to {_MAX_SAMPLES}"
+                "quality.samples", f"{self.samples} samples per pixel is not possible", f"Use 0, or 2 to {_MAX_SAMPLES}"
             )
         if self.shadows and not 1 <= self.shadow_map_size <= _MAX_SHADOW_MAP:
             raise InvalidInputError(
-                "quality.shadow_map_size", f"{self.shadow_map_size} texels", f"Use 1 to {_MAX_SHADOW_MAP}"
+                "quality.shadow_map_size",
+                f"{self.shadow_map_size} texels is out of range",
+                f"Use 1 to {_MAX_SHADOW_MAP}",
             )
         if not self.shadows and self.shadow_map_size != 0:
             raise InvalidInputError(

@@ -160,7 +160,7 @@ class BareScene(ABC):
         return {}
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return an empty dictionary: the world has no state of its own to offer besides the standard observation."""
+        """Return an empty dictionary, because policies get only the standard observation in this world."""
         return {}
 
     def draw_next(self, *, wanted: bool) -> None:

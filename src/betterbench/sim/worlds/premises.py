@@ -80,7 +80,7 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
         WorldError: If the simulator fails or sends an invalid answer.
     """
     said = process.suite(suite)
-    with as_agreed(f"describes {suite} in a way"):
+    with as_agreed(f"sent a description of {suite}"):
         tasks = [_AskedTask.of(suite, number, task) for number, task in enumerate(said["tasks"])]
         if not tasks:
             raise ValueError("the suite has no tasks")
@@ -96,12 +96,14 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
         request: dict[str, Any] = {"suite": suite, "task": task.number, "settle": SETTLING_STEPS, "seed": SEED}
         request |= {"variant": task.variant, "states": 1} if task.variant else {}
         document, arrays = process.premises(request)
-        with as_agreed("answers for its premises in a way"):
+        with as_agreed("sent an answer about its premises"):
             holds, moved = arrays["holds"], arrays["moved"]
             names = [tuple(sent_text(name) for name in document[key]) for key in ("premises", "objects")]
             due = tuple((len(moved), len(listed)) for listed in names)
             if (holds.shape, moved.shape) != due or holds.dtype != bool or not np.isfinite(moved).all():
-                raise ValueError(f"holds {holds.dtype} {holds.shape}, moved {moved.dtype} {moved.shape}")
+                raise ValueError(
+                    f"unexpected arrays: holds {holds.dtype} {holds.shape}, moved {moved.dtype} {moved.shape}"
+                )
             broken = {name: _where(~holds[:, k]) for k, name in enumerate(names[0])}
             jumps = {name: _where(moved[:, k] > JUMP_M) for k, name in enumerate(names[1])}
             engine = sent_texts(document["engine"])
@@ -149,7 +151,7 @@ def _where(flags: Any) -> list[int]:  # noqa: ANN401 - a row of flags
 
 
 def is_premise_file(path: Path) -> bool:
-    """Return whether the first line of a file is a premise entry. A missing file is not; other OS errors are raised."""
+    """Return whether a file exists and its first line is a premise entry. Raises OSError if it cannot be read."""
     try:
         with open_ordinary(path) as file:
             return isinstance(PremiseEntry(**parse_json(file.readline(_MOST_LINE))), PremiseEntry)

@@ -346,7 +346,7 @@ class ProcessScene:
                 "size": IMAGE_SIDE,
             }
         )
-        with as_agreed("began an episode"):
+        with as_agreed("sent a start of an episode"):
             self._begin(answer)
         if self.broken_premises and self.settings.refuse_broken:
             raise PremiseError(

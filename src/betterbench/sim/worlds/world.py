@@ -66,7 +66,7 @@ class PlanRequest:
         known = [f.name for f in fields(form)]  # type: ignore[arg-type]
         for name in self.options:
             if name not in known:
-                raise UnknownNameError(f"option of {world}", name, known)
+                raise UnknownNameError(f"{world} option", name, known)
         return form(**self.options)
 
 

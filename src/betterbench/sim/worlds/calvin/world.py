@@ -198,7 +198,7 @@ class CalvinWorld(ProcessWorld):
         options = asked.options_as(ChainOptions, world=self.facts.title)
         suite, seed = asked.suite, asked.seed
         if suite not in CHAIN_SUITES:
-            raise UnknownNameError("suite of CALVIN", suite, CHAIN_SUITES)
+            raise UnknownNameError("CALVIN suite", suite, CHAIN_SUITES)
         if asked.tasks:
             raise InvalidInputError(
                 "--tasks", "CALVIN has no tasks, only chains", "Choose chains with --seed and --trials"
@@ -210,7 +210,7 @@ class CalvinWorld(ProcessWorld):
         egl = None if options.calvin_renderer == "auto" else options.calvin_renderer == "egl"
         command = options.command or calvin_command(options.calvin_env, options.calvin_config, egl=egl)
         started, said = describe_chains(command, suite)
-        with as_agreed(f"describes {suite} in a way"):
+        with as_agreed(f"sent a description of {suite}"):
             task = ChainTask(suite, 0, suite, "five instructions in a row", sent_text(said["tasks"][0]["fingerprint"]))
             versions = sent_texts(said["versions"])
             objects = chain_objects(said["objects"])
@@ -361,8 +361,8 @@ class ChainScene(ProcessScene):
         self.broken_premises = self._misplaced(start)
         if self.broken_premises and self.settings.refuse_broken:
             raise PremiseError(
-                f"chain {self.chain.number}: {', '.join(self.broken_premises)} after the reset, because the "
-                "configuration or the version of calvin_env is a different one. Use commit 797142c or 1431a46 and the "
+                f"chain {self.chain.number}: {', '.join(self.broken_premises)} after the reset, because this "
+                "configuration or this version of calvin_env differs. Use commit 797142c or 1431a46 and the "
                 "validation/.hydra/merged_config.yaml of the data (--calvin-config), or give --broken-premises run "
                 "to continue as CALVIN does."
             )
@@ -679,7 +679,7 @@ def chain_objects(described: Sequence[Mapping[str, Any]]) -> tuple[ObjectInfo, .
     Raises:
         WorldError: If a description is malformed.
     """
-    with as_agreed("described its objects in a way"):
+    with as_agreed("sent a description of its objects"):
         return tuple(
             ObjectInfo(
                 name=str(o["name"]),

@@ -169,7 +169,7 @@ class LiberoSimulator:
             holds.append([bool(self._env._eval_predicate(p)) for p in reader.premises])
             moved.append(np.linalg.norm((reader.positions() - before)[:, :2], axis=1))
         if reader is None:
-            raise RuntimeError(f"{files.path} has no initial states")
+            raise RuntimeError(f"there are no initial states for {files.path}")
         document = {
             "premises": [_named(p) for p in reader.premises],
             "objects": list(reader.names),

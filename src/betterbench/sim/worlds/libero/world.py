@@ -51,7 +51,7 @@ class LiberoOptions:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _DrawnTask:
-    """Those fields of a stored task that are needed to render its states."""
+    """Fields of a stored task that are needed to render its states."""
 
     suite: str
     number: int
@@ -67,7 +67,7 @@ class _DrawnProtocol:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Drawn:
-    """Those fields of a stored world that are needed to render recorded states."""
+    """Fields of a stored world that are needed to render recorded states."""
 
     protocol: _DrawnProtocol
     tasks: dict[str, _DrawnTask]
@@ -157,7 +157,7 @@ def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
     ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
     for name in tasks:
         if name not in ids:
-            raise UnknownNameError(f"task of {suite}", name, [task_id(suite, i) for i in range(count)])
+            raise UnknownNameError(f"{suite} task", name, [task_id(suite, i) for i in range(count)])
     return sorted({ids[name] for name in tasks}) if tasks else list(range(count))
 
 
@@ -176,7 +176,7 @@ def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tup
         base = said if chosen.base == suite else process.suite(chosen.base)
     # Existing clients take the instruction from the task's name. Only in these suites does the file state another one.
     key = "file_instruction" if chosen.change in ("lan", "task") else "instruction"
-    with as_agreed(f"describes {suite} in a way"):
+    with as_agreed(f"sent a description of {suite}"):
         tasks = [
             WorldTask(suite, i, sent_text(task["name"]), sent_text(task[key]), sent_text(task["bddl_sha256"]))
             for i, task in enumerate(said["tasks"])

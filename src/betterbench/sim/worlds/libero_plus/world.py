@@ -76,9 +76,9 @@ class PlusOptions:
         """Reject unknown names, and a number of variants that is out of range."""
         for axis in self.axes:
             if axis not in AXES:
-                raise UnknownNameError("axis of LIBERO-Plus", axis, AXES)
+                raise UnknownNameError("LIBERO-Plus axis", axis, AXES)
         if self.libero_plus_sentences not in SENTENCES:
-            raise UnknownNameError("kind of sentences", self.libero_plus_sentences, SENTENCES)
+            raise UnknownNameError("kind of instructions", self.libero_plus_sentences, SENTENCES)
         if self.variants is not None:
             require_between("--variants", self.variants, 1, STATES)
 
@@ -144,7 +144,7 @@ class LiberoPlusWorld(LiberoWorld):
         options = asked.options_as(PlusOptions, world=self.facts.title)
         suite, seed, count = asked.suite, asked.seed, TRIALS if asked.trials is None else asked.trials
         if suite not in PLUS_SUITES:
-            raise UnknownNameError("suite of LIBERO-Plus", suite, PLUS_SUITES)
+            raise UnknownNameError("LIBERO-Plus suite", suite, PLUS_SUITES)
         by = protocol_named(options.protocol)
         require_states(seed, count)
         numbers = task_numbers(suite, PLUS_SUITES[suite].tasks, asked.tasks)
@@ -181,7 +181,7 @@ class LiberoPlusWorld(LiberoWorld):
             f"{plural(len(trials), 'trial')} of {suite} "
             f"({', '.join(f'{axis} {n}' for axis, n in counts.items())}): "
             f"{by.settling_steps} settling steps, then at most {steps} steps; seed {by.seed}; "
-            f"{self.sentences} sentences."
+            f"{self.sentences} instructions."
         )
         if not self.left_out:
             return (said,)
@@ -242,7 +242,7 @@ def _variants_there(
     """Return the variants of a suite, the training tasks of its base suite, and the versions of the packages."""
     with WorldProcess(command) as process:
         said, base = process.suite(suite), process.suite(PLUS_SUITES[suite].base)
-    with as_agreed(f"describes {suite} in a way"):
+    with as_agreed(f"sent a description of {suite}"):
         wanted = [_read(suite, task, sentences) for task in said["tasks"]]
         regime = tuple(trained_task(task) for task in base["tasks"])
         return wanted, regime, sent_texts(said["versions"])
