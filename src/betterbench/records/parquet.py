@@ -37,7 +37,7 @@ long. Byte stream split for the floats of the arm made 17 of 18 episodes larger,
 
 NO_DIGEST = b"0" * 64
 """Placeholder for the digest in a file that is not sealed yet."""
-# in the footer's compact Thrift encoding, a string value is preceded by its type (18) and its length 64 (40)
+# In the footer's compact Thrift encoding, a string value is preceded by its type (0x18) and its length 64 (0x40).
 _SEAL = re.compile(re.escape(SEAL_KEY) + rb"\x18\x40([0-9a-f]{64})")
 
 MAX_FILE_BYTES = 1 << 30
@@ -267,7 +267,7 @@ def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
         )
     if file.metadata.num_rows < 1:
         raise RecordError("has no rows; record the trial again")
-    # do not read the metadata of single columns: pyarrow 26 aborts the process on some malformed files
+    # The metadata of single columns are not read, because pyarrow 26 aborts the process on some malformed files.
     rows, per_row = file.metadata.num_rows, sum(getattr(field.type, "list_size", 1) for field in expected)
     groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
     if max(sum(group.total_byte_size for group in groups), rows * per_row * 8) > MAX_UNPACKED_BYTES:

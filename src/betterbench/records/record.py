@@ -101,7 +101,7 @@ class Record:
 
     @property
     def widths(self) -> dict[str, int]:
-        """Number of values per row in each group whose width varies."""
+        """Number of values per row of each group of columns whose width depends on the scene."""
         return {
             "nq": self.qpos.shape[1],
             "nv": self.qvel.shape[1],

@@ -65,7 +65,7 @@ def egl_devices() -> tuple[EglDevice, ...]:
     """Return the working devices in EGL's order. If the machine has only one device, it is not examined further."""
     if device_count() <= 1:
         return tuple(EglDevice(number, ("", "", "")) for number in range(device_count()))
-    # Without the CUDA environment variables, CUDA's device numbers are the driver's.
+    # Without the CUDA environment variables, CUDA numbers the devices as the driver does.
     hidden = ("CUDA_VISIBLE_DEVICES", DEVICE_VARIABLE)
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
     try:

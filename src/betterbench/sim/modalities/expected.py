@@ -16,7 +16,7 @@ _MOST = 120
 
 @dataclass(frozen=True, slots=True)
 class ExpectedFile:
-    """Values that the header of the modality file for one view of one trial must have.
+    """Values that are required in the header of a modality file, given its trial and its view.
 
     Attributes:
         record_sha256: SHA-256 of the trial's record file.

@@ -165,7 +165,7 @@ class _Views:
 
 
 class _Writer:
-    """Writes the modality files of trials."""
+    """Writer of the modality files of trials. Several threads use it."""
 
     def __init__(self, run: RunFolder, folder: ModalityFolder, tally: _Tally) -> None:
         self._run, self._folder, self._tally, self._lock = run, folder, tally, threading.Lock()

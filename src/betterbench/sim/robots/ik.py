@@ -188,7 +188,7 @@ class ArmIK:
         """Return the largest step of any joint [rad], or None if an angle is outside the range of :meth:`window`."""
         q, centers, lead = window
         farthest = 0.0
-        # far from its position limits, a joint is limited only by its speed and its lead
+        # Far from its position limits, a joint is limited only by its speed and its lead.
         for x, now, center, (low, high, speed) in zip(moved, q, centers, self._roomy, strict=True):
             step = abs(x - now)
             if not (low <= now <= high and step <= speed and abs(x - center) <= lead):
@@ -356,7 +356,7 @@ class ArmIK:
         pulls = zip(self._get_gradient(), q, self._home, strict=True)
         self._set_gradient(*[g - posture * (now - home) for g, now, home in pulls])
         mujoco.mju_cholSolve(self._newton, self._factor, self._gradient)
-        return list(map(operator.add, q, self._get_newton()))  # two thirds of the time of a loop
+        return list(map(operator.add, q, self._get_newton()))  # takes two thirds of the time of a loop
 
     def _linearise(self, q: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the Hessian (n, n), the weighted Jacobian (6, n) and the weighted pose error (6,) at ``q`` [rad]."""

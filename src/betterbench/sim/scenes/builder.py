@@ -44,7 +44,7 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Pose that the compiled model contains: of a fixed object or a closed drawer. None for free objects."""
+        """Pose in the compiled model of a fixed object or a closed drawer. None for an object that moves freely."""
         return self.pose if self.spec.fixed else self.shut
 
 

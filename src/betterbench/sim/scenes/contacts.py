@@ -184,7 +184,7 @@ class ContactReader:
         return _Row(groups, kept, order, contacts, read, self._held({*order}) if awake else None)
 
     def _with_passed(self, order: tuple[int, ...], contacts: tuple[Contact, ...]) -> tuple[Contact, ...]:
-        """Add the transient contacts since the last reading to the contacts, each with its largest force."""
+        """Return the contacts and the transient contacts since the last reading, with their largest forces."""
         found = dict(zip(order, contacts, strict=True))
         for number, force in self._passed.items():
             before = found[number].force_n if number in found else 0.0

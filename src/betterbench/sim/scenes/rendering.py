@@ -33,14 +33,14 @@ logger = logging.getLogger(__name__)
 NO_BODY = -1
 """Value of a mask at pixels that show the sky instead of a body."""
 
-# Capacity for scene elements other than geoms; there are none, so a small margin is enough.
+# Capacity for scene elements other than geoms. There are none, so a small margin is enough.
 _SPARE_GEOMS = 16
 _HIDDEN_GROUP = 3  # this group and all later groups are never shown
 _ALONE_GROUP = 5
 """Geom group that is normally invisible. Geoms are moved to it when they are rendered alone."""
 _SKY = int(mujoco.mjtRndFlag.mjRND_SKYBOX)
 _EVERYTHING = int(mujoco.mjtCatBit.mjCAT_ALL)
-# the smallest font of MuJoCo, because no text is drawn and a larger font takes longer to upload
+# This is MuJoCo's smallest font. No text is drawn, and a larger font would take longer to upload.
 _FONT_SCALE = 50
 
 

@@ -100,7 +100,7 @@ class _Part:
 
 
 class Sights:
-    """Renderer of the same views of one model, for one state after another."""
+    """Renderer that shows one state of a model after another in the same views."""
 
     def __init__(
         self,

@@ -47,7 +47,10 @@ class WorldError(BetterError):
 
 @contextlib.contextmanager
 def as_agreed(what: str) -> Iterator[None]:
-    """Convert errors from reading a simulator's answer into a WorldError with the text "the simulator WHAT ..."."""
+    """Convert errors from reading a simulator's answer into a WorldError.
+
+    ``what`` says in the message what the simulator did, for example "sent a state".
+    """
     try:
         yield
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as problem:

@@ -443,7 +443,7 @@ def _add_servos(spec: mujoco.MjSpec) -> None:
     gripper = add_servo(spec, PANDA.gripper_actuator, "pad_distance", gain=_GRIPPER_STIFFNESS, bias=bias)
     gripper.trntype = mujoco.mjtTrn.mjTRN_TENDON
     gripper.ctrllimited = True
-    # Below zero, so that the full force also holds the thinnest object.
+    # The range begins below zero, so that even the thinnest object is held with full force.
     gripper.ctrlrange = (-PANDA.gripper_lead_m, PANDA.gripper_opening_m)
     gripper.forcelimited = True
     gripper.forcerange = (-_GRIPPER_FORCE_N, _GRIPPER_FORCE_N)

@@ -265,7 +265,8 @@ SO101 = RobotSpec(
     hand_body="gripper",
     arm_bodies=("base", "shoulder", "upper_arm", "lower_arm", "wrist"),
     tcp_site="tcp",
-    # The tool 8 cm above the table, 20 cm in front of the base's origin, straight down with the camera on the far side.
+    # At home, the tool is 8 cm above the table and 20 cm in front of the base's origin. It points straight down, with
+    # the camera on the far side.
     home_joints=(-0.1031, -0.2731, 0.3105, 1.5334, -1.6252),
     joint_low=(-1.91986, -1.74533, -1.69, -1.65806, -2.7438473),
     joint_high=(1.91986, 1.74533, 1.69, 1.65806, 2.84121),
@@ -277,7 +278,7 @@ SO101 = RobotSpec(
     pad_size_m=(2.0 * _FIXED_PAD.end[1], 2.0 * _FIXED_PAD.end[2]),
     tip_below_tcp_m=0.1044 + _TOOL_Z,
     gripper_speed_m_s=0.15,
-    # The torque limit at the lever of the tool center point.
+    # The torque limit, divided by the lever arm of the tool center point.
     gripper_force_n=round(GRIPPER_TORQUE / abs(_LEVEL_Y), 1),
     gripper_lead_m=0.012,
     control_rate_hz=PHYSICS.control_rate_hz,
@@ -323,7 +324,7 @@ SO101 = RobotSpec(
         leave_m=0.015,
         check_step_m=0.012,
     ),
-    # The tool tilts by up to 40 degrees at the edge of this sphere around the first axis at the height of the second.
+    # This sphere is around the first axis, at the height of the second. At its edge, the tool tilts by up to 40 degrees.
     steering=SteeringLimits(center=(0.0388, 0.0, 0.119), back_m=0.0, longest_m=0.32, nearest_m=0.11, highest_m=0.24),
     # The first three quantities are taken from another robot, so their ranges are wide. The gains come from a model of
     # the motor, and depend on firmware and supply voltage. Each servo has its own values.

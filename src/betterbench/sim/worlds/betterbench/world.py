@@ -149,7 +149,7 @@ class OwnWorld(World):
         }
 
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:
-        """Decimate the robot's meshes into the cache. If an earlier run has already done so, nothing is reported."""
+        """Decimate the robot's meshes and store them in the cache, unless an earlier run has already done so."""
         from betterbench.sim.robots import build_robot_spec  # noqa: PLC0415 - see above
 
         build_robot_spec(robot, progress=on_progress)

@@ -633,7 +633,9 @@ def checkout_root(named: Path) -> Path:
             return root
     if (named / _MODULE).is_file():
         raise InvalidInputError(
-            "--calvin-env", f"{named} is the package inside the checkout", f"Give --calvin-env {named.resolve().parent}"
+            "--calvin-env",
+            f"{named} is the package inside the checkout, not the checkout",
+            f"Give --calvin-env {named.resolve().parent}",
         )
     clone = next((p for p in (named, named.resolve().parent) if _names_calvin_env(p / ".gitmodules")), None)
     if clone is not None and not (clone / "calvin_env" / "calvin_env" / _MODULE).is_file():
@@ -703,7 +705,7 @@ def _names_calvin_env(modules: Path) -> bool:
 
 
 def from_euler(angles: np.ndarray) -> Quaternion:
-    """Convert Euler angles [rad] about the fixed axes x, y, z, in this order (PyBullet), to a quaternion wxyz."""
+    """Convert Euler angles [rad] about the fixed axes x, y, z (PyBullet's order) to a quaternion (w, x, y, z)."""
     roll, pitch, yaw = (0.5 * float(a) for a in angles)
     about_x = (math.cos(roll), math.sin(roll), 0.0, 0.0)
     about_y = (math.cos(pitch), 0.0, math.sin(pitch), 0.0)

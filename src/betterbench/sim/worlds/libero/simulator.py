@@ -405,7 +405,7 @@ class _Reader:
         data, roots = self._seen, self._root_numbers
         found = data.cvel.take(roots, 0)
         away = data.xipos.take(roots, 0) - data.subtree_com.take(self._trees, 0)
-        # Single numbers: for about ten objects, this takes half the time of ten array operations.
+        # Plain numbers are used because for about ten objects, they take half the time of ten array operations.
         rows = []
         for (a, b, c, x, y, z), (u, v, w), static in zip(found.tolist(), away.tolist(), self._static, strict=True):
             if static:

@@ -267,7 +267,7 @@ class LiberoPlusSimulator(LiberoSimulator):
             if name not in robots.ROBOT_CLASS_MAPPING:
                 pose = np.array(self._rest_pose(file, name))
                 kind: Any = getattr(robots, base)
-                # robosuite registers every class of a robot by its name.
+                # Creating the class is enough: robosuite registers every robot class by its name.
                 type(kind)(name, (kind,), {"init_qpos": property(functools.partial(_copied, pose))})
                 robots.ROBOT_CLASS_MAPPING[name] = robots.SingleArm
         return f"Panda{number}"
