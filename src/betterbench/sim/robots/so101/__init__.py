@@ -324,7 +324,7 @@ SO101 = RobotSpec(
         leave_m=0.015,
         check_step_m=0.012,
     ),
-    # This sphere is around the first axis, at the height of the second. At its edge, the tool tilts by up to 40 degrees.
+    # This sphere is centered on the first axis at the height of the second. At its edge, the tool tilts by up to 40°.
     steering=SteeringLimits(center=(0.0388, 0.0, 0.119), back_m=0.0, longest_m=0.32, nearest_m=0.11, highest_m=0.24),
     # The first three quantities are taken from another robot, so their ranges are wide. The gains come from a model of
     # the motor, and depend on firmware and supply voltage. Each servo has its own values.
