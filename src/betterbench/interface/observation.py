@@ -102,7 +102,7 @@ class Observation:
         gripper_width: Distance between the finger pads [m].
         depth: Distances along the optical axis for each camera, (height, width) float32 [m]. Empty unless requested.
         masks: Instance ids for each camera, (height, width) int32. Empty unless requested.
-        native: State in the conventions of another world, under our names of state parts. Empty in our own scenes.
+        native: State in the conventions of another world ("ee_position", ...). Empty in betterbench's own scenes.
     """
 
     instruction: str

@@ -64,7 +64,7 @@ class _PolicyChange(TypedDict):
 
 @growing_form
 class _RunContext(TypedDict, total=False):
-    """Those fields of a run's context that are read here. Other fields are ignored."""
+    """Fields of a run's context that are read here. Other fields are ignored."""
 
     policy: dict[str, Any]
     policy_changes: list[_PolicyChange]

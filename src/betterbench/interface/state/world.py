@@ -108,4 +108,4 @@ class PrivilegedPolicy(Protocol):
 
 
 AnyPolicy = Policy | PrivilegedPolicy
-"""Any policy: one that gets observations, or one that gets the privileged state."""
+"""Any policy, whether it gets observations or the privileged state."""

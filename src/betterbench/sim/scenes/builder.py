@@ -195,7 +195,7 @@ def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping
     """Return the poses of objects that are pre-placed in the same place, as one demonstration left them together.
 
     The poses are ``T_middle_object``. They are drawn from demonstrations with the same assets, because objects in a
-    container lean on each other. Objects without such a demonstration are missing in the result.
+    container lean on each other. Objects without such a demonstration are left out.
     """
     places: dict[TargetRegion, list[str]] = {}
     for name, place in condition.preplaced.items():

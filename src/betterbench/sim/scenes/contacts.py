@@ -157,7 +157,7 @@ class ContactReader:
         return {number: _force(forces, addresses) for number, addresses in self._grouped(data)}
 
     def _grouped(self, data: mujoco.MjData) -> Groups:
-        """Return the pairs that the engine lists. If the contact points are those of the last call, so is the tuple."""
+        """Return the pairs that the engine lists. While the contact points do not change, it is the same tuple."""
         if data.ncon == 0:
             return ()
         contact = data.contact

@@ -262,10 +262,7 @@ def _target_corners(scene: Scene) -> Iterator[Vector]:
 
 
 def _slot_below(condition: Condition, name: str) -> str:
-    """Return the slot of an object.
-
-    An object that is mounted in or pre-placed on another one has the slot of that one.
-    """
+    """Return the slot of an object, or the slot of the object in which it is mounted or on which it is pre-placed."""
     while name not in condition.layout:
         mount = condition.object(name).mount
         name = condition.preplaced[name].target if mount is None else mount.target

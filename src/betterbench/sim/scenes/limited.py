@@ -78,7 +78,7 @@ _FACTS, _VIEWS = TypeAdapter(_Facts), TypeAdapter(list[ViewSpec])
 
 
 class _EndedError(RecordError):
-    """The process has ended although it was not told to."""
+    """The process has ended unexpectedly."""
 
 
 class LimitedView:
@@ -190,7 +190,7 @@ class LimitedView:
     def prepare(
         self, views: Sequence[ViewSpec], modalities: Sequence[str], *, gripper: bool = False
     ) -> tuple[ModelFacts, dict[str, str]]:
-        """Prepare to render views of the open scene. Return what all of them share, and the properties of the renderer.
+        """Prepare to render views of the open scene. Return properties that they share, and those of the renderer.
 
         ``gripper`` has the same meaning as in :class:`~betterbench.sim.scenes.sights.Sights`. If the same preparation
         was the last one for this scene, it is reused. Raises the same errors as :meth:`open`.
@@ -320,7 +320,7 @@ class LimitedView:
             return ask()
 
     def _start_again(self) -> None:
-        """Start a new process in place of the one that ended, and bring it to the same state."""
+        """Start a new process to replace the one that ended, and open the same scene and views in it."""
         self._start()
         if self._files is not None:
             self._load(self._files)

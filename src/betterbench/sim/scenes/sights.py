@@ -39,13 +39,16 @@ def sight_type(
 ) -> np.dtype[np.void]:
     """Return the NumPy structured type of one rendered view. Its byte layout is the same in every process.
 
-    Fields: ``rgb`` (height, width, 3); ``depth`` (height, width) [m]; ``bodies`` (height, width), the body id plus one,
-    or 0 for the sky; ``camera`` (7,), the pose ``T_world_camera`` as position [m] and quaternion (w, x, y, z);
-    ``poses`` (bodies, 7), the poses ``T_world_body``; ``visible_box`` and ``full_box`` (objects, 4), the boxes
-    (:data:`betterbench.interface.state.seen.Box`) around the visible part of each object and around its unoccluded
-    outline, or -1 if it has no pixel; ``visible_pixels`` and ``full_pixels`` (objects,), the numbers of pixels in both;
-    with ``gripper``, ``gripper_pixels`` (2,), the numbers of visible and of unoccluded pixels of the gripper. Images
-    that none of the modalities needs are omitted.
+    Images that none of the modalities needs are omitted. The fields are:
+
+    - ``rgb`` (height, width, 3), ``depth`` (height, width) [m];
+    - ``bodies`` (height, width): the body id plus one, or 0 for the sky;
+    - ``camera`` (7,): the pose ``T_world_camera``, as position [m] and quaternion (w, x, y, z);
+    - ``poses`` (bodies, 7): the poses ``T_world_body``;
+    - ``visible_box`` and ``full_box`` (objects, 4): the boxes (:data:`betterbench.interface.state.seen.Box`) around the
+      visible part of each object and around its unoccluded outline, or -1 if it has no pixel;
+    - ``visible_pixels`` and ``full_pixels`` (objects,): the numbers of pixels in both;
+    - ``gripper_pixels`` (2,), only with ``gripper``: the numbers of visible and of unoccluded pixels of the gripper.
     """
     shape = view.height, view.width
     images = {"rgb": ("u1", (*shape, 3)), "depth": ("<f4", shape), "bodies": ("<u2", shape)}

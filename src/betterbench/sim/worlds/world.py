@@ -256,7 +256,7 @@ class TrialScene(Protocol):
         """Return the current images by camera. ``renderers`` are the worker's renderers of MuJoCo models."""
 
     def native(self) -> Mapping[str, np.ndarray]:
-        """Return the values that the world's own clients read from the state, under our names of state parts.
+        """Return the values that the world's own clients read from the state, by betterbench's names of state parts.
 
         The result is empty if the world's clients read nothing else than our observations contain. If it is not empty,
         it contains the tool position "ee_position" that the policy gets.
@@ -356,12 +356,12 @@ class World(ABC):
         return {"name": self.name, "facts": self.facts.to_json()}
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
-        """Return those fields of a plan that describe the world and the versions of the tasks."""
+        """Return the fields of a plan that describe the world and the versions of the tasks."""
         del tasks
         return {"world": self.to_json()}
 
     def plan_options(self, options: SceneOptions) -> dict[str, Any]:
-        """Return those fields of a plan that store the scene options which only some worlds support."""
+        """Return the fields of a plan that store the scene options which only some worlds support."""
         del options
         return {}
 

@@ -283,7 +283,7 @@ def _listed(blocks: Mapping[str, str]) -> str:
 
 
 def _plain_info(info: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those parts of ``get_info`` that the rules and the records need, as JSON."""
+    """Return the parts of ``get_info`` that the rules and the records need, as JSON."""
     robot, scene = info["robot_info"], info["scene_info"]
     blocks = {}
     for name, block in scene["movable_objects"].items():

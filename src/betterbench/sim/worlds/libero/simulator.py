@@ -303,7 +303,7 @@ class _Reader:
         self._holds = Relations(mujoco, env, self._relations, self._touching)
 
     def fixed(self) -> dict[str, Any]:
-        """Return those properties of the scene that stay constant during an episode."""
+        """Return the properties of the scene that stay constant during an episode."""
         env, model = self._env, self._model
         interest = list(env.parsed_problem["obj_of_interest"])
         objects = []
@@ -458,7 +458,7 @@ class _Reader:
     def _place_of(self, relation: list[str]) -> str | None:
         """Return the name of the place where an object starts.
 
-        Another object on which it starts also counts as a place.
+        If it starts on another object, that object is the place.
         """
         name = _place_named(self._env.parsed_problem, relation)
         if name not in self._places:
