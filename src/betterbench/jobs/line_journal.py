@@ -156,7 +156,7 @@ def link_after(before: str, form: Mapping[str, object]) -> str:
 
 
 def not_following(where: str, cure: str) -> RecordError:
-    """Return the error for a line whose link is wrong."""
+    """Return the error to raise for a journal line whose link does not match the lines before it."""
     return RecordError(f"{where} does not match the lines before it: a line was changed, removed or moved. {cure}.")
 
 

@@ -73,7 +73,7 @@ def paired_power(n: int, difference: float, *, opposite: float = 0.0, alpha: flo
     discordant_share = difference + 2.0 * opposite
     if difference < 0.0 or opposite < 0.0 or discordant_share > 1.0 + 1e-12:
         problem = f"a difference of {difference:g} with {opposite:g} in the opposite direction is impossible"
-        raise InvalidInputError("difference, opposite", problem, "Keep difference + 2 opposite within 0 and 1")
+        raise InvalidInputError("difference, opposite", problem, "Choose both ≥ 0, with difference + 2 opposite ≤ 1")
     if discordant_share == 0.0:
         return 0.0
     mass = binomial_probabilities(n, min(1.0, discordant_share))

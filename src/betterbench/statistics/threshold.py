@@ -246,7 +246,7 @@ def _because(found: Threshold, reason: str) -> Threshold:
 
 
 def _trend(readings: Sequence[Reading], generator: np.random.Generator) -> tuple[float, float]:
-    """Return the covariance of score and log size within kinds and conditions, and its p-value by sign flips."""
+    """Return the covariance of score and log size within kinds and conditions, and its sign-flip p-value."""
     groups: dict[tuple[str, str], list[int]] = {}
     for i, r in enumerate(readings):
         groups.setdefault((r.kind, r.condition), []).append(i)

@@ -44,7 +44,7 @@ def in_frame(poses: np.ndarray, frame: np.ndarray) -> np.ndarray:
 
 
 def points_of(poses: np.ndarray, local: np.ndarray) -> np.ndarray:
-    """Return the world position (n, 3) of one point per pose, given in the frame of the pose (n, 3)."""
+    """Transform points (n, 3) to the world frame. Each point is given in the frame of its own pose."""
     return np.asarray(np.einsum("nij,nj->ni", rotations(poses[:, 3:]), local) + poses[:, :3])
 
 

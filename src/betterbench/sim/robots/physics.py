@@ -47,7 +47,7 @@ class Physics:
         spec.option.noslip_iterations = self.noslip_iterations
 
     def set_scene(self, spec: mujoco.MjSpec) -> None:
-        """Write the solver options, sleeping and the default contact of geoms to the description of a scene."""
+        """Write the solver and sleeping options and the default contact parameters to the description of a scene."""
         self.set_solver(spec)
         spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         spec.option.sleep_tolerance = self.sleep_tolerance_m_s

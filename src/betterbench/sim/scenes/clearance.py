@@ -59,7 +59,7 @@ class Clearance:
         self._numbers = numbers_of(self._data.qpos)
 
     def load(self, state: WorldState) -> None:
-        """Set the poses of the objects to those of a state."""
+        """Move the objects to the poses that they have in the given state."""
         for i, name in enumerate(o.name for o in state.info.objects):
             self._place(i, state.pose(name))
 

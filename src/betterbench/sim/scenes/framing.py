@@ -80,7 +80,7 @@ class Framing:
 
 
 class FramingView:
-    """Measures images of a scene. The scene itself is not changed."""
+    """Measurements in images of a scene. The scene itself is not changed."""
 
     def __init__(self, scene: Scene, *, camera: str = "front") -> None:
         """Copy the model of the scene, and create a renderer for the copy."""

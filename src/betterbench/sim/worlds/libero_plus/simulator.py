@@ -290,9 +290,9 @@ class LiberoPlusSimulator(LiberoSimulator):
 
 
 def seen_from(position: np.ndarray, quaternion: np.ndarray, view: CameraView) -> tuple[list[float], list[float]]:
-    """Return the position (3,) [m] and the quaternion wxyz (4,) of a camera that was moved to the given view.
+    """Return the position (3,) [m] and the quaternion (4,) of a camera that was moved to the given view.
 
-    Every intermediate result is rounded as in LIBERO-Plus.
+    The quaternion is (w, x, y, z). Every intermediate result is rounded as in LIBERO-Plus.
     """
     rotation: Any = importlib.import_module("scipy.spatial.transform").Rotation
     pivot = np.array(PIVOT_M)
