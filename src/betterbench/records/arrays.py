@@ -47,11 +47,11 @@ def read_arrays(path: Path, columns: Mapping[str, Column], *, cure: str) -> dict
     try:
         table = pq.read_table(pa.BufferReader(raw))
     except (OSError, pa.ArrowException) as error:
-        raise RecordError(f"{path}: is not readable as Parquet ({one_line(error)}). {cure}.") from error
+        raise RecordError(f"{path}: the file is not readable as Parquet ({one_line(error)}). {cure}.") from error
     found = {}
     for name, column in columns.items():
         if name not in table.column_names:
-            raise RecordError(f"{path}: has no column {name!r}. {cure}.")
+            raise RecordError(f"{path}: the file has no column {name!r}. {cure}.")
         given = table.column(name)
         if given.type != _type(column) or given.null_count:
             wanted = "is not of type" if given.type != _type(column) else "has empty cells; expected"

@@ -171,7 +171,7 @@ def _seal_span(data: bytes) -> tuple[int, int]:
     """Return the byte range of the digest in a file. Raises RecordError unless the digest occurs exactly once."""
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
-        raise RecordError(f"is damaged or not a record. {_PLACE}")
+        raise RecordError(f"the file is damaged or not a record. {_PLACE}")
     return spans[0]
 
 
@@ -209,7 +209,7 @@ def _intact(path: Path, digest: str | None) -> bytes:
     """Return the content of a record file. Raises RecordError if it is too large, damaged, or has a wrong digest."""
     data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure=_PLACE, raises=RecordError)
     if not data.endswith(_MAGIC) and (digest is not None or data.startswith(_MAGIC)):
-        raise RecordError(f"is damaged (its end is missing). {_WHOLE}")
+        raise RecordError(f"the record is damaged (its end is missing). {_WHOLE}")
     # The Parquet reader is native code that may crash on damaged files, so the digest is checked first.
     try:
         intact = seal(data) == data
@@ -218,9 +218,9 @@ def _intact(path: Path, digest: str | None) -> bytes:
             raise
         intact = False
     if not intact:
-        raise RecordError(f"is damaged (its digest does not match). {_WHOLE}")
+        raise RecordError(f"the record is damaged (its digest does not match). {_WHOLE}")
     if digest is not None and hashlib.sha256(data).hexdigest() != digest:
-        raise RecordError(f"is not the record that the journal lists for this trial. {_WHOLE}")
+        raise RecordError(f"this is not the record that the journal lists for this trial. {_WHOLE}")
     return data
 
 
@@ -236,7 +236,7 @@ def _reading(path: Path) -> Iterator[None]:
         raise RecordError(f"{path}: {text}.") from error
     except Exception as error:  # native code may raise any exception for a damaged file
         said = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise RecordError(f"{path}: is damaged or not a record ({said}). {AGAIN}.") from error
+        raise RecordError(f"{path}: the file is damaged or not a record ({said}). {AGAIN}.") from error
 
 
 def _document_bytes(file: pq.ParquetFile) -> bytes:
@@ -244,12 +244,13 @@ def _document_bytes(file: pq.ParquetFile) -> bytes:
     raw = (file.schema_arrow.metadata or {}).get(METADATA_KEY)
     if not isinstance(raw, bytes):
         raise RecordError(
-            "is a Parquet file but not a record, because it lacks the metadata 'betterbench'; choose a file of a run"
+            "this is a Parquet file but not a record, because it lacks the metadata 'betterbench'; choose a file of a "
+            "run"
         )
     version = read_form(_VERSION, raw, where="metadata", cure=_CURE, sealed=True).metadata.schema_version
     if version != SCHEMA_VERSION:
         raise RecordError(
-            f"has schema version {version}, but this version of betterbench reads {SCHEMA_VERSION}; "
+            f"the record has schema version {version}, but this version of betterbench reads {SCHEMA_VERSION}; "
             "read it with the version that wrote it, or record the trial again"
         )
     return raw
@@ -263,12 +264,12 @@ def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
             field.name for field in expected if not field.equals(actual.field(field.name))
         ]
         raise RecordError(
-            f"its columns ({', '.join(names[:5]) or 'their order'}) do not match its metadata; record the trial again"
+            f"the columns ({', '.join(names[:5]) or 'their order'}) do not match the metadata; record the trial again"
         )
     if file.metadata.num_rows < 1:
-        raise RecordError("has no rows; record the trial again")
+        raise RecordError("the record has no rows; record the trial again")
     # The metadata of single columns are not read, because pyarrow 26 aborts the process on some malformed files.
     rows, per_row = file.metadata.num_rows, sum(getattr(field.type, "list_size", 1) for field in expected)
     groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
     if max(sum(group.total_byte_size for group in groups), rows * per_row * 8) > MAX_UNPACKED_BYTES:
-        raise RecordError(f"unpacks to more than {MAX_UNPACKED_BYTES} bytes; this is not a record")
+        raise RecordError(f"the file unpacks to more than {MAX_UNPACKED_BYTES} bytes, so it is not a record")

@@ -166,8 +166,9 @@ class RunFolder:
         if "plan" not in form and isinstance(form.get("kind"), str):
             kind = one_line(form["kind"], most=60)
             raise RecordError(
-                f"{path}: contains a {kind} instead of trials of a policy. Give a run of better eval; for a run of "
-                "better vlm, `better compare` shows the scores, and `better export --to lmms-eval` writes the answers."
+                f"{path}: the folder contains a {kind} instead of trials of a policy. Give a run of better eval; for a "
+                "run of better vlm, `better compare` shows the scores, and `better export --to lmms-eval` writes the "
+                "answers."
             )
         document = read_form(_RUN_DOCUMENT, form, where=where, cure=cure, raises=RecordError)
         require_origins(document.plan, path)
@@ -287,8 +288,8 @@ class RunFolder:
         unlisted = [t for t in self._planned or () if t not in listed and self.record_path(*astuple(t)).exists()]
         if unlisted:
             logger.warning(
-                "%s: does not list %d existing records (%s and others). It was truncated, or the run was killed. "
-                "These records are ignored; repeat the command of the run to repeat their trials",
+                "%s: the journal does not list %d existing records (%s and others). It was truncated, or the run was "
+                "killed. These records are ignored; repeat the command of the run to repeat their trials",
                 self.journal_path,
                 len(unlisted),
                 one_line(unlisted[0]),
@@ -391,7 +392,7 @@ class RunFolder:
             there = getattr(found, name)
             if there != value:
                 raise RecordError(
-                    f"{path}: is the record of {one_line(f'{found.task}/{found.condition} seed {found.seed}')} of "
+                    f"{path}: this is the record of {one_line(f'{found.task}/{found.condition} seed {found.seed}')} of "
                     f"{one_line(found.policy)}: its {name} is {one_line(repr(there), most=80)} but the run plans "
                     f"{one_line(repr(value), most=80)}. {AGAIN}."
                 )
@@ -451,8 +452,8 @@ class RunFolder:
                 if there == digest:
                     return digest  # stored by an earlier version without a checksum
                 raise RunConflictError(
-                    f"{path}: is not the scene of this trial, although it has the same name. It comes from another "
-                    f"version or another source. Evaluate into a new folder, or move the file away if no finished "
+                    f"{path}: this is not the scene of this trial, although it has the same name. It comes from a "
+                    f"different version or source. Evaluate into a new folder, or move the file away if no finished "
                     f"trial has used it."
                 )
         write_scene(path, scene.files())

@@ -137,13 +137,13 @@ def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
         raise
     except Exception as error:  # decompressors may raise any exception for a damaged archive
         said = one_line(error, most=200) or type(error).__name__
-        raise RecordError(f"{path}: is damaged ({said}). {_AGAIN}.") from error
+        raise RecordError(f"{path}: the file is damaged ({said}). {_AGAIN}.") from error
     found = scene_digest(path.stem, files)
     if seal and seal != _seal(found):
         problem = "its digest does not match: the file was changed after it was written, or belongs to another scene"
         raise RecordError(f"{path}: {problem}. {_AGAIN}.")
     if digest is not None and found != digest:
-        problem = "is not the scene of the trial: its digest differs from the digest in the journal"
+        problem = "this is not the scene of the trial: its digest differs from the digest in the journal"
         raise RecordError(f"{path}: {problem}. {_AGAIN}.")
     if not seal and digest is None:
         say_unsealed(str(path.parent))
@@ -168,7 +168,9 @@ def _member_problem(name: str) -> str | None:
 def _read_members(path: Path, archive: zipfile.ZipFile) -> dict[str, bytes]:
     """Return the files in an archive, within the limits. Raises RecordError if a name is unsafe or repeated."""
     members = archive.infolist()
-    too_large = RecordError(f"{path}: unpacks to more than {MAX_SCENE_BYTES} bytes. This is not a scene of a run.")
+    too_large = RecordError(
+        f"{path}: the file unpacks to more than {MAX_SCENE_BYTES} bytes. This is not a scene of a run."
+    )
     if len(members) > MAX_SCENE_FILES or sum(m.file_size for m in members) > MAX_SCENE_BYTES:
         raise too_large
     files: dict[str, bytes] = {}
