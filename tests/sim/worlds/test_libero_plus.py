@@ -211,7 +211,7 @@ def test_many_variants_of_one_twin_are_no_many_pairs():
     outcomes = [(True, False)] * 50
     assert exchange_p(outcomes, ["one"] * 50) > 0.03
     assert exchange_p(outcomes, [str(i) for i in range(50)]) < 1e-12
-    with pytest.raises(InvalidInputError, match="succeeded and failed"):
+    with pytest.raises(InvalidInputError, match="has succeeded in one pair and failed in another"):
         exchange_p([(True, False), (False, False)], ["one", "one"])
 
 
