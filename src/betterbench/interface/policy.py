@@ -116,7 +116,9 @@ class PolicyInfo:
         for name, kind in (("name", str), ("action_space", str), ("metadata", Mapping), ("execution", Execution)):
             if not isinstance(getattr(self, name), kind):
                 found = type(getattr(self, name)).__name__
-                raise InvalidInputError(f"PolicyInfo: {name}", f"it is of type {found}", f"Give a {kind.__name__}")
+                raise InvalidInputError(
+                    f"PolicyInfo: {name}", f"it is of type {found}", f"Give a value of type {kind.__name__}"
+                )
         entries: Iterable[tuple[object, object]] = self.metadata.items()
         for key, value in entries:
             if not isinstance(key, str) or not isinstance(value, str):
