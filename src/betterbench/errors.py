@@ -1,4 +1,4 @@
-"""Errors for users. Each of them states the problem and its remedy.
+"""Exceptions whose messages are written for users. Each message states the problem and how to solve it.
 
 Every deliberate error of betterbench derives from :class:`BetterError`. The command line prints its text as one line
 and exits with status 2. Any other exception is a bug and keeps its traceback.
@@ -30,10 +30,12 @@ Tab and line feed are not included.
 
 
 def printable(text: str, *, most: int) -> str:
-    """Return external text without escape sequences and with limited length. Line breaks are kept.
+    """Return external text with limited length and without characters that could control a terminal.
 
-    Characters in :data:`UNPRINTABLE` are replaced by U+FFFD. Of a text with more than ``most`` characters, the rest is
-    replaced by the number of its characters.
+    Line breaks are kept.
+
+    Characters in :data:`UNPRINTABLE` are replaced by U+FFFD. If the text has more than ``most`` characters, it is cut
+    there, and the number of omitted characters is appended.
     """
     cut = len(text) - most
     if cut > 0:
@@ -49,22 +51,25 @@ def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
 
 
 def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
-    """Return the last non-empty line of an external error or traceback, made safe as by :func:`one_line`."""
+    """Return the last non-empty line of an external error or traceback, made safe in the way of :func:`one_line`."""
     return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
 
 
 def encodable(text: str) -> str:
-    """Return a text in which characters that cannot be encoded, such as lone surrogates, are escaped."""
+    """Return the text with all characters escaped that cannot be encoded, such as lone surrogates."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def line_start(stream: TextIO) -> str:
-    """Return the prefix of a message on a stream. On a terminal, it contains the codes that erase the progress bar."""
+    """Return the prefix for a message that is written to a stream.
+
+    On a terminal, the prefix erases the progress bar.
+    """
     return "\r\x1b[2K" if stream.isatty() and os.environ.get("TERM", "dumb") != "dumb" else ""
 
 
 class BetterError(Exception):
-    """Base class of all deliberate errors. The text of the error is one clear line."""
+    """Base class of all deliberate errors. The text of such an error is one line that a user can understand."""
 
 
 _INSTALLED = {sysconfig.get_paths()[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")}
@@ -72,10 +77,10 @@ _OURS = str(Path(__file__).resolve().parent)
 
 
 def raised_at(problem: BaseException) -> str:
-    """Return where in user code an exception was raised ("my_policy.py, line 12, in act"), or "".
+    """Return the location in user code that raised an exception ("my_policy.py, line 12, in act"), or "" if none did.
 
-    This is the innermost frame outside betterbench, the standard library and installed packages. Only the name of the
-    file is given, so that records do not depend on its folder.
+    The location is the innermost frame outside betterbench, the standard library and installed packages. Only the name
+    of the file is given, so that records do not depend on the folder in which the code is stored.
     """
     frames = [(f.filename, f.lineno, f.name) for f in traceback.extract_tb(problem.__traceback__)]
     if isinstance(problem, SyntaxError) and problem.filename:
@@ -112,8 +117,8 @@ class UnknownNameError(BetterError):
     def __init__(self, kind: str | UnknownNameError, name: str = "", known: Iterable[str] = ()) -> None:
         """Build the message, which suggests the most similar names first.
 
-        If the argument is another UnknownNameError, copy it: Gymnasium's vector environments create an error again by
-        passing it to its own type.
+        The first argument may be another UnknownNameError, which is then copied. Gymnasium's vector environments need
+        this: they raise an error of a worker again by passing it to its own class.
         """
         if isinstance(kind, UnknownNameError):
             same = kind
@@ -174,7 +179,10 @@ class InvalidInputError(BetterError):
     cure: str
 
     def __init__(self, where: str | InvalidInputError, problem: str = "", cure: str = "") -> None:
-        """Build the message. If the argument is another InvalidInputError, copy it (see :class:`UnknownNameError`)."""
+        """Build the message.
+
+        The first argument may be another InvalidInputError, which is then copied, as for :class:`UnknownNameError`.
+        """
         if isinstance(where, InvalidInputError):
             same = where
             where, problem, cure = same.where, same.problem, same.cure
@@ -210,11 +218,11 @@ class PolicyUnavailableError(PolicyError):
 
 
 class PolicyProcessError(PolicyError):
-    """A policy cannot be loaded, for example because memory ran out. Fewer instances may work."""
+    """A policy cannot be loaded, for example because memory ran out. Loading fewer instances of the policy may help."""
 
 
 class PolicyKilledError(PolicyError):
-    """The process of a policy was killed from outside. Its trial is repeated."""
+    """The process of a policy was killed from outside, for example by the operating system. Its trial is repeated."""
 
 
 class ModelError(BetterError):
@@ -226,7 +234,7 @@ class HandshakeError(BetterError):
 
 
 class PremiseError(BetterError):
-    """The scene at reset contradicts the premise of the instruction. The run must stop."""
+    """At reset, the scene contradicts what the task takes for granted about its start. The run must stop."""
 
 
 class RunConflictError(BetterError):
@@ -246,7 +254,7 @@ class WorkerError(BetterError):
 
 
 class TrainingError(BetterError):
-    """A training cannot continue because its loss is not finite. Saved states are kept."""
+    """Training cannot continue because the loss is not finite. The states that were saved before are kept."""
 
 
 class MissingDependencyError(BetterError):

@@ -64,7 +64,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 def turn_between(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return ``b a*``, the rotation that takes ``a`` to ``b``, in the frame of both arguments.
+    """Return ``b a*``, the rotation that takes ``a`` to ``b``, expressed in the same frame as both arguments.
 
     The result is bit-identical to that of :func:`multiply` and :func:`conjugate`, including the signs of zeros, but
     takes half the time.
@@ -114,7 +114,7 @@ def to_axis_angle(q: Quaternion) -> Vector:
 
 
 def to_axis_angle_near(q: Quaternion, near: Quaternion) -> Vector:
-    """Convert a unit quaternion to a rotation vector [rad] that is continuous around a rotation by half a turn.
+    """Convert a unit quaternion to a rotation vector [rad] that stays continuous when the angle passes pi.
 
     The rotation angle of a tool that points straight down is pi. With ``w >= 0``, its rotation vector would flip as
     soon as a measured angle exceeds pi. This function therefore chooses the sign of the quaternion that is closer to

@@ -1,8 +1,8 @@
 """Shell commands that suit this installation: how to install extras, and how to start the command line.
 
 Messages to the user contain these commands. A clone installs extras from its lock files with ``make setup``. An
-installation from a wheel uses the installer of its Python. The command ``better`` is on the path only in an activated
-environment. Otherwise, messages contain the path of its script.
+installation from a wheel uses the installer of its Python. The command ``better`` is on the search path (PATH) only in
+an activated environment. Otherwise, messages contain the path of its script.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDe
     Args:
         problem: Sentence that states why the extra is needed, without a period.
         extra: Name of the extra.
-        otherwise: Alternative to installing the extra, which is appended to the sentence.
+        otherwise: Alternative to installing the extra, which is appended to the message.
     """
     return MissingDependencyError(f"{problem}. Run: {extra_command(extra)}{f', {otherwise}' if otherwise else ''}")
 
@@ -177,8 +177,8 @@ def clone_folder() -> Path | None:
 def better_command() -> str:
     """Return the shell words that start the command line of this installation from the current folder.
 
-    This is ``better`` if the command of this installation is on the path. Otherwise it is the path of the script, or
-    ``python -m betterbench.cli`` if there is no script.
+    This is ``better`` if the command of this installation is on the search path. Otherwise it is the path of the
+    script, or ``python -m betterbench.cli`` if there is no script.
     """
     script = _script()
     on_path = shutil.which("better")
@@ -230,9 +230,9 @@ def _installing(*words: str) -> str:
 
 
 def _uv() -> str | None:
-    """Return how to start the installer uv: from the path, next to this Python, or in the clone.
+    """Return the command that starts the installer uv: from the search path, next to this Python, or in the clone.
 
-    None if it is missing.
+    Return None if uv is missing.
     """
     if shutil.which("uv"):
         return "uv"

@@ -104,11 +104,12 @@ def read_form(
         where: File and location in it, for error messages.
         cure: Remedy, for error messages.
         raises: Class of the error to raise.
-        sealed: Whether a digest has already been verified. The slow check for duplicate keys is then skipped.
+        sealed: Whether a digest of the text has already been verified. The slow check for duplicate keys is then
+            skipped.
 
     Raises:
-        BetterError: Of the class ``raises``, if a field is missing, unknown, malformed or given twice. The message
-            names the first such field.
+        BetterError: An error of the class ``raises``, if a field is missing, unknown, malformed or given twice. The
+            message names the first such field.
     """
     with form_errors(where, cure, raises):
         text = form if isinstance(form, bytes | str) else json.dumps(form)
@@ -134,7 +135,10 @@ def seal_of(form: Mapping[str, Any]) -> str:
 
 
 def content_digest(name: str, data: bytes) -> str:
-    """Return the SHA-256 of a name and its content. The same content with a different name has a different digest."""
+    """Return the SHA-256 of a name together with its content.
+
+    The same content with a different name has a different digest.
+    """
     return hashlib.sha256(f"{name}\n".encode() + data).hexdigest()
 
 
@@ -162,7 +166,8 @@ def open_seal(
             and documents without this field, are read with a warning. None means that every document has a seal.
 
     Raises:
-        BetterError: Of the class ``raises``, if the document is not a JSON object, or if its seal is missing or wrong.
+        BetterError: An error of the class ``raises``, if the document is not a JSON object, or if its seal is missing
+            or wrong.
     """
     with form_errors(where, cure, raises):
         form = parse_json(raw, unique=True)
@@ -192,7 +197,7 @@ def sealed_lines(lines: bytes) -> bytes:
 def open_sealed_lines(
     data: bytes, *, where: str, cure: str, raises: type[BetterError] = InvalidInputError
 ) -> list[bytes]:
-    """Return the lines of a file that :func:`sealed_lines` has made, without the checksum line.
+    """Return the lines of a text that :func:`sealed_lines` has created, without the checksum line.
 
     Raises an error of the class ``raises`` if the checksum line is wrong or missing.
     """
@@ -207,7 +212,10 @@ def open_sealed_lines(
 
 
 def say_unsealed(where: str) -> None:
-    """Warn that a document was written by an earlier version without a checksum. There is one warning per document."""
+    """Warn that a document was written by an earlier version without a checksum.
+
+    Each document causes only one warning.
+    """
     if where not in _SAID:
         _SAID.add(where)
         logger.warning(
@@ -222,7 +230,7 @@ _SAID: set[str] = set()
 def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
     """Return a dictionary of key-value pairs, to be used as ``object_pairs_hook`` of ``json.loads``.
 
-    Raises InvalidInputError if a key occurs twice, because JSON readers treat this differently.
+    Raises InvalidInputError if a key occurs twice, because JSON readers disagree on which of the values counts.
     """
     found = dict(pairs)
     if len(found) < len(pairs):
@@ -248,7 +256,7 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
     """Convert exceptions during JSON validation to a one-line error with the file, the field and the remedy.
 
     Raises:
-        BetterError: Instead of the exceptions of pydantic, ``json`` or the dataclass itself.
+        BetterError: If pydantic, ``json`` or the dataclass raises an exception, which it replaces.
     """
     try:
         yield
@@ -270,9 +278,10 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
 def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401
     """Parse JSON. Raises ValueError if the text is not valid JSON or is nested more than 200 levels deep.
 
-    Deeper nesting would cause errors in code that traverses the value. Integers may have any size, as in JSON. For
-    calculations, use a class that limits them. With ``unique``, InvalidInputError is raised if a key occurs twice. With
-    ``number``, this function converts all numbers, and NaN and Infinity are rejected.
+    Deeper nesting would cause errors in code that traverses the value. Integers may be arbitrarily large, as in JSON.
+    To calculate with them, validate the value with a class that limits their size. With ``unique``, InvalidInputError
+    is raised if a key occurs twice. With ``number``, this function converts all numbers, and NaN and Infinity are
+    rejected.
     """
     try:
         found = json.loads(
@@ -362,7 +371,8 @@ def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterEr
     """Return the content of a file, up to a size limit. Pipes and devices are rejected without blocking.
 
     Raises:
-        BetterError: Of the class ``raises``, if the file is missing, not a regular file, too large, or cannot be read.
+        BetterError: An error of the class ``raises``, if the file is missing, not a regular file, too large, or cannot
+            be read.
     """
     problem, cause = f"is larger than {max_bytes} bytes", None
     try:

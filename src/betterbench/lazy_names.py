@@ -12,7 +12,7 @@ def lazy_names(package: str, names: Mapping[str, Sequence[str]]) -> Callable[[st
 
     Args:
         package: Name of the package.
-        names: Names by module. Modules are relative to the package.
+        names: Names to import from each module. Module names are relative to the package.
     """
     homes = {name: module for module, of_module in names.items() for name in of_module}
 

@@ -83,7 +83,7 @@ _DIGEST_LETTERS = 8
 
 
 def default_name(text: str, *, otherwise: str) -> str:
-    """Return a name for a file or folder from a text, or ``otherwise`` if the text contains no ASCII letter or digit.
+    """Derive the name of a file or folder from a text. If the text has no ASCII letter or digit, return ``otherwise``.
 
     The name consists of ASCII letters, digits, ``-`` and ``.``, and has at most :data:`LONGEST_NAME` characters. A
     longer name is cut and ends with a digest of the text, so that two long texts with the same beginning get different

@@ -101,7 +101,9 @@ class ActionSpace:
         return self.name not in WORLD_ACTION_SPACES
 
     def clip(self, action: object) -> np.ndarray:
-        """Check an action, and return it as a new (dim,) float64 array. If the space clips, it is within the bounds.
+        """Check an action, and return it as a new (dim,) float64 array.
+
+        If the space clips, numbers out of bounds are moved to the nearest bound.
 
         Clipping is idempotent, so replaying a recorded action gives the same result.
 

@@ -29,8 +29,9 @@ class Execution:
     Attributes:
         horizon: Number of actions executed from each chunk before the next request. If it is None, all are executed.
         ahead: Number of control steps before the end of a chunk at which the next chunk is requested. The rest of the
-            old chunk is executed in the meantime. As many actions are dropped from the beginning of the new chunk,
-            because their steps have passed. If it is 0, the simulation waits for every reply.
+            old chunk is executed in the meantime. The same number of actions is dropped from the beginning of the new
+            chunk, because the control steps for which they were meant have passed. If ``ahead`` is 0, the simulation
+            waits for every reply.
         ensemble: Rate m of temporal ensembling, or None for no ensembling. With ensembling, the policy is called at
             every step. The action for a step is the mean of all predictions for it, weighted by exp(-m i) with i = 0
             for the oldest prediction. See Zhao et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost
@@ -95,9 +96,10 @@ class PolicyInfo:
     Attributes:
         name: Address under which the policy was requested, such as "expert".
         action_space: Name of the action space of its actions.
-        needs_images: False if the policy uses no images. Then no images are rendered.
+        needs_images: False if the policy uses no images. In that case, no images are rendered.
         cameras: Cameras that the policy uses, or None for all. Other cameras are not rendered.
-        metadata: Further information as strings by name (checkpoint, revision, server). The mapping is copied.
+        metadata: Further information about the policy (checkpoint, revision, server), as a mapping from names to
+            strings. The mapping is copied.
         execution: Execution settings for action chunks.
         heavy: True if the policy keeps large model weights in memory. If it supports batches (:class:`BatchPolicy`),
             all workers of a run share one instance. Otherwise, a run uses one worker by default.
@@ -167,7 +169,10 @@ class BatchPolicy(Policy, Protocol):
     """
 
     def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
-        """Return one array for each observation, in order. Each array is like the result of :meth:`Policy.act`."""
+        """Return one array for each observation, in order.
+
+        Each array has the same form as the result of :meth:`Policy.act`.
+        """
 
 
 def require_policy(policy: object, where: str) -> None:

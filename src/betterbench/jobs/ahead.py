@@ -14,7 +14,10 @@ _PATIENCE_S = 0.2
 
 
 class _End:
-    """Last entry of the queue. It contains the error that the iterator raised, or None."""
+    """Last entry of the prefetching queue.
+
+    It contains the error that the iterator raised, or None if there was no error.
+    """
 
     def __init__(self, error: BaseException | None) -> None:
         self.error = error
@@ -59,9 +62,11 @@ class _Ahead(Generic[ItemT]):
 
 @contextmanager
 def ahead(items: Iterator[ItemT], most: int) -> Iterator[Iterator[ItemT]]:
-    """Yield the items of an iterator while a thread prefetches up to ``most`` items. Errors of the iterator are raised.
+    """Yield the items of an iterator while a thread prefetches up to ``most`` items.
 
-    When the context ends, the thread stops after its current item.
+    An error that the iterator raises in the thread is raised here.
+
+    When the context manager exits, the thread stops after the item that it is fetching.
     """
     with closing(_Ahead(items, max(1, most))) as taken:
         yield iter(taken)

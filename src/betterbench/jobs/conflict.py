@@ -52,7 +52,7 @@ def require_same(
         what: Kind of job for the message, such as "run".
         where: Name of the description for the message, such as "plan".
         cure: Remedy that lets the user resume the job.
-        cures: Other remedies, by the first field of the description that differs.
+        cures: Remedies that replace ``cure``, by the first field of the description that differs.
     """
     difference = first_difference(there, asked, where)
     if difference is not None:
@@ -65,9 +65,9 @@ def require_same(
 
 
 def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
-    """Return the path of the first difference between two sorted JSON values, and both values there as text.
+    """Compare two JSON values. Return the path of their first difference, and both values at that path as text.
 
-    The result is None if the values are equal.
+    Return None if the two JSON values are equal. Keys are compared in sorted order.
     """
     if isinstance(there, dict) and isinstance(asked, dict):
         for key in sorted(set(there) | set(asked)):

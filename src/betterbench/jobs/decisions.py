@@ -1,4 +1,4 @@
-"""Journals of human decisions: changes, verdicts and undos, and the history of each subject.
+"""Journals of the decisions that people make in a review: changes, verdicts, and undos of earlier decisions.
 
 A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). The decisions about a subject
 all contain its content hash, and together they form its history. Each package that reviews subjects defines which
@@ -81,7 +81,7 @@ class DecisionLine(Protocol):
         """Name of the subject, for display."""
 
     def misfit(self, changes: int) -> str:
-        """Return why the decision contradicts the number of earlier changes, or "" if it does not."""
+        """Return the reason why this decision cannot follow the given number of changes, or "" if it can."""
 
 
 LineT = TypeVar("LineT", bound=DecisionLine)

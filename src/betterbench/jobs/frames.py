@@ -41,15 +41,15 @@ FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
 
 
 class FrameError(Exception):
-    """The other process has closed the connection, or has sent bytes that are not a frame."""
+    """The process at the other end has closed the connection, or has sent bytes that are not a frame."""
 
 
 class FrameEndError(FrameError):
-    """The other process has closed the connection or exited."""
+    """The process at the other end has closed the connection or exited."""
 
 
 class FrameTimeoutError(FrameError):
-    """The other process did not send or read in time."""
+    """The process at the other end did not send or read in time."""
 
 
 class Link(Protocol):
@@ -63,9 +63,9 @@ class Link(Protocol):
 
 
 def send_frame(link: Link, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, number: int = 0) -> None:
-    """Send a document and named arrays.
+    """Send a frame, i.e. a JSON document and named arrays.
 
-    A request and its reply have the same ``number``. Of an array of Python objects, only the shape is sent. Raises
+    A request and its reply have the same ``number``. For an array of Python objects, only the shape is sent. Raises
     FrameError if the other process has ended or does not read in time.
     """
     forms, kinds = _forms_text(tuple(arrays), tuple([(array.dtype, array.shape) for array in arrays.values()]))

@@ -22,7 +22,9 @@ logger = logging.getLogger(__name__)
 
 
 def in_processes(items: list[ItemT], work: Callable[[ItemT], FoundT], *, workers: int) -> Iterator[FoundT]:
-    """Yield results as items finish. If a worker process dies, its items are retried one at a time.
+    """Process items in worker processes, and yield each result when its item is finished.
+
+    If a worker process dies, the items that it was processing are retried one at a time.
 
     With only one worker or one item, the items are processed in this process.
 

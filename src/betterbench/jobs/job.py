@@ -63,13 +63,13 @@ def run_items(
 
 
 def counts(on_count: OnCount | None) -> Callable[[JobProgress[Any]], None] | None:
-    """Return a callback for :func:`run_items` that passes only the two counts to ``on_count``."""
+    """Return a callback for :func:`run_items` that passes the numbers of finished and planned items to ``on_count``."""
     return None if on_count is None else lambda progress: on_count(progress.done, progress.planned)
 
 
 @contextmanager
 def job_folder(path: Path, *, waits: bool = False) -> Iterator[None]:
-    """Lock the folder of a job inside the context, and remove unfinished files that killed processes have left.
+    """Context manager that locks the folder of a job and removes unfinished files left by killed processes.
 
     Args:
         path: The folder, which is created if it is missing.
@@ -77,8 +77,8 @@ def job_folder(path: Path, *, waits: bool = False) -> Iterator[None]:
 
     Raises:
         RunConflictError: If another process holds the lock and ``waits`` is False.
-        StorageError: If the disk is full or protected. Also after success, if the folder was removed or moved
-            meanwhile.
+        StorageError: If the disk is full or write-protected, or if the folder was removed or moved before the context
+            manager exits.
     """
     with on_disk(path):
         lock = RunLock(path / LOCK_NAME, waits=waits)

@@ -1,6 +1,6 @@
-"""Termination of child processes that remain after a process has ended.
+"""Termination of child processes that are still running after their parent process has ended.
 
-A variable in their environment identifies them.
+The child processes are recognized by a variable in their environment.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def end_leftovers(variable: str, value: str, session: int) -> None:
 
 
 def _marked(mark: bytes, session: int) -> Iterator[int]:
-    """Yield the running processes that have the mark in their environment or belong to the session."""
+    """Yield the running processes that have the given variable in their environment or belong to the session."""
     for place in Path("/proc").glob("[0-9]*"):
         process = int(place.name)
         if process == os.getpid():

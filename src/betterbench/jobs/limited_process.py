@@ -68,8 +68,8 @@ class LimitedProcess:
             main: Function that the process calls ("module:function"), with the arguments as strings. In the end, the
                 function must call :func:`answer_requests`.
             arguments: Arguments of the function.
-            cpu_s: CPU time limit of a request, which is used only in messages [s]. :func:`answer_requests` sets the
-                limit.
+            cpu_s: CPU time limit of a request [s]. It is only mentioned in messages here, and enforced by
+                :func:`answer_requests`.
             environment: Environment variables to add to those of this process.
         """
         module, _, function = main.partition(":")

@@ -77,8 +77,8 @@ class LineJournal:
     def _append_line(self, form: object, *, within_s: float = 0.0) -> None:
         """Append a JSON value and sync it to disk. If this raises OSError, the file is unchanged.
 
-        The sync is skipped if the last one was less than ``within_s`` [s] ago. If the process is killed, still no line
-        is lost, but a power failure may lose some lines.
+        The sync is skipped if the last one was less than ``within_s`` [s] ago. Even then, no line is lost if the
+        process is killed, but a power failure may lose some lines.
         """
         if self._handle is None:
             msg = f"{self._path}: the journal is closed"

@@ -69,7 +69,7 @@ class HeldFolder:
 
 
 class RunLock:
-    """Exclusive lock on a run folder. At the latest, it is released when the process ends.
+    """Exclusive lock on a run folder. It is released no later than when the process ends.
 
     The kernel holds the lock. The lock file remains, but after a crash nothing has to be cleaned up. Forked processes
     do not keep the lock. While the lock is held, no file is written through a link that leads out of the folder
@@ -233,7 +233,7 @@ class FileLock(RunLock):
         super().__init__(file.with_name(f".{file.name}.lock"), waits=waits)
 
     def _guard(self) -> None:
-        """Do nothing: the user has chosen the folder, and it may contain other files."""
+        """Do nothing: the user chose this folder, and it may contain files of other programs."""
 
     def _unguard(self) -> None:
         """Do nothing."""
@@ -276,9 +276,12 @@ def held_folders() -> tuple[HeldFolder, ...]:
 
 
 def write_within(folders: Iterable[HeldFolder]) -> None:
-    """Register folders that the parent process has locked. If one is removed, this process no longer writes into it.
+    """Register folders that the parent process has locked.
 
-    Otherwise, a worker would create a removed folder again, and the same command could then not use it.
+    If one of them is removed, this process no longer writes into it.
+
+    Without this, a worker would create the removed folder again, and the user could not repeat the command with that
+    folder.
     """
     _OF_PARENT.extend(folders)
 

@@ -44,7 +44,10 @@ def mark_of(verb: str) -> str:
 
 
 def bears_mark(path: Path, verb: str) -> bool:
-    """Return whether a file contains the mark of a subcommand near its beginning or end. Raises OSError."""
+    """Return whether a file contains the mark of a subcommand near its beginning or end.
+
+    Raises OSError if the file cannot be read.
+    """
     mark = mark_of(verb).encode()
     with open_ordinary(path) as file:
         if mark in file.read(_ENDS_BYTES):
@@ -62,7 +65,8 @@ def require_replaceable(
         path: Path of the file to write.
         verb: Subcommand that writes the file.
         overwrite: Whether to replace files that this subcommand did not write.
-        is_ours: Function that returns whether this subcommand wrote an existing file. If it is None, the mark decides.
+        is_ours: Function that returns whether this subcommand wrote an existing file. By default, a file was written by
+            this subcommand if it contains its mark.
     """
     try:
         there = os.lstat(path).st_mode
@@ -146,9 +150,9 @@ class OutputFolder:
 
     Raises:
         RunConflictError: If the folder contains other files, if a file in it was changed after it was written, or if
-            another process is writing there.
-        InvalidInputError: If a link leads out of the folder.
-        StorageError: At the end, if the folder was removed or moved.
+            another process is writing to the folder.
+        InvalidInputError: If a symbolic link leads out of the folder.
+        StorageError: If the folder was removed or moved before the context manager exits.
     """
 
     def __init__(
@@ -252,7 +256,7 @@ class OutputFolder:
     def note(self, path: Path, sha256: str) -> None:
         """List a file that is about to be moved to its path.
 
-        The digest of the file that it replaces stays listed, too.
+        The digest of the file that is replaced stays in the list as well.
         """
         name = path.absolute().relative_to(self.path).as_posix()
         if name == LIST_NAME:

@@ -20,7 +20,10 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """Claim of a command on a folder. It determines which files may be replaced."""
+    """Claim of a command on an output folder.
+
+    The claim determines which files in the folder the command may replace.
+    """
 
     @property
     def thread(self) -> int:
@@ -97,7 +100,7 @@ def naming(path: Path) -> Iterator[None]:
 def open_in_place(path: Path) -> int:
     """Open a file for reading and writing in place, or create it, and return its descriptor.
 
-    Journals and locks are modified in place, so if a link had their name, a different file would be changed.
+    Journals and locks are modified in place, so a link in their place would cause a different file to be changed.
 
     Raises:
         InvalidInputError: If the path is a symbolic link, is not a regular file, or has a second name (a hard link).

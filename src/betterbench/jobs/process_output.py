@@ -23,7 +23,8 @@ _DRAIN_S = 0.5
 class ProcessOutput:
     """Pipe that replaces the standard output and the standard error of a process.
 
-    The process does not inherit our own standard error, because it could change the flags of that file or truncate it.
+    The child process does not inherit the standard error of this process, because it could then truncate that file or
+    change its flags.
 
     Attributes:
         theirs: File descriptor of the end of the pipe that the process gets.

@@ -57,7 +57,7 @@ class RetryLedger(Generic[Item]):
         return self._suspects.popleft()
 
     def put_back(self, items: Iterable[Item]) -> None:
-        """Put items back at the front of the queue because their worker has ended for another reason."""
+        """Put items back at the front of the queue, because their worker has ended without having crashed on them."""
         self._waiting.extendleft(reversed(list(items)))
 
     def item_ended(self) -> None:

@@ -38,7 +38,7 @@ def array_bytes(columns: Mapping[str, Column], arrays: Mapping[str, np.ndarray])
 
 
 def read_arrays(path: Path, columns: Mapping[str, Column], *, cure: str) -> dict[str, np.ndarray]:
-    """Read the arrays of a file by name, each (rows,) or (rows, width). Numbers may be NaN.
+    """Read the arrays in a file and return them by column name, each (rows,) or (rows, width). Numbers may be NaN.
 
     Raises:
         RecordError: If the file cannot be read, or if a column is missing, has a different kind or has empty cells.

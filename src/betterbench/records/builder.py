@@ -75,7 +75,7 @@ class RecordBuilder:
         forbidden: bool = False,
         **given: npt.NDArray[Any] | None,
     ) -> None:
-        """Append one row together with its relations.
+        """Append one row: a state, and whether each predicate and each subgoal holds in it.
 
         Raises the errors of :meth:`append_state` and :meth:`append_truth`.
         """
@@ -132,10 +132,10 @@ class RecordBuilder:
     def append_truth(
         self, *, predicates: Sequence[bool] = (), subgoals: Sequence[bool] = (), goal: bool, forbidden: bool = False
     ) -> None:
-        """Append the relations of the first row that has none yet, in the order of the metadata.
+        """For the first row that lacks them, append whether each predicate and each subgoal holds, in metadata order.
 
         Raises:
-            InvalidInputError: If a value is missing, or if every row already has its relations.
+            InvalidInputError: If a value is missing, or if no row lacks these values.
         """
         self._check_truths(predicates, subgoals)
         if len(self._truths) >= len(self._states):
@@ -155,8 +155,8 @@ class RecordBuilder:
         """Return the finished record. The arguments are those of :class:`Outcome`.
 
         Raises:
-            InvalidInputError: If there are no rows, a row has no relations, a state does not list the objects of the
-                scene, or the outcome contradicts itself.
+            InvalidInputError: If there are no rows, a row lacks the values of its predicates and subgoals, a state does
+                not list the objects of the scene, or the outcome contradicts itself.
         """
         outcome = Outcome(termination, bool(success), error, clipped_actions, invalid_actions)
         if not self._states:
@@ -232,7 +232,7 @@ class RecordBuilder:
         return np.array(held, dtype=np.int16)
 
     def _check_scene(self, state: WorldState) -> None:
-        """Raise InvalidInputError if a state does not belong to the scene that the metadata describe."""
+        """Raise InvalidInputError if a state does not belong to the scene that the metadata describes."""
         if state.info != self._info:
             raise InvalidInputError(
                 "state.info", "differs from the scene in the metadata", "Use the same SceneInfo for both"

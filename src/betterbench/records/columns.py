@@ -25,8 +25,8 @@ class Column(NamedTuple):
 
     Attributes:
         kind: Data type of each value.
-        width: Name of the width, or None if there is one item per row.
-        tail: Number of values per item (3 for a position).
+        width: Name of the number of items per row (see ``WIDTH_NAMES``), or None if there is one item per row.
+        tail: Number of values that make up an item (3 for a position).
     """
 
     name: str
@@ -100,7 +100,10 @@ class Contacts:
 
 
 def arrow_schema(widths: Widths) -> pa.Schema:
-    """Return the Parquet schema for the given widths. Columns of width zero are omitted."""
+    """Return the Parquet schema of a record, given the width of each group of columns.
+
+    Columns of width zero are omitted.
+    """
     fields = []
     for column in COLUMNS:
         number = _NUMBERS[column.kind]

@@ -59,7 +59,8 @@ class SkillWindow:
 
     Attributes:
         kind: Kind of skill.
-        object: Name of the object. For a miss, it is the object that is picked next, or "".
+        object: Name of the object. If the gripper closed without grasping or moving an object (kind "miss"), it is the
+            object that is picked next, or "" if there is none.
         target: Target of the placement, or "" if no subgoal has this target.
         relation: Relation to the target, or "" if there is no target.
         region: Region of the target, or "" if the target has only one.
@@ -87,7 +88,9 @@ class SkillWindow:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SubgoalSegment:
-    """Rows [start, stop) that serve one subgoal. The segments of a record are contiguous.
+    """Rows [start, stop) of a record in which the robot works toward one subgoal.
+
+    The segments of a record are contiguous.
 
     Attributes:
         subgoal: Name of the subgoal that is done at the end of these rows, or "" for rows after the last subgoal.

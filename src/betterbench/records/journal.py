@@ -1,8 +1,8 @@
-"""Journal of a run, with one line per finished trial. It alone determines how the run is resumed.
+"""Journal of a run, with one line per finished trial. Resuming a run depends only on this file.
 
 Each line contains the SHA-256 of its record, the digest of its scene, and a link, which is the SHA-256 of the previous
-link and the line. The links reveal changed, missing and reordered lines. Journals of older versions lack the scene
-digest, or all three.
+link and the line. The links reveal changed, missing and reordered lines. In journals of older versions, the lines lack
+the scene digest, or all three values.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Journal(LineJournal):
 
     Raises:
         RunConflictError: If another process is appending to the journal.
-        RecordError: If a line is corrupt, or if a trial is finished twice.
+        RecordError: If a line is corrupt, or if two lines state that the same trial is finished.
     """
 
     def __init__(self, path: Path, *, renews: bool = False) -> None:
@@ -127,10 +127,10 @@ class Journal(LineJournal):
         self._append(entry)
 
     def reopen(self, key: TrialId, reason: str) -> None:
-        """Mark a finished trial whose record cannot be used, so that it is repeated.
+        """Mark a finished trial as unfinished, so that it is repeated, because its record cannot be used.
 
-        A line with the status "error" is appended. Raises the same errors as :meth:`append`. Does nothing if the trial
-        is not finished.
+        This appends a line with the status "error", or does nothing if the trial is not finished. Raises the same
+        errors as :meth:`append`.
         """
         if self.is_done(key):
             self._append(replace(self._entries[key], status="error", message=reason, wall={}, record=None, scene=None))
@@ -150,7 +150,7 @@ def read_journal(path: Path) -> tuple[JournalEntry, ...]:
         The last entry of every trial, in the order in which the trials first appear.
 
     Raises:
-        RecordError: If a line is corrupt, or if a trial is finished twice.
+        RecordError: If a line is corrupt, or if two lines state that the same trial is finished.
     """
     return tuple(_last_entries(path, complete_lines(path)[0])[0].values())
 

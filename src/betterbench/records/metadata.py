@@ -70,7 +70,7 @@ class Outcome:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordMetadata:
-    """Metadata of an episode, which are fixed before the episode begins.
+    """Metadata of an episode, which is fixed before the episode begins.
 
     Attributes:
         suite_version: Version of the suite, which also seeds its random streams.
@@ -88,14 +88,16 @@ class RecordMetadata:
         scene_hash: Name under which the scene is stored (``scenes/HASH.zip``).
         looks: Set of object variants and rooms that the run used ("seen" or "unseen").
         room: Name of the trial's room.
-        view_jitter: Offsets of the cameras and the key light. Together with scene and state, they determine the images.
+        view_jitter: Offsets of the cameras and the key light. Together with the scene and the state, these offsets
+            determine the images.
         robot_dynamics: Drawn dynamics of the robot by quantity, with one value per joint of the arm and the gripper.
             "backlash" is in rad. All other quantities are factors applied to the model's values. Empty if the dynamics
             do not vary.
         predicate_names: Meaning of each column in ``predicates``.
         subgoal_names: Meaning of each column in ``subgoals``, in the order of the instruction.
         demonstrator: Source of a demonstration, or None for the trial of an evaluated policy.
-        segments: Rows that serve each subgoal, derived from the states. Only for demonstrations.
+        segments: Rows in which the robot works toward each subgoal, derived from the states. They exist only for
+            demonstrations.
     """
 
     task: str

@@ -51,7 +51,10 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
 
 
 def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
-    """Make names unique. The folder of the run is added to equal names, and then a number if necessary."""
+    """Make the display names of runs unique.
+
+    The folder of the run is appended to names that are equal, and then a number if necessary.
+    """
     counts = Counter(names)
     named = [
         name if counts[name] == 1 else f"{name} ({Path(place).resolve().name if str(place) else number})"

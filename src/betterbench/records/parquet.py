@@ -194,13 +194,13 @@ def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
     """Read only the outcome of a record. This is faster than reading the whole record.
 
     Raises:
-        RecordError: In the same cases as :func:`read_record`, but fewer checks are made.
+        RecordError: In most of the cases in which :func:`read_record` raises it. Fewer checks are made here.
     """
     return read_brief(path, digest=digest).outcome
 
 
 def read_brief(path: Path, *, digest: str | None = None) -> RecordBrief:
-    """Read only the trial and the outcome of a record. Raises the same errors as :func:`read_outcome`."""
+    """Read only the trial, the assets and the outcome of a record. Raises the same errors as :func:`read_outcome`."""
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
         return read_form(_BRIEF, _document_bytes(file), where="metadata", cure=_CURE, sealed=True)
 

@@ -1,4 +1,4 @@
-"""Reader of Parquet files that other programs have written. It loads large cells only when they are needed."""
+"""Reader of Parquet files that other programs have written. The reader loads large cells only when they are needed."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ class Record:
 
     @property
     def widths(self) -> dict[str, int]:
-        """Number of values per row of each group of columns whose width depends on the scene."""
+        """Number of values per row in the columns that depend on the scene or the action space, by width name."""
         return {
             "nq": self.qpos.shape[1],
             "nv": self.qvel.shape[1],

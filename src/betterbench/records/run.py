@@ -64,7 +64,7 @@ class _PolicyChange(TypedDict):
 
 @growing_form
 class _RunContext(TypedDict, total=False):
-    """Fields of a run's context that are read here. Other fields are ignored."""
+    """Fields of a run's context that this module reads. All other fields are ignored."""
 
     policy: dict[str, Any]
     policy_changes: list[_PolicyChange]
@@ -186,7 +186,7 @@ class RunFolder:
 
     @property
     def world(self) -> WorldFacts:
-        """Facts about the world in which the trials were run.
+        """Properties of the world, i.e. the simulator and its scenes, in which the trials were run.
 
         Raises RecordError if the plan names an unknown world.
         """

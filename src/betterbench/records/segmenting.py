@@ -38,7 +38,10 @@ SLID_M = 0.005
 
 @dataclass(frozen=True, slots=True)
 class _Closure:
-    """Rows [closed, opened) in which the gripper is commanded to close, with the effect and the affected object."""
+    """Rows [closed, opened) in which the gripper is commanded to close.
+
+    The class also contains the kind of effect (pick, slide or miss) and the affected object.
+    """
 
     closed: int
     opened: int
@@ -82,7 +85,7 @@ def _segment(goal: Subgoal, name: str, start: int, stop: int, skills: list[Skill
 
 
 def _closures(record: Record) -> Iterator[_Closure]:
-    """Yield each interval from a closing of the gripper to its next opening, with the effect."""
+    """Yield each interval from a closing of the gripper to the next opening, together with its effect."""
     closed = record.gripper_command > 0.0
     edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1
     starts = [int(e) for e in edges if closed[e]]

@@ -58,9 +58,9 @@ class AgreementTable:
 
     @property
     def expected(self) -> float | None:
-        """Agreement expected if both raters rated independently, each with the observed frequencies.
+        """Agreement that would be expected if the raters chose independently, each with the observed frequencies.
 
-        None without items.
+        It is None if there are no items.
         """
         if not self.n:
             return None

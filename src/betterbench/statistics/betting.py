@@ -1,4 +1,4 @@
-"""Tests and intervals for the mean of bounded values, based on betting. They are valid at any time, however one stops.
+"""Tests and intervals for the mean of bounded values, based on betting. They stay valid whenever one stops observing.
 
 A bet against "the mean is at most m" starts with a wealth of 1. For every value ``x``, the wealth is multiplied by ``1
 + c (x - m) / (m - low)``. The stake ``c`` is between 0 and 1, so the wealth never becomes negative. If the mean is at
@@ -48,7 +48,7 @@ def anytime_interval(values: Iterable[float], *, span: Span = UNIT, confidence: 
 
     Args:
         values: Observed values, each within the span. Their order does not matter.
-        span: Smallest and largest possible value. Without values, the interval is the span.
+        span: Smallest and largest possible value. If there are no values, the interval is the span.
         confidence: Two-sided confidence level.
     """
     check_fraction("confidence", confidence)
@@ -91,7 +91,7 @@ def _counted(values: Iterable[float], mean: float, span: Span) -> Counter[float]
 
 
 def _wealth(counts: Counter[float], gain: Callable[[float], float]) -> float:
-    """Return the mean wealth over all stakes. ``gain`` returns how much one unit of stake gains with a value."""
+    """Return the mean wealth over all stakes. ``gain`` returns how much one unit of stake gains or loses at a value."""
     logs = np.zeros(_STAKES)
     for value, count in sorted(counts.items()):
         logs += count * np.log1p(_stakes() * gain(value))
@@ -102,7 +102,8 @@ def _wealth(counts: Counter[float], gain: Callable[[float], float]) -> float:
 def _stakes() -> npt.NDArray[np.float64]:
     """Return the stakes from 0 to 1.
 
-    They correspond to success probabilities above 1/2 under Turner and Grünwald's prior.
+    A stake ``c`` stands for the success probability ``(1 + c) / 2``. The stakes are quantiles of Turner and Grünwald's
+    prior for this probability, in its half above 1/2.
     """
     shares = 0.5 + (np.arange(_STAKES) + 0.5) / (2.0 * _STAKES)
     stakes = 2.0 * special.betaincinv(PRIOR_COUNT, PRIOR_COUNT, shares) - 1.0

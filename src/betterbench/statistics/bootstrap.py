@@ -46,7 +46,7 @@ def paired_bootstrap(
         confidence: Two-sided confidence level, between 0 and 1.
 
     Returns:
-        The mean of ``first - second``. Without pairs, the value is None and the interval is [-1, 1].
+        The mean of ``first - second``. If there are no pairs, the value is None and the interval is [-1, 1].
     """
     check_fraction("confidence", confidence)
     if resamples < 1:

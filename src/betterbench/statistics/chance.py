@@ -26,7 +26,7 @@ def chance_p(rate: Rate, *, chance: float) -> float:
         chance: Success rate of guessing, strictly between 0 and 1 (0.5 for a choice between two answers).
 
     Returns:
-        The p-value, or 1.0 without trials.
+        The p-value, or 1.0 if there are no trials.
     """
     check_fraction("chance", chance)
     likely = binomial_probabilities(rate.n, chance)
@@ -37,14 +37,14 @@ def guessing_p(right: int, chances: Sequence[float]) -> float:
     """Return the probability that guessing gives at least ``right`` correct answers (one-sided exact test).
 
     The number of correct guesses has a Poisson binomial distribution, because each answer has its own chance of being
-    guessed. It is computed exactly.
+    guessed. This distribution is computed exactly.
 
     Args:
         right: Number of correct answers.
         chances: Probability of guessing each answer (n,), between 0 and 1.
 
     Returns:
-        The p-value, or 1.0 without answers.
+        The p-value, or 1.0 if there are no answers.
 
     Raises:
         InvalidInputError: If a chance is not a probability, or if there are more correct answers than answers.

@@ -105,12 +105,12 @@ def mean_of_rates(rates: Sequence[Rate], *, confidence: float = DEFAULT_CONFIDEN
 def newcombe_paired_difference(table: PairedTable, *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
     """Return the difference between two rates measured on the same trials, with Newcombe's interval for pairs.
 
-    This is method 10 of Newcombe, Statistics in Medicine 17, 1998, 2635-2650: Wilson intervals in quadrature, reduced
-    by the correlation of the pairs. Unlike the bootstrap interval, it has a positive width even if all pairs agree or
-    all pairs differ in the same direction.
+    This is method 10 of Newcombe, Statistics in Medicine 17, 1998, 2635-2650. It adds the distances to the ends of the
+    two Wilson intervals in quadrature, and reduces the sum according to the correlation of the pairs. Unlike the
+    bootstrap interval, it has a positive width even if all pairs agree or all pairs differ in the same direction.
 
     Returns:
-        ``first - second``. Without pairs, the value is None and the interval is [-1, 1].
+        ``first - second``. If there are no pairs, the value is None and the interval is [-1, 1].
     """
     method = "newcombe paired"
     check_fraction("confidence", confidence)
@@ -138,7 +138,7 @@ def _correlated_length(x: float, y: float, phi: float) -> float:
 
 
 def _contrast(terms: Sequence[tuple[float, Rate]], confidence: float, method: str) -> Difference:
-    """Return a weighted sum of independent rates, with their Wilson intervals added in quadrature."""
+    """Return a weighted sum of independent rates. Its interval adds their Wilson intervals in quadrature."""
     check_fraction("confidence", confidence)
     value = down = up = 0.0
     for weight, rate in terms:

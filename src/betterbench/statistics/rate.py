@@ -46,7 +46,7 @@ class Rate:
 
     @property
     def value(self) -> float | None:
-        """Fraction of successes, or None without trials."""
+        """Fraction of successes, or None if there are no trials."""
         return self.k / self.n if self.n else None
 
     @property

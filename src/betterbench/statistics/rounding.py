@@ -46,7 +46,7 @@ def percent(k: int, n: int, *, digits: int = 1) -> Decimal | None:
     """Return ``k`` of ``n`` in percent, computed exactly and rounded half up.
 
     Returns:
-        The percentage, or None without trials.
+        The percentage, or None if there are no trials.
     """
     check_counts(k, n)
     return round_half_up(Fraction(100 * k, n), digits) if n else None

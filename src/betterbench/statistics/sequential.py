@@ -44,7 +44,7 @@ class EProcess:
 
     @property
     def value(self) -> float:
-        """Evidence after the last pair, or 1 without pairs."""
+        """Evidence after the last pair, or 1 if there are no pairs."""
         return _exp(self.logs[-1]) if self.logs else 1.0
 
     @property

@@ -74,7 +74,7 @@ _Indices = npt.NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class FurtherLoss:
-    """Drop in the mean score from the first condition to a different one that the sizes do not explain.
+    """Drop in the mean score from the first condition to another one, as far as the stimulus sizes do not explain it.
 
     Attributes:
         value: The loss as a fraction. It is negative if the score is higher than the sizes explain.
@@ -323,7 +323,7 @@ class _Cells:
         return correct, total
 
     def further_losses(self, at: _Numbers, counts: tuple[_Numbers, _Numbers]) -> _Numbers:
-        """Return how much more the mean score drops from the first condition to each condition than predicted."""
+        """Return how much more the mean score drops than predicted, from the first condition to each condition."""
         correct, total = counts
         size = len(self.conditions)
         left = np.bincount(self.condition, correct - total * self._rates(at)[0], size)

@@ -16,7 +16,7 @@ class Region:
     Attributes:
         name: Kind of the region ("inside", "ring", "handle", "top").
         position: Center in the object frame [m].
-        half_size: Half extents along the region's own axes [m]. For a disc, the first two are the radius.
+        half_size: Half extents along the region's own axes [m]. For a disc, the first two are both equal to the radius.
         quaternion: Rotation of the region in the object frame (w, x, y, z).
     """
 
@@ -40,7 +40,8 @@ class ObjectInfo:
         kind: Noun for the object in instructions ("burger"). Objects of the same kind are interchangeable.
         asset: Identity of the asset ("burger#3").
         color: Color word ("red").
-        shape: Coarse shape ("round", "cylinder", "box"), which is compared if the robot grasps a similar object.
+        shape: Coarse shape ("round", "cylinder", "box"), by which the diagnosis tells whether a wrongly grasped object
+            resembles the requested one.
         role: "item", "distractor", "container" or "fixture".
         size_m: Extents of the bounding box in the object frame [m]. The frame's origin is the center of the bottom
             face.

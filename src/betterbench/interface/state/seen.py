@@ -51,7 +51,7 @@ class SeenObject:
 
 @dataclass(frozen=True, slots=True)
 class FrameView:
-    """Image of a state: its camera and the objects that are visible in it.
+    """Camera parameters of an image, and the objects that are visible in the image.
 
     Attributes:
         camera: Camera name.
@@ -71,7 +71,7 @@ class FrameView:
     objects: Mapping[str, SeenObject]
 
     def depth_m(self, point: tuple[float, float, float]) -> float:
-        """Return the distance of a world point [m] from the camera along the optical axis [m]."""
+        """Return how far a point in the world frame [m] is from the camera, measured along the optical axis [m]."""
         return self.T_world_camera.inverse().apply(point)[2]
 
 

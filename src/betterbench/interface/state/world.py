@@ -41,8 +41,8 @@ class WorldState:
         gripper_command: Last applied gripper command, from -1 (open) to +1 (closed).
         joint_positions: Arm joint angles [rad].
         joint_velocities: Arm joint velocities [rad/s].
-        contacts: Contacts that involve the gripper or an object. If some objects must not be touched, this includes all
-            contacts of the robot since the previous state.
+        contacts: Contacts that involve the gripper or an object. If the task forbids touching some objects, all
+            contacts of the robot since the previous state are included.
         held: Name of the object that both fingers touch and that nothing else supports, or None.
     """
 

@@ -118,7 +118,7 @@ class ModalityWriter:
         )
 
     def append(self, values: dict[str, np.ndarray]) -> None:
-        """Append the values of one row by column. The column ``row`` is filled automatically."""
+        """Append one row, given as the value of each column by name. The column ``row`` is filled automatically."""
         self._kept.append({**values, "row": np.array(self._rows, np.int32)})
         self._rows += 1
         if len(self._kept) == self._chunk:
@@ -259,7 +259,7 @@ class ModalityFile:
     def _checked_footer(self) -> int:
         """Verify the checksum of the footer, and return the footer's offset [byte].
 
-        Raises RecordError if it does not match.
+        Raises RecordError if the checksum does not match.
         """
         size = os.fstat(self._source or 0).st_size
         tail = self._bytes(max(0, size - _TAIL), size)
@@ -279,7 +279,10 @@ class ModalityFile:
         return begin
 
     def _checked_groups(self, footer: int) -> tuple[tuple[int, str], ...]:
-        """Return the end and the digest of each row group. Raises RecordError if they do not match the file."""
+        """Return the end offset [byte] and the digest of each row group.
+
+        Raises RecordError if they do not match the file.
+        """
         raw = (self._file.metadata.metadata or {}).get(GROUPS_KEY, b"")
         found = read_form(_GROUPS, raw, where=f"{self.path}: row groups", cure=AGAIN, raises=RecordError)
         ends = [0, *(end for end, _ in found)]

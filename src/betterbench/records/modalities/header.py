@@ -27,7 +27,9 @@ _Count = Annotated[int, Field(ge=0)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class BoxedObject:
-    """Object of the scene. Boxes list the objects in the same order as the record's ``scene.objects``.
+    """Object of the scene whose boxes are stored in the file.
+
+    Objects have the same order as in the record's ``scene.objects``.
 
     Attributes:
         name: Name of the object in the scene.

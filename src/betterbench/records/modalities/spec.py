@@ -81,7 +81,7 @@ class ViewSpec:
 
     @property
     def text(self) -> str:
-        """The view as a text for the command line."""
+        """The view in the form that the command line uses."""
         place = ""
         if self.placed is not None:
             at, to = (",".join(map(repr, point)) for point in (self.placed.position, self.placed.target))
@@ -119,7 +119,7 @@ def _vector(text: str) -> Vector:
 
 
 def modalities_named(names: Sequence[str]) -> tuple[Modality, ...]:
-    """Return the named modalities in the order of their columns. Without names, return all modalities.
+    """Return the given modalities in the order of their columns, or all modalities if no names are given.
 
     Raises:
         InvalidInputError: If a name is unknown.

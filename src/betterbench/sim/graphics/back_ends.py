@@ -1,4 +1,4 @@
-"""Choice of the OpenGL back end that renders images, and a check whether its libraries are installed.
+"""Choice of the OpenGL back end that renders images. This module also checks whether its libraries are installed.
 
 Source: MuJoCo 3.17 ``rendering/classic/gl_context.py`` for the values of ``MUJOCO_GL``.
 """
@@ -26,9 +26,9 @@ PLATFORMS = ("egl", "osmesa")
 def gl_backend() -> str | None:
     """Return the off-screen OpenGL back end that renders images ("egl", "osmesa", "glfw"), or None if there is none.
 
-    If the environment variable ``MUJOCO_GL`` names one of the three, it decides. "glfw" needs a display. Otherwise EGL
-    is preferred, because it also finds graphics cards. This function only checks that the libraries are present.
-    :func:`betterbench.sim.scenes.renderer_fingerprint` tests whether they work.
+    If the environment variable ``MUJOCO_GL`` names one of the three, that back end is returned. "glfw" needs a display.
+    Otherwise EGL is preferred, because it also finds graphics cards. This function only checks that the libraries are
+    present. :func:`betterbench.sim.scenes.renderer_fingerprint` tests whether they work.
     """
     asked = asked_back_end()
     if asked in BACK_ENDS:
@@ -39,7 +39,10 @@ def gl_backend() -> str | None:
 
 
 def asked_back_end() -> str:
-    """Return the back end that ``MUJOCO_GL`` names, read as MuJoCo does. Empty if the variable is not set."""
+    """Return the back end that ``MUJOCO_GL`` names, interpreted in the same way as in MuJoCo.
+
+    Return an empty string if the variable is not set.
+    """
     return os.environ.get("MUJOCO_GL", "").strip().lower()
 
 

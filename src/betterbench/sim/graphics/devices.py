@@ -131,7 +131,10 @@ def alike(devices: Sequence[EglDevice], environment: Mapping[str, str]) -> tuple
 
 
 def next_device_variables() -> dict[str, str]:
-    """Return the environment variables that assign a device to the next process started here. Empty without devices."""
+    """Return the environment variables that assign a device to the next process started here.
+
+    The result is empty if no device is used.
+    """
     return device_variables(next(_started))
 
 
@@ -156,7 +159,10 @@ def device_variables(turn: int) -> dict[str, str]:
 
 
 def device_problem(chosen: str, count: int) -> GraphicsError | None:
-    """Return the error for an invalid ``MUJOCO_EGL_DEVICE_ID``, or None if it is valid. ``count`` devices are known."""
+    """Return the error for an invalid ``MUJOCO_EGL_DEVICE_ID``, or None if it is valid.
+
+    ``count`` is the number of devices.
+    """
     if count == 0:
         return None
     last = count - 1

@@ -58,9 +58,9 @@ class LiveMaterializer:
         self._files.add(list(self._sights.draw(self._scene.data)), self._scene.state().time_s)
 
     def finish(self, record: Record, record_sha256: str) -> list[Path]:
-        """Move the files of a record to their final paths and return these.
+        """Move the finished files to their final paths, and return these paths.
 
-        ``record_sha256`` is the record file's digest.
+        ``record_sha256`` is the SHA-256 of the record file.
         """
         origin = TrialOrigin(record.metadata, record_sha256, self._scene.quality.name, self._fingerprint)
         return self._files.finish(origin)

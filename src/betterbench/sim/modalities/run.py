@@ -1,4 +1,7 @@
-"""Writes the modality files of a run's records into a folder that can be resumed."""
+"""Materialization of a run: its records are rendered as modality files in a folder.
+
+It can be interrupted and resumed.
+"""
 
 from __future__ import annotations
 

@@ -154,8 +154,8 @@ def add_joint_servos(
 
     The first servo integrates this velocity to a reference position (its activation) and pulls the joint there with the
     stiffness. The second servo damps the joint toward the reference velocity itself. The reference therefore moves
-    evenly within a control step, and a moving arm does not lag behind by damping over stiffness, as it would with a
-    position servo.
+    evenly within a control step, and a moving arm does not lag behind its reference. With a position servo alone, it
+    would lag by its speed times damping divided by stiffness.
 
     Args:
         spec: Model to which the servos are added.

@@ -209,8 +209,8 @@ class ArmController:
         """Write the controls of the next control step to ``data``, and return the action that was applied.
 
         ``measured`` is the pose ``T_base_tcp`` at the current joint angles, if the caller knows it. The returned action
-        is a float64 array (dim,) within the bounds of the action space. Applying the returned action gives
-        bit-identical results.
+        is a float64 array (dim,) within the bounds of the action space. Applying the returned action instead of the
+        given one has a bit-identical effect.
 
         Raises:
             InvalidActionError: If the action has a wrong shape or type, or contains a non-finite number.
@@ -239,8 +239,8 @@ class ArmController:
 
         Some action spaces set the opening width itself. The command is then inferred from the widths: the gripper
         closes while the commanded width is smaller than the measured one by :data:`CLOSING_LEAD_M`, including while it
-        presses on an object. It opens while the commanded width is larger by as much. Otherwise, the ``last`` command
-        is kept.
+        presses on an object. It opens while the commanded width is larger by the same amount. Otherwise, the ``last``
+        command is kept.
         """
         if not self._sets_width:
             command: float = applied.item(-1)
@@ -302,7 +302,7 @@ class ArmController:
         self._width = state.width_m
 
     def _ee_delta(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
-        """Add the action to the commanded pose, limit how far that pose leads, and step toward it."""
+        """Add the action to the commanded pose, limit its distance from the measured pose, and step toward the result."""
         asked = _moved(self._pose, action)
         self._pose = _bounded(asked, self._measured or self.ik.forward(measured))
         return self._toward(self._pose, measured, reference)

@@ -88,7 +88,7 @@ def decimated(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Decimate meshes to ``target`` triangles in total. If no further collapse is allowed, more triangles remain.
 
-    The triangles are distributed over the pieces by need, because the edges of all pieces share one queue.
+    Pieces with more detail keep more triangles, because the edges of all pieces share one queue.
 
     Args:
         pieces: Welded vertex positions (n, 3) [m] and vertex indices of the triangles (m, 3), for each piece.
@@ -260,9 +260,9 @@ def _error(q: Quadric, p: Point) -> float:
 
 
 def _minimum(q: Quadric) -> Point | None:
-    """Return the point with the smallest error.
+    """Return the point at which a quadric has its smallest error.
 
-    None if it is poorly determined because the surface is flat or straight.
+    Return None if this point is poorly determined, because the surface is flat or straight there.
     """
     a, b, c, d, e, f, g, h, i, _ = q
     m0, m1, m2 = e * h - f * f, c * f - b * h, b * f - c * e

@@ -212,12 +212,12 @@ class ArmIK:
         iterations: int = 60,
         restarts: bool = True,
     ) -> IKResult:
-        """Search joint angles that reach ``T_base_tcp``. Return the first converged result, or else the best.
+        """Search for joint angles that reach ``T_base_tcp``. Return the first converged result, or else the best.
 
         The search starts at ``q`` (n,) [rad]. With ``restarts``, it continues from fixed postures around the home
-        posture. It takes at most ``iterations`` per start. A rotation error within the robot's ``rotation_slack_rad``
-        counts as reached; the search finds the smallest one for an exact position. Raises InvalidInputError if ``q``
-        has a wrong shape or is not finite.
+        posture. It takes at most ``iterations`` per start. A rotation error of at most the robot's
+        ``rotation_slack_rad`` is accepted. In that case, the search reaches the position exactly and makes the rotation
+        error as small as possible. Raises InvalidInputError if ``q`` has a wrong shape or is not finite.
         """
         start = np.asarray(q, dtype=np.float64)
         if start.shape != self.home.shape or not np.isfinite(start).all():
@@ -250,7 +250,7 @@ class ArmIK:
         """Return joint angles (n,) near ``q`` [rad] that bring the tool to ``T_base_tcp``, or None if there are none.
 
         This is meant for many consecutive targets along a path. It takes Newton steps from a close start, which take a
-        tenth of the time of :meth:`reach` and end when both tolerances are met. If they leave the limits or do not
+        tenth of the time of :meth:`reach` and end when both tolerances are met. If the steps leave the limits or do not
         converge, :meth:`reach` searches from ``q``. If ``q`` is outside the limits, the nearest angles inside them are
         the start.
         """
@@ -458,7 +458,7 @@ def _loaded_when_used(name: str, *, annotation: str) -> Iterator[None]:
 
 
 def largest_step(moved: Sequence[float], q: Sequence[float]) -> float:
-    """Return the largest change of a joint angle [rad]."""
+    """Return the largest change of any joint angle [rad]."""
     return max(abs(x - now) for x, now in zip(moved, q, strict=True))
 
 

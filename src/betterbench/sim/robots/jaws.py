@@ -150,5 +150,5 @@ class HingedJaw:
         return (self.control_at(width_m) - self.low_rad) / (self.high_rad - self.low_rad)
 
     def object_offset_m(self, width_m: float) -> float:
-        """Return the y coordinate in the tool frame [m] of an object next to the fixed finger, at its clearance."""
+        """Return the y coordinate in the tool frame [m] of an object's center, at the fixed finger's clearance."""
         return 0.5 * width_m + self.clearance_m - self.fixed_m

@@ -2,7 +2,7 @@
 
 The STL files come with the ``gymnasium-robotics`` wheel. They contain 134,000 triangles, which would dominate the time
 of software rendering. Each file is split into its connected parts, and the parts are sorted by paint. All parts
-together are then decimated to a fixed number of triangles, which are distributed by need
+together are then decimated to a fixed number of triangles, of which parts with more detail get more
 (:mod:`~betterbench.sim.robots.decimation`).
 
 The name of the cache file is a hash of the source files, the number of triangles and the version of the recipe. The
@@ -51,7 +51,9 @@ _MESH_FOLDER = Path("envs/assets/kitchen_franka/franka_assets/meshes/visual")
 
 @dataclass(frozen=True, slots=True)
 class MeshPart:
-    """Part of a link with one paint. The link is named after its source file ("link3", "hand").
+    """Part of a robot link that has a single paint (surface color).
+
+    The link is named after its source file ("link3", "hand").
 
     Attributes:
         paint: Name of the paint ("shell", "dark").
@@ -96,9 +98,10 @@ def visual_parts(
 ) -> tuple[MeshPart, ...]:
     """Return the decimated visual meshes, ordered by link and paint, from the cache if possible.
 
-    ``shares`` contains the weight of shape errors for each file, by the file's stem. ``faces`` is the maximum number of
-    triangles of all parts together. ``paint`` chooses the paint of each connected part. ``progress`` is called for each
-    link unless the cache is used. Raises MissingDependencyError if a source file is missing.
+    ``shares`` contains the weight of shape errors for each file, by the name of the file without its extension.
+    ``faces`` is the maximum number of triangles of all parts together. ``paint`` chooses the paint of each connected
+    part. ``progress`` is called for each link unless the cache is used. Raises MissingDependencyError if a source file
+    is missing.
     """
     folder = mesh_folder()
     sources: dict[str, bytes] = {}
@@ -211,7 +214,7 @@ _LEFTOVER_S = 3600.0
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Delete temporary files that killed processes have left, if they are older than an hour."""
+    """Delete temporary files that are older than an hour, because the processes that wrote them were killed."""
     for part in folder.glob(f"tmp*{_CACHE_SUFFIX}.part"):
         if time.time() - part.stat().st_mtime > _LEFTOVER_S:
             part.unlink(missing_ok=True)

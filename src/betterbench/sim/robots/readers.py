@@ -26,12 +26,7 @@ _Made = TypeVar("_Made")
 
 
 def number_reader(array: np.ndarray, indices: Sequence[int]) -> Reader:
-    """Return a function that reads the current values of some elements of an array.
-
-    Args:
-        array: Contiguous float64 array (n,), which must stay at the same memory address.
-        indices: Indices of the elements, at least one.
-    """
+    """Return a function that reads the current values of the given elements of an array."""
     low, high = min(indices), max(indices) + 1
     read = functools.partial(struct.Struct(f"{high - low}d").unpack_from, _memory(array), 8 * low)
     pick = _picker(indices)
@@ -39,15 +34,7 @@ def number_reader(array: np.ndarray, indices: Sequence[int]) -> Reader:
 
 
 def row_reader(array: np.ndarray, rows: Sequence[int]) -> Reader:
-    """Return a function that reads the current values of some rows of an array.
-
-    While no value changes, the function returns the same tuple again. This is the usual case, because mostly only the
-    arm moves.
-
-    Args:
-        array: Contiguous float64 array (n, width), which must stay at the same memory address.
-        rows: Indices of the rows.
-    """
+    """Return a function that reads the current values of the given rows of an array."""
     if not rows:
         return tuple
     size = 8 * array.shape[1]
@@ -117,7 +104,7 @@ def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _M
 def _picker(indices: Sequence[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
     """Return a function that selects the given indices from the values between the smallest and the largest index.
 
-    The result is None if the indices are all of these values in order.
+    The result is None if the indices select all of these values in order, so that no selection is needed.
     """
     low, high = min(indices), max(indices) + 1
     return None if list(indices) == list(range(low, high)) else operator.itemgetter(*(i - low for i in indices))

@@ -47,7 +47,7 @@ class IKWeights:
         posture: Cost of the distance to the home posture [1/rad].
         step_damping: Damping of a control step [1/rad2].
         reach_damping: Damping of an iteration when searching joint angles for a pose [1/rad2].
-        rotation_slack_rad: Rotation error up to which a pose counts as reached [rad].
+        rotation_slack_rad: Largest rotation error at which a pose still counts as reached [rad].
     """
 
     orientation: float
@@ -63,14 +63,14 @@ class Workspace:
 
     Attributes:
         carry_heights_m: Heights of the tool center point at which objects are carried across the table, lowest first.
-        detours_m: Points (x, y) on the table. If the straight path is not free, the path goes over one of them. They
-            are for an arm that cannot pass close to its own base.
+        detours_m: Points (x, y) on the table. If the straight path is blocked, the planner tries a path over one of
+            these points. They are needed for an arm that cannot pass close to its own base.
         lift_m: Length of the straight approach to an object, and of the first lift.
         retreat_m: Height by which the tool retreats after releasing an object.
-        leave_m: Length at the beginning of a path on which contacts are allowed, because the start of a path cannot be
-            chosen.
+        leave_m: Length at the beginning of a path on which contacts are allowed, because the planner cannot choose
+            where a path starts.
         check_step_m: Distance between configurations that are checked along a path. It is so small that a finger cannot
-            pass through a wall between two of them.
+            pass through a wall between two checked configurations.
     """
 
     carry_heights_m: tuple[float, ...]
@@ -87,8 +87,8 @@ class SteeringLimits:
 
     Attributes:
         center: Point from which the reach is measured [m].
-        back_m: Distance between the tool center point and the point whose reach is limited, against the approach
-            direction [m]. It is the length of the gripper for an arm that keeps the rotation of its tool, and 0 for an
+        back_m: Distance from the tool center point back along the approach direction to the point whose reach is
+            limited [m]. It is the length of the gripper for an arm that keeps the rotation of its tool, and 0 for an
             arm that tilts its tool.
         longest_m: Largest distance of the limited point from the center [m].
         nearest_m: Smallest horizontal distance of the tool from the center [m]. If the tool came closer, the arm would
@@ -137,15 +137,18 @@ class RobotSpec:
         jaw: Relation between finger joints, gripper servo and opening width.
         action_spaces: Names of the action spaces that the controller executes, starting with the default.
         ik: Costs of the inverse kinematics.
-        posture_offsets: Offsets from the home posture at which the inverse kinematics starts as well, per joint [rad].
+        posture_offsets: Offsets of additional start postures of the inverse kinematics from the home posture, per joint
+            [rad].
         wrist_camera: Camera on ``hand_body``.
-        front_camera: Camera in the robot's base frame that shows its workspace, or None to use that of the stage.
+        front_camera: Camera in the robot's base frame that shows its workspace, or None to use the front camera of the
+            stage.
         workspace: Heights and distances for motion planning.
         steering: Limits of an operator's targets. They are not part of the JSON form, because they do not change
             results.
-        dynamics: Quantities of the dynamics that a trial draws. Empty for a robot whose dynamics are known.
-        kept_apart: Pairs of bodies that can touch each other in the workspace and that the planner keeps apart. They
-            are not part of the JSON form, because they do not change the physics.
+        dynamics: Quantities of the dynamics for which each trial draws values. Empty for a robot whose dynamics are
+            known.
+        kept_apart: Pairs of the robot's bodies that could touch each other in the workspace, and that the planner keeps
+            apart. They are not part of the JSON form, because they do not change the physics.
     """
 
     name: str
@@ -280,7 +283,7 @@ def robot(name: str) -> RobotSpec:
 
 
 def robot_of_space(action_space: str) -> RobotSpec:
-    """Return the robot whose own motors an action space commands.
+    """Return the robot whose motors are commanded directly by an action space.
 
     Raises UnknownNameError if no robot executes the action space.
     """

@@ -18,7 +18,7 @@ BACKLASH: Quantity = "backlash"
 
 @dataclass(frozen=True, slots=True)
 class VariedQuantity:
-    """Range of one quantity, from which a trial draws one value for each joint of the arm and of the gripper.
+    """Range of one varied quantity. For each joint of the arm and the gripper, a trial draws one value from it.
 
     Attributes:
         quantity: Name of the quantity.

@@ -1,8 +1,8 @@
-"""Seeded variation that does not depend on slots: object variants, room, camera poses, light and arm start.
+"""Seeded variation that is not tied to slots: object variants, room, camera poses, light and start posture of the arm.
 
-A trial and its twin, the training trial with the same seed, share this variation because it does not depend on the
-condition. Object variants and rooms change the compiled model, so a trial draws one of a limited number of
-combinations. The other variation does not change the model.
+A trial and its twin, the training trial with the same seed, share this variation, because it does not depend on the
+condition. Object variants and rooms change the compiled model, so each trial draws one of a limited number of
+combinations. The rest of this variation does not change the model.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ START_TURN_RAD = math.radians(5.0)
 def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") -> int:
     """Return the index of the variant that an object has in a trial.
 
-    Equal objects have the same variant in every scene. Over all sets, every variant of an object kind occurs equally
-    often, independently of the variants of other kinds and of the room. Categories of one family and color share their
-    variant, for example a cabinet and its drawers.
+    Objects of the same asset have the same variant in a trial, whatever the scene. Over all sets of variants, every
+    variant of an object kind occurs equally often, independently of the variants of other kinds and of the room.
+    Categories of one family and color share their variant, for example a cabinet and its drawers.
     """
     numbers = looks(spec.category) if shown == "seen" else unseen_looks(spec.category)
     return numbers[_drawn(task, seed, f"{family_of(spec.category)}:{spec.color}", len(numbers), shown)]
@@ -79,9 +79,9 @@ def dynamics_of(task: str, seed: int, robot: RobotSpec) -> Dynamics:
 
 
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
-    """Return which of ``count`` choices a trial has drawn for one kind of object or for the room.
+    """Return the index of the choice, out of ``count``, that a trial has drawn for one kind of object or for the room.
 
-    The sets take the choices one after the other in a shuffled order, which is different for each kind.
+    Successive sets of variants take the choices in a shuffled order, which is different for each kind.
     """
     chosen = look_set_of(task, seed, shown=shown)
     round_, place = divmod(chosen, count)

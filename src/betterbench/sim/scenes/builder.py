@@ -44,7 +44,10 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Pose in the compiled model of a fixed object or a closed drawer. None for an object that moves freely."""
+        """Pose in the compiled model of a fixed object or a closed drawer.
+
+        It is None for an object that moves freely.
+        """
         return self.pose if self.spec.fixed else self.shut
 
 
@@ -79,7 +82,8 @@ LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
 def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
     """Return the position on the table [m] and the heading [rad] of the object in a slot of a trial.
 
-    The jitter belongs to the slot. It does not depend on which object is in the slot, nor on objects elsewhere.
+    The random offset (jitter) of the object belongs to the slot. It depends neither on the object in the slot nor on
+    objects elsewhere.
     """
     slot = task.slot(slot_name)
     dx, dy, dyaw = stream(task.id, seed, f"slot:{slot_name}").uniform(-1.0, 1.0, 3)
@@ -129,7 +133,7 @@ def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks =
 
 
 def _opening(condition: Condition, name: str, asset: Asset) -> float:
-    """Return how far a drawer is open at the start [m], after checking that its travel allows it."""
+    """Return how far a drawer is open at the start [m]. Raise an error if the drawer cannot be opened that far."""
     opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
         raise InvalidInputError(
@@ -154,7 +158,7 @@ def _under(layer: str) -> str:
 
 
 def _middle(task: Task, target: Asset, region: str) -> Vector:
-    """Return the center of the surface on which objects rest at a target, in the target's frame [m]."""
+    """Return the center of the surface on which objects rest at a target object, in the frame of the target [m]."""
     relation = relation_named(task.template.relation)
     if relation.surface is None:
         problem = f"objects cannot be pre-placed {relation.name!r} a target, because the relation has no surface"
@@ -163,10 +167,10 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 
 
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
-    """Return the pose of a pre-placed object at its target, drawn by the trial's random stream from demonstrated poses.
+    """Draw the pose of a pre-placed object at its target from the poses that demonstrations have left there.
 
-    In a container, the object is moved away from the walls if necessary. This is never necessary with the assets of the
-    demonstration.
+    The trial's random stream makes the choice. In a container, the object is moved away from the walls if necessary.
+    This is never necessary with the assets of the demonstration.
 
     Raises InvalidInputError if no measured demonstration places an object there.
     """
@@ -220,9 +224,9 @@ def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping
 def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mapping[str, Asset]) -> None:
     """Separate two objects that were drawn into the same container and would overlap.
 
-    This is needed where no demonstration has left the same assets together (see :func:`_drawn_together`), so that the
-    two poses come from different demonstrations. The objects keep their headings and the line through their centers,
-    and are placed on opposite sides of the container's center. Layers of a stack are separate regions and are not
+    This is needed where no demonstration has left the same assets together (see :func:`_drawn_together`), so the two
+    poses come from different demonstrations. Both objects keep their heading. They are moved along the line through
+    their centers, to opposite sides of the container's center. Layers of a stack are separate regions and are not
     moved.
     """
     for first, second in itertools.combinations(flats, 2):
@@ -241,7 +245,7 @@ def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mappin
 
 
 def _reach_mm(asset: Asset, angle: float) -> float:
-    """Return the distance [mm] from an object's center to its elliptic outline, in a direction of its frame."""
+    """Return the distance [mm] from an object's center to its outline (an ellipse), in a direction of its frame."""
     x, y, _ = asset.size_m
     return 500.0 * math.hypot(x * math.cos(angle), y * math.sin(angle))
 

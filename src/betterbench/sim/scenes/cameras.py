@@ -56,8 +56,8 @@ class CameraMatrices:
     def unproject(self, depth: np.ndarray) -> np.ndarray:
         """Convert a depth image [m] to points in the world frame [m], as a (height, width, 3) float64 array.
 
-        Points with infinite depth are not finite. Raises InvalidInputError if the depth image does not have the
-        camera's size.
+        Pixels with infinite depth give points that are not finite. Raises InvalidInputError if the depth image does not
+        have the camera's size.
         """
         if depth.shape != (self.height, self.width):
             raise InvalidInputError(

@@ -20,17 +20,17 @@ ROBOT_PARTS = frozenset({"left_finger", "right_finger", "hand", "arm"})
 
 
 class Clearance:
-    """Collision checker for the robot and an object in its gripper. It never changes the scene that it copies.
+    """Collision checker for the robot and an object in its gripper. It works on a copy of the scene.
 
     Attributes:
         keeps_apart: Whether to check contacts between robot parts that the robot's description requires to stay apart.
     """
 
     def __init__(self, scene: Scene, *, margin_m: float = 0.004, penetration_m: float = 0.002) -> None:
-        """Copy the model of a scene. The robot must keep a distance of ``margin_m`` from all other bodies.
+        """Copy the model of a scene. ``margin_m`` is the distance that the robot must keep from all other bodies.
 
-        ``penetration_m`` is how far the held object may overlap with other objects. It must be larger than the depth of
-        a resting contact.
+        ``penetration_m`` is the depth by which the held object may overlap with other objects. It must be larger than
+        the depth of a resting contact.
         """
         self._compiled = scene.compiled
         self._labels = scene.body_names
@@ -72,7 +72,7 @@ class Clearance:
             self._data.qpos[address + 3 : address + 7] = pose.quaternion
 
     def _let_look(self, i: int, *, looks: bool) -> None:
-        """Set whether a labeled body is checked against all other bodies, or only against those that are selected."""
+        """Set whether a labeled body is checked against all bodies, or only against those for which this is set."""
         geoms, (of_geoms, of_bodies) = self._geoms[i], self._looks
         bodies = self._model.geom_bodyid[geoms]
         self._model.geom_contype[geoms] = of_geoms[geoms] if looks else 0

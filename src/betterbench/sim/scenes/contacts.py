@@ -34,13 +34,13 @@ Groups = tuple[tuple[int, tuple[int, ...]], ...]
 
 
 class _Row(NamedTuple):
-    """Reading of the contacts without their forces. It is reused as long as the same pairs are in contact.
+    """Reading of the contacts without their forces. It is reused as long as the same pairs of bodies are in contact.
 
     Attributes:
-        groups: Pairs that the engine lists.
+        groups: Pairs of bodies that the engine lists.
         kept: Contacts of the sleeping objects, by the index of the pair.
         order: Indices of all pairs in contact.
-        contacts: Contacts in this order. If the force still has to be read, the contact is a placeholder.
+        contacts: Contacts in the order of ``order``. If the force still has to be read, the contact is a placeholder.
         awake: Contacts whose force has to be read: index in ``contacts``, both names, and addresses of the forces.
         held: Name of the object in the gripper, or None.
     """
@@ -54,7 +54,7 @@ class _Row(NamedTuple):
 
 
 class ContactReader:
-    """Reader of the contacts in one model.
+    """Reader of the contacts between the bodies of one model.
 
     The engine puts groups of resting objects to sleep. It then neither moves these objects nor lists their contacts,
     until an awake object touches the group. The contacts of a sleeping group do not change, so they are cached. They
@@ -62,8 +62,8 @@ class ContactReader:
     awake.
 
     Names and addresses of the last reading are reused while the engine lists the same contact points. This reduces the
-    time of a reading from 192 to 48 µs (fast_food) and from 308 to 62 µs (breakfast_table) (mean over the control steps
-    of an expert's episode, alternating measurements, CPU time on a busy machine, 2026-11-28).
+    CPU time of a reading from 192 to 48 µs in the task fast_food, and from 308 to 62 µs in breakfast_table. These are
+    means over the control steps of an expert's episode, from alternating measurements on a busy machine (2026-11-28).
     """
 
     def __init__(self, compiled: CompiledScene, names: tuple[str, ...]) -> None:
@@ -96,7 +96,7 @@ class ContactReader:
         self._passed: dict[int, float] = {}
 
     def start_step(self) -> None:
-        """Forget the transient contacts of the last control step."""
+        """Forget the transient contacts of the last control step, i.e. those that ended before its end."""
         self._passed = {}
 
     def see_step(self, data: mujoco.MjData) -> None:
@@ -139,9 +139,9 @@ class ContactReader:
         return self._with_passed(row.order, contacts) if self._passed else contacts, row.held
 
     def snapshot(self) -> dict[str, Any]:
-        """Return everything that the next reading depends on, except ``data``.
+        """Return everything except ``data`` on which the next reading depends.
 
-        The data of the sleeping objects are copied.
+        The engine's data for the sleeping objects are copied.
         """
         kept = {name: value for name, value in vars(self).items() if name in _KEPT_BETWEEN_READINGS}
         return {**kept, "_awake": copy.copy(self._awake)}
@@ -157,7 +157,10 @@ class ContactReader:
         return {number: _force(forces, addresses) for number, addresses in self._grouped(data)}
 
     def _grouped(self, data: mujoco.MjData) -> Groups:
-        """Return the pairs that the engine lists. While the contact points do not change, it is the same tuple."""
+        """Return the pairs of bodies that the engine lists as in contact.
+
+        While the contact points do not change, the same tuple is returned again.
+        """
         if data.ncon == 0:
             return ()
         contact = data.contact
@@ -184,7 +187,7 @@ class ContactReader:
         return _Row(groups, kept, order, contacts, read, self._held({*order}) if awake else None)
 
     def _with_passed(self, order: tuple[int, ...], contacts: tuple[Contact, ...]) -> tuple[Contact, ...]:
-        """Return the contacts and the transient contacts since the last reading, with their largest forces."""
+        """Return the contacts and the transient contacts since the last reading, each with its largest force."""
         found = dict(zip(order, contacts, strict=True))
         for number, force in self._passed.items():
             before = found[number].force_n if number in found else 0.0
@@ -201,7 +204,7 @@ class ContactReader:
         return _Sleep(cycles, tuple(sleeping), itemgetter(*picked) if picked else tuple)
 
     def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:
-        """Compute the contacts of the sleeping objects, unless they already slept in the same places before."""
+        """Compute the contacts of the sleeping objects, unless they already slept at the same positions before."""
         sleeping = self._sleep.sleeping
         state = (sleeping, self._sleep.places(positions))
         if state == self._kept_for:
@@ -216,9 +219,9 @@ class ContactReader:
         self._kept = {number: contact for number, contact in self._kept.items() if number in self._kept_numbers}
 
     def _sleep_on(self, sleeping: tuple[int, ...], places: tuple[Vector, ...]) -> bool:
-        """Return whether the cached contacts are still valid.
+        """Return whether the cached contacts of the sleeping objects are still valid.
 
-        This is the case if all sleeping objects already slept in the same place at the last call, and none of them is
+        They are valid if all sleeping objects already slept at the same positions at the last call, and none of them is
         in contact with an object that has woken up. Recomputing the contacts would take as long as a control step.
         """
         before = dict(zip(*self._kept_for, strict=True))
@@ -228,7 +231,7 @@ class ContactReader:
         return not any(number in woken and number in self._kept_numbers for number in self._kept)
 
     def _held(self, touching: AbstractSet[int]) -> str | None:
-        """Return the object that both fingers touch and nothing else does, given the indices of pairs in contact."""
+        """Return the object that both fingers and nothing else touch, given the indices of the pairs in contact."""
         if self._lefts.isdisjoint(touching):
             return None
         for i, (left, right, supports) in enumerate(self._holds):

@@ -1,10 +1,10 @@
 """Culling: removal of geometry outside a camera's view before rendering.
 
 MuJoCo passes every visible geom and the sky to OpenGL, which discards geometry that is outside the view or behind other
-geometry. By then, a software renderer has already transformed the vertices and painted the pixels. A wrist camera,
-which has most of the robot behind it, spends a third of its time on geoms outside its view. A geom can be removed if
-its bounding sphere lies beyond one side of the view, and the sky can be removed if the floor fills the view. Neither
-changes any pixel.
+geometry. By then, a software renderer has already transformed the vertices and painted the pixels. For a wrist camera,
+which has most of the robot behind it, a third of the rendering time is spent on geoms outside its view. A geom can be
+removed if its bounding sphere lies beyond one side of the view, and the sky can be removed if the floor fills the view.
+Neither changes any pixel.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _Vector = tuple[float, float, float]
 class Culling:
     """Visibility test for a perspective camera whose optical axis goes through the center of the image.
 
-    ``scene`` must be the MuJoCo scene that is used for rendering and filled again for each image.
+    ``scene`` must be the MuJoCo scene (``MjvScene``) that the renderer fills again for each image.
     """
 
     def __init__(self, model: mujoco.MjModel, scene: mujoco.MjvScene) -> None:

@@ -71,7 +71,7 @@ class Framing:
     Attributes:
         gripper_px: Number of pixels of the hand and the fingers.
         background: Fraction of pixels that show neither table nor robot nor objects.
-        asked: Objects that the instruction names, without fixtures.
+        asked: Framing of the objects that the instruction names, except fixtures.
     """
 
     gripper_px: int
@@ -145,7 +145,8 @@ class FramingView:
     def _whole(self, body: int) -> int:
         """Return the number of pixels that a body would cover without occlusion, including pixels outside the image.
 
-        All other bodies are hidden, and the image is rendered with twice the width and height around the same center.
+        For this, all other bodies are hidden, and an image with twice the width and height is rendered around the same
+        center.
         """
         model, camera = self._model, self._model.camera(self._camera).id
         rgba, materials, angle = model.geom_rgba.copy(), model.geom_matid.copy(), float(model.cam_fovy[camera])
@@ -197,7 +198,7 @@ def asked_objects(condition: Condition) -> tuple[str, ...]:
 
 
 def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
-    """Yield all extreme jitters of a camera, with each shift and rotation at either end of its range."""
+    """Yield all extreme jitters of a camera, with every shift and rotation at one end of its range."""
     for signs in itertools.product((-1.0, 1.0), repeat=6):
         x, y, z, rx, ry, rz = signs
         shift, turn = CAMERA_SHIFT_M, CAMERA_TURN_RAD
@@ -206,13 +207,13 @@ def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
 
 
 def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
-    """Return the smallest distance of slots and target regions from the image edge, over all extreme jitters [m].
+    """Return the smallest distance of the slots and target regions from the image edge, over all extreme jitters [m].
 
-    The distance is negative for points outside the image. It is measured at the depth of the point.
+    The distance is measured at the depth of the point, and is negative for points outside the image.
 
-    A slot is represented by the corners of its full jitter. A target region is represented by its corners, over the
-    jitter of its slot and with open drawers. If the order of the steps is given, a target that an earlier step moves is
-    not measured.
+    A slot is represented by the corners of the area in which its object may start. A target region is represented by
+    its corners, for all start positions of the object that it belongs to and with open drawers. If the order of the
+    steps is given, a target that an earlier step moves is not measured.
     """
     points = np.array([*_slot_corners(scene), *_target_corners(scene)])
     data, least = copy.copy(scene.data), math.inf

@@ -82,7 +82,7 @@ RENDERERS: weakref.WeakSet[Closable] = weakref.WeakSet()
 
 
 def make_current() -> None:
-    """Make the OpenGL context of this process current, and create it if this is the first use."""
+    """Make the OpenGL context of this process current. At the first call, create it."""
     known = CONTEXT.query
     if known is not None and CONTEXT.thread == threading.get_ident() and CONTEXT.pid == os.getpid():
         # Querying EGL for the current context takes 1 us. Making a context current takes 50 us, which is 1 % of the
@@ -111,7 +111,10 @@ def make_current() -> None:
 
 @functools.cache
 def _egl_current_context() -> Callable[[], int | None]:
-    """Return EGL's function ``eglGetCurrentContext``. PyOpenGL's wrapper would cost more time than the query saves."""
+    """Return EGL's function ``eglGetCurrentContext``.
+
+    The function is called without PyOpenGL's wrapper, which would take more time than the query saves.
+    """
     function = ctypes.CDLL("libEGL.so.1").eglGetCurrentContext
     function.restype = ctypes.c_void_p
     function.argtypes = ()
@@ -165,7 +168,7 @@ def read_from_top(*, wanted: bool) -> bool:
 
 
 def as_upright(pixels: np.ndarray) -> np.ndarray:
-    """Return the pixels with the top row first, flipped if OpenGL has read them from the bottom."""
+    """Return the pixels with the top row first. They are flipped if OpenGL has read them from the bottom row."""
     return pixels if CONTEXT.from_top else pixels[::-1]
 
 

@@ -54,7 +54,10 @@ def body_files(model: mujoco.MjModel) -> dict[int, bytes]:
 
 
 def surface_in_body(model: mujoco.MjModel, geom: int) -> Surface:
-    """Return the surface of a geom in the frame of its body, with primitives and planes as in :func:`body_files`."""
+    """Return the surface of a geom in the frame of its body.
+
+    Primitives and planes are converted as in :func:`body_files`.
+    """
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
     return _surface(model, geom).moved(model.geom_pos[geom], rotation.reshape(3, 3))

@@ -1,4 +1,4 @@
-"""Test bench for grasps without an arm: an asset at rest on a table, and the floating gripper of the robot above it."""
+"""Test bench for grasps without an arm: an asset at rest on a table, and the robot's gripper floating above it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ def pose_of(numbers: Sequence[float] | np.ndarray) -> Pose:
 
 
 def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
-    """Return a model with a table top at z = 0 and the physics of our scenes. MuJoCo's sleeping is turned off."""
+    """Return a model with a table top at z = 0 and the physics options of betterbench's scenes.
+
+    Only MuJoCo's sleeping is turned off.
+    """
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)
     # If objects could sleep, an object that never comes to rest would not be noticed.
@@ -37,7 +40,7 @@ def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
 
 
 class GripperBench:
-    """Floating gripper that starts open, at a distance from a grasp of the resting asset (the body "asset")."""
+    """Floating gripper that starts open, at some distance from a grasp of an asset at rest (the body "asset")."""
 
     def __init__(
         self,
@@ -97,7 +100,7 @@ class GripperBench:
             self._step()
 
     def close(self, seconds: float) -> None:
-        """Close the jaws at their own speed and keep pressing, for the given time [s]."""
+        """Close the jaws at the speed of the gripper and keep pressing, for the given time in total [s]."""
         for _ in range(round(seconds / PHYSICS.timestep_s)):
             self.width = max(self._closed, self.width - self._speed * PHYSICS.timestep_s)
             self._command()

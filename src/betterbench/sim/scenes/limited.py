@@ -4,9 +4,9 @@ A stored scene is a model in MuJoCo's binary format. MuJoCo does not validate su
 hang the process or exhaust the memory. The process that opens them therefore has limits for memory and time, and sends
 only pixels or strings back, never Python objects.
 
-A process can also end for other reasons, for example if a renderer crashes or the system is short of memory. The
-request during which a process ended is therefore repeated once in a new process. Only if the new process ends as well
-is the scene rejected.
+A process can also end for other reasons, for example if a renderer crashes or the system is short of memory. Therefore,
+if a process ends during a request, the request is repeated once in a new process. The scene is rejected only if the new
+process ends as well.
 """
 
 from __future__ import annotations
@@ -125,7 +125,9 @@ class LimitedView:
         return self._size
 
     def set_look(self, *, quality: str, size: int) -> None:
-        """Set the quality preset and the image size [pixel] for the next scene. A change closes the open scene.
+        """Set the quality preset and the image size [pixel] for the next scene.
+
+        If one of them changes, the open scene is closed.
 
         Raises RecordError if the process does not answer.
         """
@@ -190,10 +192,12 @@ class LimitedView:
     def prepare(
         self, views: Sequence[ViewSpec], modalities: Sequence[str], *, gripper: bool = False
     ) -> tuple[ModelFacts, dict[str, str]]:
-        """Prepare to render views of the open scene. Return properties that they share, and those of the renderer.
+        """Prepare to render views of the open scene.
 
-        ``gripper`` has the same meaning as in :class:`~betterbench.sim.scenes.sights.Sights`. If the same preparation
-        was the last one for this scene, it is reused. Raises the same errors as :meth:`open`.
+        Return the properties that all views share, and those of the renderer.
+
+        ``gripper`` has the same meaning as in :class:`~betterbench.sim.scenes.sights.Sights`. If the last preparation
+        for this scene was the same, it is reused. Raises the same errors as :meth:`open`.
         """
         wanted = (tuple(views), tuple(modalities), gripper)
         if self._prepared is None or self._prepared[0] != wanted:
@@ -224,8 +228,8 @@ class LimitedView:
     def sights(self, qpos: np.ndarray, *, jitter: ViewJitter) -> Iterator[list[np.ndarray]]:
         """Yield the rendered views of each row of recorded states (T, nq), as ``StoredSights.draw`` returns them.
 
-        The process renders further rows ahead, as many as fit into the pipe. The caller must consume all rows or close
-        the view. Raises the same errors as :meth:`open`.
+        The process renders rows ahead of the caller, as many as fit into the pipe. The caller must consume all rows or
+        close the view. Raises the same errors as :meth:`open`.
         """
         drawn, failed_at = 0, -1
         while True:
@@ -295,7 +299,7 @@ class LimitedView:
 
     @contextlib.contextmanager
     def _told_plainly(self) -> Iterator[None]:
-        """Convert errors of the process into errors about the stored scene."""
+        """Convert errors of the rendering process into errors about the stored scene."""
         try:
             yield
         except RefusedError as problem:
@@ -312,7 +316,10 @@ class LimitedView:
             raise self._refused(str(problem)) from None
 
     def _at_most_twice(self, ask: Callable[[], _AnswerT]) -> _AnswerT:
-        """Return the answer to a request. If the process ends during the request, ask a new process once."""
+        """Return the answer to a request.
+
+        If the process ends during the request, repeat the request once in a new process.
+        """
         try:
             return ask()
         except _EndedError:
@@ -336,9 +343,11 @@ class LimitedView:
 
 
 class LimitedViews:
-    """Processes that render stored scenes, kept for the later steps of a command. They end with the context manager.
+    """Pool of processes that render stored scenes.
 
-    Reusing a process saves half a second of CPU time, which a new process takes before its first image.
+    They stay open for the later steps of a command until the pool is closed.
+
+    Reusing a process saves the half second of CPU time that a new process needs before its first image.
     """
 
     def __init__(self) -> None:
@@ -355,9 +364,10 @@ class LimitedViews:
             view.close()
 
     def take(self, count: int, *, quality: str, size: int) -> list[LimitedView]:
-        """Return ``count`` views with the given preset and size [pixel]. Earlier users of the views must have finished.
+        """Return ``count`` views with the given preset and size [pixel].
 
-        Raises the same errors as :class:`LimitedView`.
+        The caller must no longer use views from earlier calls, because they may be returned again. Raises the same
+        errors as :class:`LimitedView`.
         """
         self._views = [view for view in self._views if not view.is_closed]
         for view in self._views[:count]:

@@ -1,4 +1,4 @@
-"""Assets in MuJoCo: how an asset is added to a model, and its resting pose on a flat surface."""
+"""Assets in MuJoCo: how to add an asset to a model, and how to compute its resting pose on a flat surface."""
 
 from __future__ import annotations
 
@@ -56,10 +56,12 @@ def add_asset(
     slide: DrawerRail | None = None,
     visuals: bool = True,
 ) -> mujoco.MjsBody:
-    """Add an asset to a model and return the new body. Meshes, materials and geoms get names that start with its name.
+    """Add an asset to a model and return the new body.
+
+    The names of its meshes, materials and geoms start with the name of the body.
 
     ``pose`` is the fixed pose ``T_world_object``, or None for an object that moves freely. ``slide`` is the rail along
-    which an object slides, starting at that pose. If ``visuals`` is False, the object is invisible, but its physics is
+    which an object slides, starting at ``pose``. If ``visuals`` is False, the object is invisible, but its physics is
     the same.
     """
     body = spec.worldbody.add_body(name=name)

@@ -1,10 +1,10 @@
 """Images of a scene from MuJoCo's classic off-screen renderer: color, depth and body masks.
 
 A *color pass* renders lights, textures and shadows into the multisampled buffer. A *geometry pass* renders every
-visible shape into the plain buffer, in a flat color that encodes the index of the shape. It takes one sample at each
-pixel's center, so indices are never blended with those of neighbors. The geometry pass gives both depth and masks.
-Without multisampling and transparency, the color pass gives the same depth, so that color with depth takes only one
-pass. Otherwise it takes two. Depth and masks therefore never depend on the render quality.
+visible shape into the plain buffer, in a flat color that encodes the index of the shape. One sample is taken at the
+center of each pixel, so indices are never blended with those of neighboring pixels. The geometry pass gives both depth
+and masks. Without multisampling and transparency, the color pass gives the same depth, so one pass is enough for color
+with depth. Otherwise, two passes are needed. Depth and masks therefore never depend on the render quality.
 
 All images are upright, i.e. row 0 is the top. Every returned array belongs to the caller.
 """
@@ -65,13 +65,14 @@ class Renderer:
     """Renderer of one model. It can be used as a context manager; otherwise, :meth:`close` frees its buffers.
 
     Creating a renderer uploads the meshes and textures of the model, which takes 5 to 50 ms here. The first renderer of
-    a process also creates the OpenGL context, which takes 0.1 to 0.3 s. Keep a renderer as long as its model. Poses,
-    colors and materials may change between images, but meshes and textures may not. The quality overrides the visual
-    settings of the model itself.
+    a process also creates the OpenGL context, which takes 0.1 to 0.3 s. Keep a renderer for as long as its model is
+    used. Poses, colors and materials may change between images, but meshes and textures may not. The quality overrides
+    the visual settings of the model itself.
 
     Raises:
         MissingDependencyError: If off-screen OpenGL does not work here.
-        InvalidInputError: If the size is out of range, or if this process or thread must not render.
+        InvalidInputError: If the size is out of range, or if this process or thread is not allowed to render (see
+            :mod:`betterbench.sim.scenes.gl_context`).
     """
 
     def __init__(self, model: mujoco.MjModel, *, width: int = 256, height: int = 256, quality: Quality) -> None:
@@ -131,7 +132,7 @@ class Renderer:
         width: int | None = None,
         height: int | None = None,
     ) -> Images:
-        """Render one view, as :meth:`render_views` does.
+        """Render one view. This is a call of :meth:`render_views` with a single view.
 
         The default width and height [pixel] are those of the renderer.
         """
@@ -147,7 +148,7 @@ class Renderer:
         depth: bool = False,
         masks: bool = False,
     ) -> list[Images]:
-        """Render several views of one state. This is slightly faster than rendering them one after the other.
+        """Render several views of one state. This is slightly faster than a separate call for each view.
 
         Each view consists of a camera name, an image width and an image height [pixel]. The positions in ``data`` must
         be up to date (``mj_forward`` or a step).
@@ -267,9 +268,9 @@ class Renderer:
             check_size(columns, rows)
 
     def _buffers(self, columns: int, rows: int) -> tuple[mujoco.MjrRect, np.ndarray, np.ndarray]:
-        """Return the image's part of the buffer, and arrays for its colors and raw depths.
+        """Return the part of the pixel buffer for the image, and arrays for the image's colors and raw depths.
 
-        The arrays are used again.
+        The next image overwrites the arrays.
         """
         buffers = self._pixels.get((columns, rows))
         if buffers is None:
@@ -306,7 +307,10 @@ class Renderer:
         self._geometry = geometry
 
     def _has_transparency(self) -> bool:
-        """Return whether a part may be transparent. The color pass does not write such parts to the depth."""
+        """Return whether any part of the model may be transparent.
+
+        The color pass does not write transparent parts to the depth buffer.
+        """
         for alpha in (self.model.geom_rgba[:, 3], self.model.mat_rgba[:, 3]):
             if bool(((alpha > 0.0) & (alpha < 1.0)).any()):
                 return True
@@ -352,7 +356,10 @@ class Renderer:
 
 
 def _segments(colors: np.ndarray, geoms: int) -> np.ndarray:
-    """Decode the colors of a geometry pass with ``geoms`` geoms to upright segment indices plus one (height, width)."""
+    """Decode the colors of a geometry pass with ``geoms`` geoms.
+
+    Return the segment index plus one of each pixel of the upright image (height, width).
+    """
     upright = as_upright(colors)
     segments = upright[:, :, 0].astype(np.int32)
     if geoms >= 0xFF:
@@ -404,7 +411,7 @@ class Renderers:
     def of(self, key: str, model: mujoco.MjModel, *, width: int, height: int, quality: Quality) -> Renderer:
         """Return the renderer of a model that is identified by ``key``.
 
-        ``width`` and ``height`` are its largest image size.
+        ``width`` and ``height`` are the largest image size that the renderer needs.
         """
         if key in self._kept:
             self._kept.move_to_end(key)

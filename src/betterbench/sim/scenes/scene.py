@@ -1,4 +1,4 @@
-"""Scene: a compiled model and its state. The state changes only by reset, step and restore."""
+"""Simulated scene of a trial: a compiled model and its state. Only reset, step and restore change the state."""
 
 from __future__ import annotations
 
@@ -62,9 +62,10 @@ CONTROL_RATE_HZ = PHYSICS.control_rate_hz
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneSnapshot:
-    """Snapshot of the complete state of a scene. A scene that continues from it has bit-identical results.
+    """Snapshot of the complete state of a scene. Continuing a scene from a snapshot gives bit-identical results.
 
-    It contains all of the engine's data, because the engine also needs its warm start and its sleeping bodies.
+    The snapshot contains all of the engine's data, because the results also depend on the solver's warm start and on
+    the bodies that are asleep.
     """
 
     data: mujoco.MjData
@@ -101,9 +102,10 @@ class Scene:
     ) -> None:
         """Build, compile and reset the scene.
 
-        By default, the robot is the one for which the task is laid out. With ``steady_views``, the cameras and the
-        light are in their nominal poses, like a real camera that is not moved between trials. A control step consists
-        of an integer number of physics steps of 2 ms, so ``control_rate_hz`` is rounded accordingly.
+        By default, the robot is the one for which the task was designed. With ``steady_views``, the cameras and the
+        light are in their nominal poses, as with a real camera that is not moved between trials. A control step
+        consists of an integer number of physics steps of 2 ms, so ``control_rate_hz`` is rounded to a rate with such a
+        period.
         """
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
         self.action_space, self.looks = action_space, looks
@@ -203,7 +205,7 @@ class Scene:
     def data(self) -> mujoco.MjData:
         """The engine's data, with poses of bodies, cameras and lights that are up to date.
 
-        Get this property again after each step.
+        Read this property again after each step. Only reading it updates the poses of cameras and lights.
         """
         self._tool = None  # the caller may move the arm in the data
         if not self._views_are_placed:  # skipped for steps without images
@@ -221,12 +223,12 @@ class Scene:
 
     @property
     def arm_addresses(self) -> np.ndarray:
-        """Indices of the arm joints into qpos, (n,)."""
+        """Indices of the arm joints in the engine's array qpos, (n,)."""
         return self._arm_qpos
 
     @property
     def finger_addresses(self) -> np.ndarray:
-        """Indices of the finger joints into qpos, (2,) if the gripper has two moving fingers."""
+        """Indices of the finger joints in the engine's array qpos, (2,) if the gripper has two moving fingers."""
         return self._finger_qpos
 
     @property
@@ -262,7 +264,10 @@ class Scene:
         )
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
-        """Return the images of the current state by camera. Raises MissingDependencyError without off-screen OpenGL."""
+        """Return the images of the current state by camera.
+
+        Raises MissingDependencyError if off-screen OpenGL is not available.
+        """
         largest = max(spec.cameras, key=lambda c: c.width * c.height)
         renderer = renderers.of(
             self.content_hash, self.compiled.model, width=largest.width, height=largest.height, quality=self.quality
@@ -279,12 +284,13 @@ class Scene:
         """Do nothing, because images are rendered when they are requested."""
 
     def close(self, *, well: bool) -> None:
-        """Do nothing, because the scene has no simulator process to close."""
+        """Do nothing, because this scene runs in this process and has no separate simulator to close."""
 
     def reset(self, *, check_premise: bool = True) -> WorldState:
-        """Reset the scene to the start of the trial, and return the state there.
+        """Reset the scene to the start of the trial, and return the state at the start.
 
-        Raises PremiseError if ``check_premise`` is True and the scene contradicts the premise of the instruction.
+        Raises PremiseError if ``check_premise`` is True and the scene contradicts what the task takes for granted about
+        its start.
         """
         mujoco.mj_resetData(self.model, self._data)
         self._data.qpos[:] = self._home_qpos
@@ -344,9 +350,9 @@ class Scene:
         return applied
 
     def _step_and_watch(self) -> None:
-        """Execute the physics steps one by one and note the contacts after each.
+        """Execute the physics steps of a control step one by one, and note the contacts after each of them.
 
-        This is used where contacts are forbidden, so that even a brief contact is detected.
+        This is used if the task forbids contacts, because even a brief contact must be detected.
         """
         self._contacts.start_step()
         for _ in range(self.physics_steps):
@@ -387,7 +393,10 @@ class Scene:
 
 @functools.lru_cache(maxsize=4)
 def _with_dynamics(compiled: CompiledScene, dynamics: tuple[tuple[str, tuple[float, ...]], ...]) -> mujoco.MjModel:
-    """Return the model of a scene with the dynamics of a trial. Trials with the same objects and seed share it."""
+    """Return the model of a scene with the dynamics of a trial.
+
+    Trials with the same objects and the same seed share the model.
+    """
     return with_dynamics(compiled.model, compiled.robot, dict(dynamics), prefix=ROBOT_PREFIX)
 
 

@@ -1,4 +1,4 @@
-"""Sights: rendered views of a state with their ground truth (images, body masks, camera pose and boxes in the image).
+"""Sights: rendered views of a scene state, with their ground truth (body masks, camera pose and boxes of objects).
 
 The same class renders live scenes and recorded states, so both give the same numbers.
 """
@@ -46,8 +46,9 @@ def sight_type(
     - ``camera`` (7,): the pose ``T_world_camera``, as position [m] and quaternion (w, x, y, z);
     - ``poses`` (bodies, 7): the poses ``T_world_body``;
     - ``visible_box`` and ``full_box`` (objects, 4): the boxes (:data:`betterbench.interface.state.seen.Box`) around the
-      visible part of each object and around its unoccluded outline, or -1 if it has no pixel;
-    - ``visible_pixels`` and ``full_pixels`` (objects,): the numbers of pixels in both;
+      visible part of each object and around its unoccluded outline, or -1 if there is no such pixel;
+    - ``visible_pixels`` and ``full_pixels`` (objects,): the numbers of pixels in the visible part and in the unoccluded
+      outline;
     - ``gripper_pixels`` (2,), only with ``gripper``: the numbers of visible and of unoccluded pixels of the gripper.
     """
     shape = view.height, view.width
@@ -95,7 +96,9 @@ class _Drawn:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """Region of the image that contains an object, and the object's lowest height [m] and largest depth [m]."""
+    """Region of the image that contains an object, with the lowest height [m] and the largest depth [m] of the
+    object.
+    """
 
     rect: Box
     low_m: float
@@ -162,7 +165,7 @@ class Sights:
     def _camera_of(self, data: mujoco.MjData, view: ViewSpec) -> Iterator[str]:
         """Yield the name of the model's camera for a view.
 
-        For a freely placed camera, a model camera is moved temporarily.
+        For a camera that the user has placed freely, a camera of the model is moved there temporarily.
         """
         placed, slot = view.placed, self._slot
         if placed is None:
@@ -213,9 +216,9 @@ class Sights:
             sight["full_pixels"][i], sight["full_box"][i] = outline
 
     def _parts(self, data: mujoco.MjData, matrices: CameraMatrices) -> list[_Part | None]:
-        """Return a region of the image that contains the whole object, for each object.
+        """Return for each object a region of the image that contains the whole object.
 
-        None if it is outside the image.
+        The region is None if the object is outside the image.
         """
         rotations = data.xmat.take(self._bodies, 0).reshape(-1, 1, 3, 3)
         points = np.matmul(rotations, self._corners[..., None])[..., 0] + data.xpos.take(self._bodies, 0)[:, None]
@@ -250,7 +253,7 @@ class Sights:
     def _full_outlines(
         self, data: mujoco.MjData, drawn: _Drawn, wanted: Sequence[tuple[int, Box]]
     ) -> list[tuple[int, tuple[int, Box]]]:
-        """Return the pixel count and the box of the unoccluded outlines of some objects, each with the object's index.
+        """Return, for each given object, its index, and the number of pixels and the box of its unoccluded outline.
 
         Objects whose regions of the image do not overlap are rendered together. An outline is reused as long as neither
         the object nor the camera moves.

@@ -5,15 +5,14 @@ The robot stands on the table at the origin, over a pedestal, and the floor is a
 
 Cameras of the base scene:
 
-===================  =========================  ==========================================================
-name                 position [m]               purpose
-===================  =========================  ==========================================================
-``front``            (1.45, 0, 0.95)            default view toward the robot; the workspace fills it
-``front_official``   (1.6, 0, 0.9)              the wider view of the official preset
-``left_shoulder``    (-0.3, 0.9, 0.9)           over the robot's left shoulder
-``right_shoulder``   (-0.3, -0.9, 0.9)          over the robot's right shoulder
-``wrist``            on the gripper             added with the robot (:class:`RobotSpec`)
-===================  =========================  ==========================================================
+===================  =========================  ========================================================== name
+position [m]               purpose ===================  =========================
+========================================================== ``front``            (1.45, 0, 0.95)            default view
+toward the robot; the workspace fills the image ``front_official``   (1.6, 0, 0.9)              the wider view of the
+official preset ``left_shoulder``    (-0.3, 0.9, 0.9)           over the robot's left shoulder ``right_shoulder``
+(-0.3, -0.9, 0.9)          over the robot's right shoulder ``wrist``            on the gripper             added with
+the robot (:class:`RobotSpec`) ===================  =========================
+==========================================================
 
 The physical part of the base scene (bodies, collision shapes, solver options) is always the same. A room changes only
 the colors and the light, and a quality preset changes only the rendering.
@@ -156,7 +155,7 @@ def stage_spec(quality: Quality, *, room: Room = ROOMS[0], front: CameraMount | 
 
     The caller attaches the robot, adds the objects and compiles the model. ``front`` replaces the front camera. Two
     calls with equal arguments describe the same model, but do not share any data. The quality preset is also written to
-    the model's visual settings, so that other viewers show the same as our renderer.
+    the model's visual settings, so that other viewers show the same image as the renderer of betterbench.
     """
     spec = mujoco.MjSpec()
     spec.modelname = "betterbench"
@@ -202,7 +201,7 @@ def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
 def _table_top(surface: str, color: Vector) -> bytes:
     """Return the pixels of a table top.
 
-    They are cached, since painting them takes 40 ms, a quarter of building a scene.
+    The pixels are cached, since painting them takes 40 ms, which is a quarter of the time for building a scene.
     """
     return SURFACES[surface](np.asarray(color), _TEXTURE_SIZE).tobytes()
 

@@ -93,7 +93,7 @@ class StoredView:
         return self._renderer.render(self._state.data, camera, depth=depth, masks=masks)
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
-        """Project points of the world frame (n, 3) [m] to pixels (n, 2) of the last view.
+        """Project points of the world frame (n, 3) [m] to pixels (n, 2) of the view that was rendered last.
 
         Points behind the camera become NaN.
         """

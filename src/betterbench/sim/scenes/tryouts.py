@@ -42,8 +42,8 @@ class Tryout:
         passed: Whether the trial succeeded.
         sentence: Result in one sentence.
         asset: Positions [m] and quaternions (w, x, y, z) of the asset, one row every :data:`FRAME_S`, (T, 7).
-        gripper: The same for each body of the gripper ("hand", "left_finger", "right_finger"). Empty if there is no
-            gripper.
+        gripper: Poses of each body of the gripper ("hand", "left_finger", "right_finger"), in the same format. Empty if
+            there is no gripper.
     """
 
     passed: bool
@@ -81,7 +81,7 @@ class _Trial:
         return _pose(self.data, name)
 
     def outcome(self, sentence: str, *, passed: bool) -> Tryout:
-        """Return the noted motion together with a result."""
+        """Return the recorded motion together with a result."""
         frames = {name: np.array(rows) for name, rows in self._frames.items()}
         gripper = {name.removeprefix(PREFIX): rows for name, rows in frames.items() if name != "asset"}
         return Tryout(passed, sentence, frames["asset"], gripper)
@@ -156,7 +156,7 @@ def asset_glb(asset: Asset) -> bytes:
 
 
 def collision_surfaces(asset: Asset) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the vertices (n, 3) [m] and the faces (m, 3) of each collision part.
+    """Return the vertices (n, 3) [m] and the faces (m, 3) of each collision part of an asset.
 
     Round primitives are shown as boxes.
     """

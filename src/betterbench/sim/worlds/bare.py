@@ -75,7 +75,7 @@ class BareScene(ABC):
 
     @abstractmethod
     def start(self) -> None:
-        """Place the hand and the objects where the trial starts. Their positions may depend only on the seed."""
+        """Place the hand and the objects at their start positions, which may depend only on the seed of the trial."""
 
     @abstractmethod
     def move(self, action: np.ndarray) -> None:
@@ -89,7 +89,7 @@ class BareScene(ABC):
         """
 
     def reset(self) -> WorldState:
-        """Return to the start of the trial, and return the state there."""
+        """Return to the start of the trial, and return the state at the start."""
         self._step, self._gripper_command = 0, -1.0
         self.start()
         self.info = SceneInfo(self._objects, (), _vector(self.hand), OPENING_M)

@@ -1,4 +1,4 @@
-"""Environment variables for a simulator's process, without those user variables that would affect the simulator.
+"""Environment variables for a simulator's process. The user's variables that would affect the simulator are removed.
 
 robosuite 1.4.0 interprets ``CUDA_VISIBLE_DEVICES`` as the index of an EGL device and asserts that it contains
 ``MUJOCO_EGL_DEVICE_ID`` (``utils/binding_utils.py``, ``renderers/context/egl_context.py``). Under SLURM, both
@@ -25,7 +25,7 @@ _NO_HOME = "/nonexistent"
 
 
 def python_environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment without variables that would make a different Python load packages of this one."""
+    """Return the environment without the variables that make a different Python load packages of this Python."""
     names = ("PYTHON", "VIRTUAL_ENV", "CONDA_PREFIX", "PIP_USER", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV")
     return {name: value for name, value in given.items() if not name.startswith(names)}
 

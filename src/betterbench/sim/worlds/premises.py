@@ -1,4 +1,8 @@
-"""Premise checks: whether the scenes in the installed LIBERO fulfill the premises of their instructions."""
+"""Premise checks of the scenes in the installed LIBERO.
+
+A premise is a relation between objects that an instruction takes for granted. It should hold in every initial state of
+the task.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +47,8 @@ class PremiseEntry:
         task: Index of the task in the suite.
         instruction: Instruction of the task.
         states: Number of initial states that were checked.
-        broken: For each relation, the initial states in which this premise is false after settling.
+        broken: For each premise, the initial states in which it is false after settling. A premise is a relation
+            between objects that the instruction takes for granted.
         jumps: For each object, the initial states in which it moves by more than :data:`JUMP_M` while settling.
         engine: Versions of the simulator and of its packages.
         bddl_sha256: SHA-256 of the task's file.

@@ -1,4 +1,4 @@
-"""Simulator processes as seen by a worker. If a simulator process fails, only the trial that it runs is lost."""
+"""Simulator processes that run the trials of a worker. If a simulator process fails, only its current trial is lost."""
 
 from __future__ import annotations
 
@@ -144,10 +144,7 @@ class WorldProcess(AskedProcess):
         return document, answer
 
     def _with_cure(self, message: str) -> str:
-        """Return the message.
-
-        If it reports a module missing in the simulator's environment, append how to install it.
-        """
+        """Return an error message. If a module is missing in the simulator's environment, append how to install it."""
         missing = _MISSING.search(message)
         if missing is None:
             return message
@@ -207,7 +204,7 @@ class WorldProcesses:
         self._drop_next()
 
     def _take_fresh(self) -> WorldProcess:
-        """Return a process that has not been used, and start the one for the next trial."""
+        """Return a process that has not run a trial yet, and start another process for the next trial."""
         if self._next is not None and self._next.has_ended:
             self._drop_next()
         process = WorldProcess(self._command) if self._next is None else self._next

@@ -25,7 +25,7 @@ _WORLDS: dict[str, World] = {}
 
 
 def register_world(world: AnyWorld) -> AnyWorld:
-    """Register a world and its facts, and return the world.
+    """Register a world and the facts that describe it, and return the world.
 
     Raises:
         InvalidInputError: If the name of the world or of one of its suites is already used.

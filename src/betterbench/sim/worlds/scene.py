@@ -124,7 +124,7 @@ class WorldTask:
     def id(self) -> str:
         """Name of the task in plans and records.
 
-        It contains the base suite, so that a changed task shares it with its base.
+        The name contains the base suite, so that a modified task and its base task have the same name.
         """
         return task_id(self.suite, self.number)
 
@@ -152,7 +152,7 @@ class ProcessWorld(World):
         tasks: The tasks, by task name and condition ("libero_spatial-05/base").
         versions: Versions of the packages in the simulator's environment.
         regime: Training distribution of the base suite.
-        refuse_broken: Whether the run stops at a scene that contradicts the premise of its instruction.
+        refuse_broken: Whether the run stops at a scene that contradicts what its instruction takes for granted.
     """
 
     drawn_by: ClassVar[str] = "the simulator's process"
@@ -185,7 +185,10 @@ class ProcessWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> ProcessScene:
-        """Open the scene of a trial. Its reset sets it up. If ``depth`` is True, depth images are rendered too."""
+        """Open the scene of a trial. The scene must then be reset.
+
+        If ``depth`` is True, depth images are rendered too.
+        """
         del options
         scene = self._scene_class()(
             self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
@@ -197,7 +200,10 @@ class ProcessWorld(World):
         return ProcessScene
 
     def environments(self, usual: int) -> int:
-        """Return the initial number of environments of a worker, each of which is a process with a slow simulator."""
+        """Return the initial number of environments of a worker.
+
+        Each environment is a process with a slow simulator.
+        """
         del usual
         return PROCESSES
 
@@ -328,10 +334,11 @@ class ProcessScene:
         }
 
     def reset(self) -> WorldState:
-        """Go to the initial state, execute the settling steps, and check the premise of the instruction.
+        """Go to the initial state, execute the settling steps, and check what the instruction takes for granted.
 
         Raises:
-            PremiseError: If the scene contradicts the premise and the options say to refuse such scenes.
+            PremiseError: If the scene contradicts what the instruction takes for granted and the options say to refuse
+                such scenes.
             WorldError: If the simulator fails.
         """
         protocol = self.settings.protocol

@@ -22,13 +22,15 @@ _LONGEST_PROBLEM = 2000
 
 
 class Simulator(Protocol):
-    """Simulator with one environment, as the main loop uses it."""
+    """Interface of a simulator with one environment, as the main loop of the simulator process requires it."""
 
     def suite(self, name: str) -> dict[str, Any]:
         """Describe a suite: "versions", and "tasks" as a list of dicts with "name", "instruction" and "states"."""
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
         """Check the premises of a task in every initial state, after the settling steps.
+
+        A premise is a relation between objects that the instruction takes for granted.
 
         Return the names of the premises, and whether each premise holds in each state.
         """

@@ -29,12 +29,12 @@ Form = TypeVar("Form")
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """Moment of a trial that should be rendered.
+    """Recorded state of a trial that should be rendered.
 
     Attributes:
         scene: Task and condition of the trial as one text ("libero_spatial-05/base").
         record: Record of the trial.
-        row: Row of the record that contains the moment.
+        row: Row of the record that contains the state.
     """
 
     scene: str
@@ -111,7 +111,7 @@ class Instructed:
 
 
 class Named(Protocol):
-    """Task of a scene, as an episode needs it."""
+    """Task of a scene, reduced to the properties that an episode needs."""
 
     @property
     def id(self) -> str:
@@ -119,7 +119,7 @@ class Named(Protocol):
 
 
 class Told(Protocol):
-    """Instruction of a condition, as an episode needs it."""
+    """Instruction of a condition, reduced to the properties that an episode needs."""
 
     @property
     def text(self) -> str:
@@ -127,7 +127,7 @@ class Told(Protocol):
 
 
 class SceneCondition(Protocol):
-    """Condition of a scene, as an episode needs it."""
+    """Condition of a scene, reduced to the properties that an episode needs."""
 
     @property
     def id(self) -> str:
@@ -166,7 +166,7 @@ class Tracker(Protocol):
 
 
 class TrialScene(Protocol):
-    """Scene of a trial, as an episode uses it."""
+    """Interface of a trial's scene, i.e. the properties and methods that an episode uses."""
 
     @property
     def world(self) -> str:
@@ -223,9 +223,9 @@ class TrialScene(Protocol):
         """Return the files that describe the scene. They are stored once for each distinct scene."""
 
     def reset(self) -> WorldState:
-        """Go to the start of the trial, and return the state there.
+        """Go to the start of the trial, and return the state at the start.
 
-        Raises PremiseError if the scene contradicts the premise of the instruction.
+        Raises PremiseError if the scene contradicts what the task takes for granted about its start.
         """
 
     def step(self, action: np.ndarray) -> np.ndarray:
@@ -258,8 +258,8 @@ class TrialScene(Protocol):
     def native(self) -> Mapping[str, np.ndarray]:
         """Return the values that the world's own clients read from the state, by betterbench's names of state parts.
 
-        The result is empty if the world's clients read nothing else than our observations contain. If it is not empty,
-        it contains the tool position "ee_position" that the policy gets.
+        The result is empty if the world's clients read only values that betterbench's observations contain as well.
+        Otherwise, it includes the tool position "ee_position" that the policy gets.
         """
 
     def close(self, *, well: bool) -> None:
@@ -274,12 +274,12 @@ class World(ABC):
     are frozen dataclasses whose fields can be pickled. A world is pickled by its name in the registry.
 
     Attributes:
-        facts: Facts about the world that can be read without its simulator.
+        facts: Properties of the world that can be read without its simulator.
         control_rate_hz: Number of actions per second.
         action_spaces: Supported action spaces, starting with the default.
         observations: Supported observation presets. Keys are the requested names, values the presets that are used.
         dialect: World whose conventions are used with a policy server ("libero"). It is empty for our own scenes.
-        drawn_by: What renders the images, for the manifest. It is empty if the workers render MuJoCo models.
+        drawn_by: Component that renders the images, for messages. It is empty if the workers render MuJoCo models.
         options: Dataclass of the options that only this world has, for :attr:`PlanRequest.options`.
         installation: Environment in which the simulator is installed, or None if there is none.
         command: Command of the simulator's process. It is empty if the world has no such process.
@@ -392,7 +392,7 @@ class World(ABC):
     def in_order(self, trials: Sequence[Trial], *, last: int) -> list[Trial]:
         """Return the trials in the order in which they are executed. The order does not affect the results.
 
-        Workers wait for the ``last`` trials at the end of a run.
+        ``last`` is the number of trials for which idle workers may have to wait at the end of a run.
         """
         del last
         return sorted(trials, key=lambda t: (t.task, t.seed))
@@ -404,17 +404,17 @@ class World(ABC):
     def photos(
         self, stored: Mapping[str, Any], wanted: Sequence[Photo], *, size: int, where: str
     ) -> Iterator[np.ndarray]:
-        """Yield one image (size, size, 3) for each requested moment of a run.
+        """Yield one image (size, size, 3) for each requested recorded state of a run.
 
         Args:
             stored: The world in JSON form, from the run's plan.
-            wanted: Moments to render, grouped by scene.
+            wanted: Recorded states to render, grouped by scene.
             size: Width and height of an image [pixel].
             where: Name of the plan file, for messages.
 
         Raises:
             RecordError: If the plan is malformed.
-            MissingDependencyError: If the moments cannot be rendered on this machine.
+            MissingDependencyError: If the states cannot be rendered on this machine.
             WorldError: If the simulator fails.
         """
         del stored, size, where

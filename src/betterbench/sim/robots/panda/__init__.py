@@ -450,7 +450,10 @@ def _add_servos(spec: mujoco.MjSpec) -> None:
 
 
 def _exclude_neighbors(spec: mujoco.MjSpec) -> None:
-    """Exclude collisions of bodies that always overlap: neighbors, and the short wrist with links two joints away."""
+    """Exclude collisions between bodies that always overlap.
+
+    These are neighbors, and the short wrist with the links two joints away.
+    """
     chain = [link.name for link in _LINKS] + [PANDA.hand_body]
     pairs = list(itertools.pairwise(chain))
     pairs += [("link5", "link7"), ("link6", PANDA.hand_body)]
@@ -466,7 +469,10 @@ def _visuals() -> tuple[MeshPart, ...]:
 
 
 def _add_visuals(bodies: dict[str, mujoco.MjsBody], spec: mujoco.MjSpec, progress: Progress | None) -> None:
-    """Add the decimated meshes to the bodies, and the rubber of the pads, which the meshes contain only in part."""
+    """Add the decimated meshes to the bodies.
+
+    Also add the rubber of the pads, which the meshes contain only in part.
+    """
     fingers = [spec.body(name) for name in PANDA.finger_bodies]
     parts = _visuals() if progress is None else visual_parts(_SHARES, _paint, faces=FACE_BUDGET, progress=progress)
     for part in parts:

@@ -1,4 +1,4 @@
-"""World of betterbench's own scenes: plans the trials of a run and the order in which they are executed.
+"""World of betterbench's own scenes. It plans the trials of a run and the order in which they are executed.
 
 ``sim.robots`` and ``sim.scenes`` import MuJoCo. They are therefore imported only when a function needs them, so that
 listing the suites works without a simulator.
@@ -38,8 +38,8 @@ class OwnOptions:
 
     Attributes:
         variations: Variations to run, written like "L1" or "fast_food/T1". By default, all variations are run.
-        until_decided: Whether to run only the variations and their twins (training trials with the same seeds), each as
-            often as the verdict requires.
+        until_decided: Whether to run only the variations and their twins (the training trials with the same seeds), and
+            to stop running a variation as soon as its verdict is decided.
     """
 
     variations: tuple[str, ...] = ()
@@ -97,7 +97,7 @@ class OwnWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> Scene:
-        """Open the scene of a trial. The calling worker renders its images itself."""
+        """Open the scene of a trial. Its images are rendered in the process of the worker that calls this."""
         from betterbench.sim.scenes import Scene, quality_preset  # noqa: PLC0415 - see above
 
         del processes, images, depth
@@ -113,7 +113,7 @@ class OwnWorld(World):
         )
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
-        """Return the versions of the suite, of the engine and of the tasks, as stored in a plan."""
+        """Return the versions of the suite, of the engine and of the tasks, in the form used in plans."""
         from betterbench.sim.scenes import engine_version  # noqa: PLC0415 - see above
 
         return {
@@ -123,7 +123,7 @@ class OwnWorld(World):
         }
 
     def plan_options(self, options: SceneOptions) -> dict[str, Any]:
-        """Return the render preset, the robot and the object variants of a run, as stored in its plan."""
+        """Return the render preset, the robot and the object variants of a run, in the form used in plans."""
         from betterbench.sim.scenes import quality_preset  # noqa: PLC0415 - see above
 
         return {
@@ -162,8 +162,8 @@ class OwnWorld(World):
     def in_order(self, trials: Sequence[Trial], *, last: int) -> list[Trial]:
         """Return the trials sorted by compiled scene, with the tasks that take longest first.
 
-        The ``last`` trials are sorted by their step limit instead, so that at the end of a run, workers wait for
-        nothing longer than a short trial.
+        The ``last`` trials are sorted by their step limit instead, with the longest first. At the end of a run, idle
+        workers then wait only for short trials.
         """
         limits = _limits(trials)
         longest = {task: max(s for (of, _), s in limits.items() if of == task) for task, _ in limits}

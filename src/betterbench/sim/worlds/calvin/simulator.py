@@ -139,9 +139,8 @@ class CalvinSimulator:
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Execute one control step with an action in CALVIN's own format.
 
-        A positive gripper value is sent as 1, any other value as -1.
-        calvin_env expects an absolute action as three parts: position, rotation and gripper. The action is split at the
-        indices that the request to start has given.
+        A positive gripper value is sent as 1, any other value as -1. calvin_env expects an absolute action as three
+        parts: position, rotation and gripper. The action is split at the indices that the start request contained.
         """
         self._env.cameras = self._cameras if look else []
         move = np.array(action, float)

@@ -116,7 +116,7 @@ _IMAGES = {
 @open_form
 @dataclass(frozen=True, slots=True)
 class _ChainStart:
-    """The simulator's reply at the start of a chain, without the part that :func:`read_play_table` reads."""
+    """The simulator's reply at the start of a chain, except for the part that :func:`read_play_table` reads."""
 
     engine: dict[str, str]
     code: str
@@ -129,7 +129,10 @@ _CHAIN_START = TypeAdapter(_ChainStart)
 
 @dataclass(frozen=True, slots=True)
 class ChainTask(WorldTask):
-    """The chains of a CALVIN suite. ``bddl_sha256`` is the digest of the checkout's code."""
+    """The chains of a CALVIN suite, as the task of their trials.
+
+    ``bddl_sha256`` is the digest of the checkout's code.
+    """
 
     @property
     def id(self) -> str:
@@ -163,7 +166,7 @@ class ChainOptions:
 
 @dataclass(frozen=True, slots=True)
 class CalvinWorld(ProcessWorld):
-    """CALVIN. The versions of its components are reported by the simulator.
+    """CALVIN as the world of a run. The simulator reports the versions of its components.
 
     Attributes:
         objects: The objects of the scene: first the blocks, then the fixtures.
@@ -297,12 +300,12 @@ class ChainScene(ProcessScene):
 
     @property
     def _process_key(self) -> object:
-        """None, so that every chain gets a new process: PyBullet keeps state of a chain that no reset clears."""
+        """None, because every chain needs a new process: PyBullet keeps state of a chain that no reset clears."""
         return None
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """Names of the recorded relations, which describe the table."""
+        """Names of the recorded relations, which describe the objects on CALVIN's table."""
         return RELATIONS
 
     @property
@@ -330,7 +333,7 @@ class ChainScene(ProcessScene):
         return {"scene.json": json.dumps(form, indent=1, sort_keys=True).encode()}
 
     def start(self) -> ChainStart:
-        """Return the state of the robot and the scene in which the chain starts."""
+        """Return the state of the robot and of the scene at the start of the chain."""
         return start_of(self.chain.start) if self.condition.name == "base" else resampled_start_of(self.chain)
 
     def reset(self) -> WorldState:
@@ -550,7 +553,7 @@ class ChainScene(ProcessScene):
         return (center[0] + turned[0], center[1] + turned[1], center[2] + turned[2])
 
     def _misplaced(self, start: ChainStart) -> tuple[str, ...]:
-        """Describe each door, light and block that is not in its start state."""
+        """Describe each door, light and block that is not in the state in which the chain should start."""
         scene, found = start.scene, []
         there = self._arrays["scene"]
         for name, i in (("slider", 0), ("drawer", 1)):
@@ -652,13 +655,14 @@ def checkout_root(named: Path) -> Path:
 
 
 def describe_chains(command: Sequence[str], suite: str) -> tuple[tuple[str, ...], dict[str, Any]]:
-    """Have the simulator process describe a suite, and return a command with a fixed renderer and the description.
+    """Have the simulator process describe a suite. Return a command that specifies the renderer, and the description.
 
-    If the given command leaves the renderer open, EGL is tried in a separate process, because a broken driver may crash
-    that process.
+    If the given command does not specify the renderer, EGL is tried in a separate process, because a broken driver may
+    crash that process.
 
     Raises:
-        WorldError: If the process fails. If the renderer is open, the process must also have failed with TinyRenderer.
+        WorldError: If the process fails. If the command does not specify the renderer, it must fail with TinyRenderer
+            as well.
     """
     if command[-1] != _RENDERER_WORDS[None]:
         with WorldProcess(command) as process:

@@ -81,7 +81,10 @@ class Touching:
         return list(rows[:, 0].tolist())
 
     def between(self, one: Any, other: Any) -> bool:  # noqa: ANN401 - models of robosuite
-        """Return whether two models touch. Gives the same result as robosuite's ``check_contact``, but uses indices."""
+        """Return whether two models touch.
+
+        The result is that of robosuite's ``check_contact``, but is found by index.
+        """
         geoms = self._data.contact.geom
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
 
@@ -99,7 +102,7 @@ class Touching:
 
 
 class Relations:
-    """Relations that a task's file names.
+    """Relations that are named in a task's BDDL file.
 
     Relations between an object and a box on the table or on a fixture are computed here. All others are computed by
     LIBERO.
@@ -162,7 +165,7 @@ class Relations:
 def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
     """Return the margin by which an object is on a box [m], as in LIBERO's ``under``.
 
-    It is positive if the object is on it.
+    The margin is positive if the object is on the box.
     """
     (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, away
     up = g * x + h * y + i * z
@@ -177,7 +180,7 @@ def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
 def _slack_in(turn: list[float], away: list[float], half: list[float]) -> float:
     """Return the margin by which an object is in a box [m], as in LIBERO's ``in_box``.
 
-    It is positive if the object is in it.
+    The margin is positive if the object is in the box.
     """
     (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, half
     high = abs(g * x + h * y + i * z)

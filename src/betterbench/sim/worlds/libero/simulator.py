@@ -145,6 +145,8 @@ class LiberoSimulator:
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
         """Check the premises of a task in each of its initial states, after the settling steps.
 
+        A premise is a relation between objects that the instruction takes for granted.
+
         Returns the names of the premises, and whether each premise holds in each state. Also returns how far each
         object moved sideways while settling [m], because many objects are dropped from a few centimeters.
 
@@ -550,7 +552,7 @@ def _surface(env: Any) -> float:  # noqa: ANN401 - an environment of LIBERO
 
 
 def _shown(problem: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the relations of a task's goal and the start places of its objects, as its file states them."""
+    """Return the relations of a task's goal and the start places of its objects, as the task's file states them."""
     kinds = {name: kind for form in ("objects", "fixtures") for kind, names in problem[form].items() for name in names}
     steps = []
     for relation in problem["goal_state"]:
@@ -584,7 +586,7 @@ def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
 
 
 def _place_name(x: float, y: float) -> str:
-    """Return the name of a place at the given coordinates [m] of the task's file, such as "x -12 y -24" in cm.
+    """Return the name of a place, such as "x -12 y -24" in cm, given its coordinates in the task's file [m].
 
     LIBERO's own names of places are not used, because they describe the object there ("target_object_region") and
     differ from task to task.

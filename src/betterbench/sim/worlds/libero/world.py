@@ -39,7 +39,8 @@ class LiberoOptions:
 
     Attributes:
         protocol: Name of the evaluation protocol.
-        broken_premises: "refuse" stops the run if a scene contradicts the premise of its instruction. "run" continues.
+        broken_premises: "refuse" stops the run if a scene contradicts what its instruction takes for granted. "run"
+            continues the run in this case.
         command: Command that starts the simulator process. If it is empty, the installed environment is used.
     """
 
@@ -133,7 +134,7 @@ class LiberoWorld(ProcessWorld):
     def photos(
         self, stored: Mapping[str, Any], wanted: Sequence[Photo], *, size: int, where: str
     ) -> Iterator[np.ndarray]:
-        """Yield one image (size, size, 3) for each requested moment. LIBERO renders it with its front camera."""
+        """Yield one image (size, size, 3) for each requested recorded state, rendered with LIBERO's front camera."""
         cure = "Restore the file, or start the run again"
         form = read_form(_DRAWN, stored, where=f"{where}: plan.world", cure=cure, raises=RecordError)
         if not wanted:
@@ -153,7 +154,10 @@ def require_states(seed: int, count: int) -> None:
 
 
 def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
-    """Return the indices of the named tasks in suite order, without duplicates. Without names, return all indices."""
+    """Return the indices of the named tasks in suite order, without duplicates.
+
+    If no names are given, return the indices of all tasks.
+    """
     ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
     for name in tasks:
         if name not in ids:

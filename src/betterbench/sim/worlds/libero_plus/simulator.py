@@ -98,7 +98,7 @@ class LiberoPlusSimulator(LiberoSimulator):
                 self._textures[kind.partition("_")[0].lower()].setdefault(name, file)
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Describe the variants of a LIBERO-Plus suite. A suite of LIBERO itself is described as LIBERO does."""
+        """Describe the variants of a LIBERO-Plus suite. For a suite of LIBERO itself, return LIBERO's description."""
         if not name.startswith(PREFIX):
             return super().suite(name)
         bases = {task: i for i, task in enumerate(self._base_tasks(name))}
@@ -206,7 +206,7 @@ class LiberoPlusSimulator(LiberoSimulator):
 
     @functools.cache  # noqa: B019
     def _problems(self, name: str) -> Problem:
-        """Return the problem class with the given name in lower case."""
+        """Return the changes that a LIBERO-Plus problem class makes, given the name of the class in lower case."""
         return self._every_problem()[name]
 
     @functools.cache  # noqa: B019

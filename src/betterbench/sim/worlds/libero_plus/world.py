@@ -53,8 +53,8 @@ class PlusOptions:
 
     Attributes:
         protocol: Name of the evaluation protocol, which sets the numbers of steps.
-        broken_premises: "refuse" stops the run if a scene does not show what its instruction presupposes. "run"
-            continues.
+        broken_premises: "refuse" stops the run if a scene contradicts what its instruction takes for granted. "run"
+            continues the run in this case.
         axes: Axes to run. By default, all axes are run.
         variants: Maximum number of variants per task and axis, which are spread evenly. If it is None, all are run.
         libero_plus_sentences: "clean" uses the base task's instruction, or on the axis language the instruction in the
@@ -110,7 +110,7 @@ class VariantTask(WorldTask):
 
 @dataclass(frozen=True, slots=True)
 class LiberoPlusWorld(LiberoWorld):
-    """LIBERO-Plus. The simulator reports which variants exist and which files they need.
+    """LIBERO-Plus as the world of a run. The simulator reports which variants exist and which files they need.
 
     Attributes:
         sentences: "clean", or "published" for LIBERO-Plus's own instructions, which end with the variant name.
@@ -136,7 +136,7 @@ class LiberoPlusWorld(LiberoWorld):
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], LiberoPlusWorld]:
         """Plan initial states of variants as trials. Return the trials and the world to be stored with the plan.
 
-        By the protocol of LIBERO-Plus, each variant has one trial.
+        According to the protocol of LIBERO-Plus, each variant has one trial.
 
         Raises:
             InvalidInputError: If every requested variant needs the authors' assets and these are missing.
