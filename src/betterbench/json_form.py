@@ -247,7 +247,7 @@ _HUGE = re.compile(rb"[\[,:]\s*-?\d{%d}" % _HUGE_DIGITS)
 def _whole_number(digits: str) -> int:
     """Return the integer that the digits represent. Raises InvalidInputError if it is far beyond 64 bits."""
     if len(digits.lstrip("-")) >= _HUGE_DIGITS:
-        raise InvalidInputError("", "contains a number of 20 digits or more", "Give a smaller number")
+        raise InvalidInputError("", "contains a number of 20 digits or more", "Use a smaller number")
     return int(digits)
 
 

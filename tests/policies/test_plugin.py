@@ -239,7 +239,7 @@ def test_a_file_is_loaded_like_a_script_with_its_neighbors_and_dataclasses(tmp_p
         (
             {"execution": {"horizon": 3}},
             InvalidInputError,
-            "execution: it is of type dict. Give a value of type Execution",
+            "execution: it is of type dict. Use a value of type Execution",
         ),
         ({"name": None}, InvalidInputError, "name: it is of type NoneType"),
         ({"action_space": None}, InvalidInputError, "action_space: it is of type NoneType"),

@@ -77,7 +77,7 @@ class ActionSpace:
             math.isfinite(lo) and math.isfinite(hi) and lo < hi for lo, hi in zip(self.low, self.high, strict=True)
         ):
             raise InvalidInputError(
-                where, "a lower bound is not below its upper bound", "Give finite bounds with low < high"
+                where, "a lower bound is not below its upper bound", "Use finite bounds with low < high"
             )
 
     @property

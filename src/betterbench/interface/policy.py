@@ -119,7 +119,7 @@ class PolicyInfo:
             if not isinstance(getattr(self, name), kind):
                 found = type(getattr(self, name)).__name__
                 raise InvalidInputError(
-                    f"PolicyInfo: {name}", f"it is of type {found}", f"Give a value of type {kind.__name__}"
+                    f"PolicyInfo: {name}", f"it is of type {found}", f"Use a value of type {kind.__name__}"
                 )
         entries: Iterable[tuple[object, object]] = self.metadata.items()
         for key, value in entries:
@@ -132,13 +132,15 @@ class PolicyInfo:
         for name in ("needs_images", "heavy"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):
                 found = type(getattr(self, name)).__name__
-                raise InvalidInputError(f"PolicyInfo: {name}", f"it is of type {found}", "Give True or False")
+                raise InvalidInputError(f"PolicyInfo: {name}", f"it is of type {found}", "Use True or False")
         cameras: object = self.cameras
         if cameras is not None and not (
             isinstance(cameras, tuple | list) and all(isinstance(name, str) for name in cameras)
         ):
             raise InvalidInputError(
-                "PolicyInfo: cameras", "expected a tuple of names", "Give names of cameras, or None for all cameras"
+                "PolicyInfo: cameras",
+                "expected a tuple of names",
+                "Use a tuple of camera names, or None for all cameras",
             )
         # The mapping is copied to a dict, because some mapping types cannot be pickled.
         object.__setattr__(self, "metadata", dict(self.metadata))

@@ -74,7 +74,7 @@ def require_replaceable(
         return
     if not (stat.S_ISREG(there) or stat.S_ISLNK(there)):
         what = "a folder" if stat.S_ISDIR(there) else "a pipe, socket or device"
-        raise RunConflictError(f"{path} is {what}, which is never replaced. Give another file name.")
+        raise RunConflictError(f"{path} is {what}, which is never replaced. Choose a different file name.")
     if overwrite:
         return
     if stat.S_ISLNK(there):

@@ -113,13 +113,13 @@ def open_in_place(path: Path) -> int:
         if error.errno == errno.ELOOP:
             raise InvalidInputError(str(path), "is a symbolic link", "Remove the link") from error
         if error.errno == errno.ENXIO:
-            raise InvalidInputError(str(path), "is not a regular file", "Move it to another place") from error
+            raise InvalidInputError(str(path), "is not a regular file", "Move it to a different folder") from error
         raise
     found = os.fstat(handle)
     if stat.S_ISREG(found.st_mode) and found.st_nlink < 2:
         return handle
     os.close(handle)
     if not stat.S_ISREG(found.st_mode):
-        raise InvalidInputError(str(path), "is not a regular file", "Move it to another place")
+        raise InvalidInputError(str(path), "is not a regular file", "Move it to a different folder")
     problem = "has a second name (a hard link), so another file would be changed too"
     raise InvalidInputError(str(path), problem, "Replace the file with a copy of it")

@@ -140,7 +140,9 @@ class RecordBuilder:
         self._check_truths(predicates, subgoals)
         if len(self._truths) >= len(self._states):
             problem = f"all {len(self._states)} rows already have their relations"
-            raise InvalidInputError("predicates, subgoals", problem, "Append the next row before its relations")
+            raise InvalidInputError(
+                "predicates, subgoals", problem, "Append the next row before its predicates and subgoals"
+            )
         self._truths.append((tuple(predicates), tuple(subgoals), goal, forbidden))
 
     def finish(
@@ -165,7 +167,7 @@ class RecordBuilder:
         rows = len(self._states)
         if len(self._truths) != rows:
             problem = f"only {len(self._truths)} of {rows} rows have their relations"
-            raise InvalidInputError("predicates, subgoals", problem, "Append the relations of every row")
+            raise InvalidInputError("predicates, subgoals", problem, "Append the predicates and subgoals of every row")
         bodies, contacts = _collect_contacts(self._states)
         predicates, subgoals, goals, forbidden = zip(*self._truths, strict=True)
         shapes = (*self._shapes, self._no_action.shape, self._no_action.shape)

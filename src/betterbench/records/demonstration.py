@@ -82,7 +82,7 @@ class SkillWindow:
         """Raise InvalidInputError if the window is empty or the gripper change is outside it."""
         if not self.start <= self.change < self.stop:
             problem = f"rows {self.start}, {self.change}, {self.stop} are not in order"
-            raise InvalidInputError(f"skill {self.kind}", problem, "Give start ≤ change < stop")
+            raise InvalidInputError(f"skill {self.kind}", problem, "Choose rows such that start ≤ change < stop")
 
 
 @strict_form
@@ -115,7 +115,9 @@ class SubgoalSegment:
     def __post_init__(self) -> None:
         """Raise InvalidInputError if the segment is empty."""
         if not self.start < self.stop:
-            raise InvalidInputError("segment", f"rows {self.start} to {self.stop} are empty", "Give start < stop")
+            raise InvalidInputError(
+                "segment", f"rows {self.start} to {self.stop} are empty", "Choose rows such that start < stop"
+            )
 
     def to_json(self) -> dict[str, Any]:
         """Return the segment in JSON form."""

@@ -326,7 +326,7 @@ class RunFolder:
         """Return the path of a stored scene. Raises InvalidInputError if the hash is not lower-case hexadecimal."""
         if not _HASH.fullmatch(scene_hash):
             raise InvalidInputError(
-                "scene hash", f"{scene_hash!r} is not a hash", "Give a hash of 8 to 128 hexadecimal digits"
+                "scene hash", f"{scene_hash!r} is not a hash", "Use a hash of 8 to 128 hexadecimal digits"
             )
         return self._inside("scenes", f"{scene_hash}.zip")
 
@@ -595,7 +595,7 @@ def _safe_name(what: str, name: str) -> str:
     if not _NAME.fullmatch(name):
         problem = f"{name!r} cannot be a file name"
         raise InvalidInputError(
-            what, problem, "Use up to 100 letters, digits, '_', '-' and '.', the first a letter or digit"
+            what, problem, "Use up to 100 letters, digits, '_', '-' and '.', and begin with a letter or digit"
         )
     return name
 
@@ -603,7 +603,7 @@ def _safe_name(what: str, name: str) -> str:
 def _seed(seed: int) -> int:
     """Return ``seed`` unchanged. Raises InvalidInputError if it is negative."""
     if seed < 0:
-        raise InvalidInputError("seed", f"{seed} is negative", "Give an integer ≥ 0")
+        raise InvalidInputError("seed", f"{seed} is negative", "Use an integer ≥ 0")
     return seed
 
 

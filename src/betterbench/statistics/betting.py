@@ -83,10 +83,10 @@ def _counted(values: Iterable[float], mean: float, span: Span) -> Counter[float]
     outside = [value for value in counts if not span[0] <= value <= span[1]]
     if outside:
         problem = f"{outside[0]!r} is not between {span[0]:g} and {span[1]:g}"
-        raise InvalidInputError("values", problem, "Give values within the span")
+        raise InvalidInputError("values", problem, "Use only values within the span")
     if not span[0] < mean < span[1]:
         problem = f"{mean!r} is not strictly between {span[0]:g} and {span[1]:g}"
-        raise InvalidInputError("mean", problem, "Give a mean inside the span")
+        raise InvalidInputError("mean", problem, "Use a mean inside the span")
     return counts
 
 

@@ -115,7 +115,9 @@ def _paired_scores(first: Sequence[float], second: Sequence[float]) -> npt.NDArr
     for where, side in (("first", first), ("second", second)):
         values = np.asarray(side, dtype=np.float64)
         if not bool(np.all((values >= 0.0) & (values <= 1.0))):
-            raise InvalidInputError(where, "a score is not between 0 and 1", "Give 0 or 1 for success, or a fraction")
+            raise InvalidInputError(
+                where, "a score is not between 0 and 1", "Use 0 or 1 for success, or a fraction between them"
+            )
         sides.append(values)
     difference: npt.NDArray[np.float64] = sides[0] - sides[1]
     return difference

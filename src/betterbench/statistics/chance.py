@@ -50,12 +50,12 @@ def guessing_p(right: int, chances: Sequence[float]) -> float:
         InvalidInputError: If a chance is not a probability, or if there are more correct answers than answers.
     """
     if any(not 0.0 <= chance <= 1.0 for chance in chances):
-        raise InvalidInputError("chances", "a chance is not between 0 and 1", "Give probabilities from 0 to 1")
+        raise InvalidInputError("chances", "a chance is not between 0 and 1", "Use probabilities from 0 to 1")
     if not 0 <= right <= len(chances):
         raise InvalidInputError(
             "right",
             f"{right} right answers of {len(chances)} are impossible",
-            "Give a number from 0 to the number of answers",
+            "Use a number from 0 to the number of answers",
         )
     likely = np.ones(1)
     for chance in chances:

@@ -68,7 +68,7 @@ def normal_quantile(confidence: float) -> float:
 def check_counts(k: int, n: int, *, where: str = "rate") -> None:
     """Raise InvalidInputError if the numbers of successes and trials are impossible."""
     if n < 0 or k < 0 or k > n:
-        raise InvalidInputError(where, f"{k} successes in {n} trials are impossible", "Give counts with 0 <= k <= n")
+        raise InvalidInputError(where, f"{k} successes in {n} trials are impossible", "Use counts with 0 <= k <= n")
 
 
 def check_fraction(where: str, value: float) -> None:

@@ -59,4 +59,4 @@ def _check(different: Sequence[Sequence[bool]]) -> None:
         for j in range(i):
             if different[i][j] != different[j][i]:
                 problem = f"it differs from different[{j}][{i}]"
-                raise InvalidInputError(f"different[{i}][{j}]", problem, "Give a symmetric matrix")
+                raise InvalidInputError(f"different[{i}][{j}]", problem, "Use a symmetric matrix")

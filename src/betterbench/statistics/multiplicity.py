@@ -18,7 +18,7 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     """
     for i, p in enumerate(p_values):
         if not (math.isfinite(p) and 0.0 <= p <= 1.0):
-            raise InvalidInputError(f"p_values[{i}]", f"{p!r} is not a probability", "Give values from 0 to 1")
+            raise InvalidInputError(f"p_values[{i}]", f"{p!r} is not a probability", "Use values from 0 to 1")
     adjusted = [0.0] * len(p_values)
     running = 0.0
     for rank, i in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
@@ -44,7 +44,7 @@ def e_benjamini_hochberg(evidence: Sequence[float], *, level: float, hypotheses:
     check_fraction("level", level)
     for i, value in enumerate(evidence):
         if not value >= 0.0:
-            raise InvalidInputError(f"evidence[{i}]", f"an e-value must be ≥ 0, got {value!r}", "Give valid e-values")
+            raise InvalidInputError(f"evidence[{i}]", f"an e-value must be ≥ 0, got {value!r}", "Use e-values ≥ 0")
     m = len(evidence) if hypotheses is None else hypotheses
     ranked = sorted(range(len(evidence)), key=lambda i: -evidence[i])
     count = max((k for k, i in enumerate(ranked, 1) if evidence[i] >= m / (level * k)), default=0)

@@ -66,7 +66,7 @@ def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> 
             raise InvalidInputError(
                 "outcomes",
                 f"the first trial {name} has succeeded in one pair and failed in another",
-                "Give the same outcome of a first trial in all its pairs",
+                "Use the same outcome of a first trial in all its pairs",
             )
         seconds.append(second)
     chances = {0: 1.0}

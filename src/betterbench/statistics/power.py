@@ -99,7 +99,7 @@ def unpaired_power(n: int, first: float, second: float, *, alpha: float = DEFAUL
     _check_plan(n, alpha)
     for where, rate in (("first", first), ("second", second)):
         if not 0.0 <= rate <= 1.0:
-            raise InvalidInputError(where, f"{rate!r} is not a rate", "Give a fraction from 0 to 1")
+            raise InvalidInputError(where, f"{rate!r} is not a rate", "Use a fraction from 0 to 1")
     if n > EXACT_ARM_LIMIT:
         return _normal_power(n, first, second, alpha)
     rejected = _p_value_bytes(n)
@@ -119,7 +119,7 @@ def smallest_paired_difference(
     _check_plan(n, alpha)
     check_fraction("power", power)
     if not 0.0 <= opposite < 0.5:
-        raise InvalidInputError("opposite", f"{opposite!r} is out of range", "Give a fraction ≥ 0 and below 0.5")
+        raise InvalidInputError("opposite", f"{opposite!r} is out of range", "Use a fraction from 0 to less than 0.5")
     value = _smallest(lambda d: paired_power(n, d, opposite=opposite, alpha=alpha), 1.0 - 2.0 * opposite, power)
     other = f"if {100 * opposite:.0f} % of the pairs differ" if opposite else "if no pair differs"
     assumption = f"exact McNemar test, {other} the other way"
@@ -137,7 +137,7 @@ def smallest_unpaired_difference(
     _check_plan(n, alpha)
     check_fraction("power", power)
     if not 0.0 <= reference <= 1.0:
-        raise InvalidInputError("reference", f"{reference!r} is not a rate", "Give a fraction from 0 to 1")
+        raise InvalidInputError("reference", f"{reference!r} is not a rate", "Use a fraction from 0 to 1")
     sign = -1.0 if reference >= 0.5 else 1.0
     room = max(reference, 1.0 - reference)
     value = _smallest(

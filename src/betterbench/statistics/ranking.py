@@ -133,7 +133,7 @@ def rank_correlation(
         raise InvalidInputError("first, second", problem, "Give one value of each quantity per case")
     x, y = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise InvalidInputError("first, second", "a value is not finite", "Give finite numbers")
+        raise InvalidInputError("first, second", "a value is not finite", "Use only finite numbers")
     quantile, n = normal_quantile(confidence), len(x)
     value = _spearman(x, y)
     if value is None:

@@ -35,7 +35,7 @@ def round_half_up(value: float | str | Decimal | Fraction, digits: int) -> Decim
     try:
         exact = Fraction(f"{value:.{_FLOAT_DIGITS - 1}e}") if isinstance(value, float) else Fraction(value)
     except (ValueError, OverflowError, ZeroDivisionError) as error:
-        raise InvalidInputError("value", f"{value!r} is not a finite number", "Give a number such as 7.685") from error
+        raise InvalidInputError("value", f"{value!r} is not a finite number", "Use a number such as 7.685") from error
     scaled = abs(exact) * 10**digits
     whole = int(scaled) + (1 if scaled - int(scaled) >= Fraction(1, 2) else 0)
     sign = "-" if exact < 0 and whole else ""

@@ -180,7 +180,7 @@ def fit_threshold(
     for r in readings:
         if not (r.size > 0 and 0 <= r.score <= 1 and 0 <= r.chance < 1):
             problem = f"a reading has the size {r.size!r}, the score {r.score!r} and the chance {r.chance!r}"
-            raise InvalidInputError("readings", problem, "Give sizes above 0, and scores and chances from 0 to 1")
+            raise InvalidInputError("readings", problem, "Use sizes above 0, and scores and chances from 0 to 1")
     sizes = [r.size for r in readings]
     clusters = sorted({r.cluster for r in readings})
     nothing = Threshold(

@@ -52,7 +52,7 @@ class PlacedCamera:
             )
         if not 1.0 <= self.fovy_deg <= 170.0:
             raise InvalidInputError(
-                "camera", f"has a field of view of {self.fovy_deg:g} degrees", "Give an angle from 1 to 170 degrees"
+                "camera", f"has a field of view of {self.fovy_deg:g} degrees", "Use an angle from 1 to 170 degrees"
             )
 
 

@@ -302,7 +302,7 @@ class ArmController:
         self._width = state.width_m
 
     def _ee_delta(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
-        """Add the action to the commanded pose, limit its distance from the measured pose, and step toward the result."""
+        """Add the action to the commanded pose, limit how far this pose leads the arm, and step toward the result."""
         asked = _moved(self._pose, action)
         self._pose = _bounded(asked, self._measured or self.ik.forward(measured))
         return self._toward(self._pose, measured, reference)

@@ -96,9 +96,7 @@ class _Drawn:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """Region of the image that contains an object, with the lowest height [m] and the largest depth [m] of the
-    object.
-    """
+    """Region of the image that contains an object. Also the lowest height and largest depth of the object [m]."""
 
     rect: Box
     low_m: float

@@ -91,17 +91,19 @@ class Quality:
         """Reject values that OpenGL does not support."""
         if not 0 <= self.samples <= _MAX_SAMPLES or self.samples == 1:
             raise InvalidInputError(
-                "quality.samples", f"{self.samples} samples per pixel is not possible", f"Use 0, or 2 to {_MAX_SAMPLES}"
+                "quality.samples",
+                f"{self.samples} samples per pixel is not possible",
+                f"Use 0, or a number from 2 to {_MAX_SAMPLES}",
             )
         if self.shadows and not 1 <= self.shadow_map_size <= _MAX_SHADOW_MAP:
             raise InvalidInputError(
                 "quality.shadow_map_size",
                 f"{self.shadow_map_size} texels is out of range",
-                f"Use 1 to {_MAX_SHADOW_MAP}",
+                f"Use a number from 1 to {_MAX_SHADOW_MAP}",
             )
         if not self.shadows and self.shadow_map_size != 0:
             raise InvalidInputError(
-                "quality.shadow_map_size", "is not 0, although shadows are off", "Use 0 without shadows"
+                "quality.shadow_map_size", "is not 0, although shadows are off", "Use 0 if shadows are off"
             )
 
     def to_json(self) -> dict[str, Any]:
@@ -116,7 +118,9 @@ class Quality:
         except ValidationError as error:
             problem = error.errors()[0]
             field = ".".join(("quality", *map(str, problem["loc"])))
-            raise InvalidInputError(field, problem["msg"], f"Give the fields {', '.join(cls.__slots__)}") from None
+            raise InvalidInputError(
+                field, problem["msg"], f"Use exactly the fields {', '.join(cls.__slots__)}"
+            ) from None
 
 
 _QUALITY = TypeAdapter(Quality)

@@ -81,7 +81,7 @@ class OwnWorld(World):
             planned += [_trial(task, c, s) for c in training for s in range(seed, seed + max(share, trials))]
         if not planned:
             raise InvalidInputError(
-                "--variations", f"{', '.join(variations)} does not select any trial", "Name other variations"
+                "--variations", f"{', '.join(variations)} does not select any trial", "Choose other variations"
             )
         return tuple(planned), self
 
