@@ -170,8 +170,8 @@ class InvalidInputError(BetterError):
 
     Args:
         where: Name of the field or file.
-        problem: Description of the problem.
-        cure: Remedy.
+        problem: What is wrong with it, as the part of the message after the name.
+        cure: Remedy, as an imperative without a period.
     """
 
     where: str

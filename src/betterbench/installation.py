@@ -75,18 +75,18 @@ EXTRAS = {
 
 
 def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDependencyError:
-    """Return the error for an extra that is not installed, with the command that installs it here.
+    """Return the error for an extra that is not installed, with the command that installs it in this installation.
 
     Args:
         problem: Sentence that states why the extra is needed, without a period.
         extra: Name of the extra.
-        otherwise: Alternative to installing the extra, which is appended to the message.
+        otherwise: Alternative to installing the extra. It is appended to the message.
     """
     return MissingDependencyError(f"{problem}. Run: {extra_command(extra)}{f', {otherwise}' if otherwise else ''}")
 
 
 def missing_packages(problem: str, *requirements: str, otherwise: str = "") -> MissingDependencyError:
-    """Return the error for packages that no extra contains, with the command that installs them here."""
+    """Return the error for packages that no extra contains, with the command that installs these packages."""
     return MissingDependencyError(
         f"{problem}. Run: {package_command(*requirements)}{f', {otherwise}' if otherwise else ''}"
     )
@@ -112,7 +112,7 @@ def extra_command(extra: str) -> str:
 
 
 def package_command(*requirements: str, python: str | None = None) -> str:
-    """Return the shell command that installs packages into this environment, or into that of another ``python``."""
+    """Return the shell command that installs packages into this environment, or into the environment of ``python``."""
     if python is None or Path(python) == Path(sys.executable):
         return _installing(*requirements)
     words, uv = shell_line(requirements), _uv()
@@ -122,7 +122,7 @@ def package_command(*requirements: str, python: str | None = None) -> str:
 
 
 def calibration_module(name: str, problem: str) -> ModuleType:
-    """Import a module of the distribution betterbench-calibration, which is separate and not part of the wheel.
+    """Import a module of the separate distribution betterbench-calibration, which is not part of the wheel.
 
     Args:
         name: Name of the module in ``betterbench_calibration``.
@@ -243,7 +243,10 @@ def _uv() -> str | None:
 
 
 def _wheel() -> Path | None:
-    """Return the file or folder from which this package was installed, or None if it is unknown or no longer exists."""
+    """Return the file or folder from which this package was installed.
+
+    Return None if this location is unknown or no longer exists.
+    """
     try:
         text = importlib.metadata.distribution(_NAME).read_text("direct_url.json")
         form = parse_json((text or "").encode())
@@ -268,7 +271,10 @@ _PYTHON: dict[str, Callable[[tuple[int, int], tuple[int, int]], bool]] = {
 
 
 def _applies(marker: str) -> bool:
-    """Return whether this Python version satisfies a marker. The markers of our extras contain only version bounds."""
+    """Return whether this Python version satisfies a marker.
+
+    The markers in betterbench's requirements contain only version bounds.
+    """
     bound = re.search(r"""python_version\s*(<|>=)\s*['"](\d+)\.(\d+)['"]""", marker)
     own = (sys.version_info.major, sys.version_info.minor)
     return bound is None or _PYTHON[bound[1]](own, (int(bound[2]), int(bound[3])))

@@ -122,7 +122,7 @@ def read_form(
 
 
 def seal_of(form: Mapping[str, Any]) -> str:
-    """Return the seal of a JSON object, which is the SHA-256 of its canonical text without the seal itself.
+    """Return the seal of a JSON object, i.e. the SHA-256 of its canonical text without the seal itself.
 
     Raises ValueError if a number is not finite or the object is nested too deep, and TypeError if a value is not JSON.
     """

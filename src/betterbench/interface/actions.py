@@ -52,7 +52,8 @@ class ActionSpace:
         low: Smallest allowed value of each number. Smaller values are clipped, except in CALVIN (:attr:`clips`).
         high: Largest allowed value of each number. Larger values are clipped, except in CALVIN.
         scale: Size of one unit of each number, in ``units``.
-        convention: Description of frame, reference and polarity, which is compared at every handshake.
+        convention: Description of the frame, the reference and the polarity. Descriptions are compared at every
+            handshake.
     """
 
     name: str
@@ -398,7 +399,10 @@ _DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CA
 
 
 def action_space(name: str) -> ActionSpace:
-    """Return the action space with the given name, of our own scenes or of another world. Raises UnknownNameError."""
+    """Return the action space with the given name, either of betterbench's own scenes or of another world.
+
+    Raises UnknownNameError.
+    """
     known = ACTION_SPACES | ROBOT_ACTION_SPACES | WORLD_ACTION_SPACES
     try:
         return known[name]

@@ -1,4 +1,4 @@
-"""Observations: what a policy gets as its input, with explicit conventions."""
+"""Observations: the input of a policy, with explicit conventions."""
 
 from __future__ import annotations
 

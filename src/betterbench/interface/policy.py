@@ -68,7 +68,9 @@ class Execution:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeStart:
-    """Message that a policy gets at the start of an episode. It does not reveal whether the trial is a training trial.
+    """Message that a policy gets at the start of an episode.
+
+    The message does not reveal whether the trial is a training trial.
 
     Attributes:
         instruction: Task instruction.

@@ -64,7 +64,7 @@ class _Ahead(Generic[ItemT]):
 def ahead(items: Iterator[ItemT], most: int) -> Iterator[Iterator[ItemT]]:
     """Yield the items of an iterator while a thread prefetches up to ``most`` items.
 
-    An error that the iterator raises in the thread is raised here.
+    An error that the iterator raises in the thread is passed on to the caller.
 
     When the context manager exits, the thread stops after the item that it is fetching.
     """

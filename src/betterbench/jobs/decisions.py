@@ -1,8 +1,8 @@
 """Journals of the decisions that people make in a review: changes, verdicts, and undos of earlier decisions.
 
 A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). The decisions about a subject
-all contain its content hash, and together they form its history. Each package that reviews subjects defines which
-changes are possible.
+all contain its content hash, and together they form its history. Each package whose subjects are reviewed defines the
+possible changes.
 """
 
 from __future__ import annotations

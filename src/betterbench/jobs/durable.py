@@ -101,7 +101,7 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 def is_part(path: Path) -> bool:
-    """Return whether a file name is that of an unfinished :class:`DurableFile`."""
+    """Return whether a file name belongs to an unfinished :class:`DurableFile`."""
     return _PART.fullmatch(path.name) is not None
 
 

@@ -149,9 +149,10 @@ _DECODE = json.JSONDecoder(parse_constant=_finite, parse_float=_finite).decode
 def _forms_text(
     names: tuple[str, ...], forms: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]
 ) -> tuple[bytes, list[np.dtype[Any]] | None]:
-    """Return the description of the arrays as JSON, and the types to which arrays in another byte order are converted.
+    """Return the description of the arrays as JSON, and the type that each array must be converted to, if any.
 
-    The result is cached, because most frames have the same arrays as the frame before.
+    An array is converted if it has another byte order. The result is cached, because most frames have the same arrays
+    as the frame before.
     """
     kinds = [kind.newbyteorder("<") for kind, _ in forms]
     shapes = {name: (kind.str, shape) for name, kind, (_, shape) in zip(names, kinds, forms, strict=True)}

@@ -26,7 +26,7 @@ def in_processes(items: list[ItemT], work: Callable[[ItemT], FoundT], *, workers
 
     If a worker process dies, the items that it was processing are retried one at a time.
 
-    With only one worker or one item, the items are processed in this process.
+    If there is only one worker or only one item, no worker process is started.
 
     Raises:
         WorkerError: If worker processes keep dying.

@@ -68,8 +68,8 @@ class LimitedProcess:
             main: Function that the process calls ("module:function"), with the arguments as strings. In the end, the
                 function must call :func:`answer_requests`.
             arguments: Arguments of the function.
-            cpu_s: CPU time limit of a request [s]. It is only mentioned in messages here, and enforced by
-                :func:`answer_requests`.
+            cpu_s: CPU time limit of a request [s]. This class only mentions the limit in messages;
+                :func:`answer_requests` enforces it.
             environment: Environment variables to add to those of this process.
         """
         module, _, function = main.partition(":")
@@ -103,7 +103,10 @@ class LimitedProcess:
         return self._is_closed or self._told_to_end or self._process.poll() is not None
 
     def stop(self) -> None:
-        """End the process. This may be called from another thread; a waiting thread then gets a LimitedProcessError."""
+        """End the process. This method may be called from another thread.
+
+        A thread that is waiting for the process then gets a LimitedProcessError.
+        """
         self._told_to_end = True
         self._process.kill()
 
@@ -288,7 +291,8 @@ def answer_requests(
 def _limit_time(cpu_s: float) -> None:
     """Set the CPU time limit of the next request. When it is reached, the signal SIGPROF ends this process.
 
-    RLIMIT_CPU is not used, because it limits the total CPU time of the process. Also, the kernel counts it in ticks. In
-    a rendering process, these exceed :func:`time.process_time` by up to 6 %, or a minute after 15 minutes.
+    RLIMIT_CPU is not used, because it limits the total CPU time of the process. Also, the kernel counts CPU time for
+    this limit in ticks. In a rendering process, the time in ticks exceeds :func:`time.process_time` by up to 6 %, i.e.
+    by a minute after 15 minutes.
     """
     signal.setitimer(signal.ITIMER_PROF, cpu_s)

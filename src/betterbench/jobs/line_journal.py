@@ -40,7 +40,8 @@ class LineJournal:
     replaces or truncates the file, it is written again.
 
     With ``alone``, only the file is locked, not its folder. If the folder is removed, StorageError is raised. With
-    ``renews``, the journal is written again instead, because its owner also restores the other files.
+    ``renews``, the folder and the journal are created again instead. This is for a caller that also restores the other
+    files.
     """
 
     def __init__(self, path: Path, *, alone: bool = False, renews: bool = False) -> None:

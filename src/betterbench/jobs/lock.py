@@ -74,8 +74,8 @@ class RunLock:
     The kernel holds the lock. The lock file remains, but after a crash nothing has to be cleaned up. Forked processes
     do not keep the lock. While the lock is held, no file is written through a link that leads out of the folder
     (:mod:`betterbench.jobs.places`). If the folder is removed or moved, further writes fail (:func:`require_held`),
-    because earlier files would be missing. With ``renews``, the lock is taken again instead, and its owner writes the
-    earlier files again. If ``output`` is given, messages name it instead of the folder.
+    because earlier files would be missing. With ``renews``, the lock is taken again instead. This is for a caller that
+    writes the earlier files again. If ``output`` is given, messages name it instead of the folder.
 
     Raises:
         RunConflictError: If another process holds the lock and ``waits`` is False.
@@ -115,7 +115,8 @@ class RunLock:
     def require_folder(self, path: Path) -> None:
         """Raise StorageError if the path of a file is inside the locked folder and this folder no longer exists.
 
-        With ``renews``, take the lock again instead. Raises RunConflictError if another process has taken it meanwhile.
+        If the lock was created with ``renews``, take it again instead. Raises RunConflictError if another process has
+        taken the lock in the meantime.
         """
         if self._handle is None or not self._is_folder or not path.absolute().is_relative_to(self._folder):
             return
@@ -137,7 +138,7 @@ class RunLock:
     def for_workers(self) -> HeldFolder | None:
         """Reference to the locked folder for worker processes.
 
-        It is None if the lock is not held, or if it is taken again after a removal (``renews``).
+        It is None if the lock is not held, or if the lock is taken again when its folder is removed (``renews``).
         """
         if self._handle is None or not self._is_folder or self._renews:
             return None
@@ -258,8 +259,8 @@ class FileLock(RunLock):
 def require_held(path: Path) -> None:
     """Raise StorageError if a file is about to be written into a locked folder that was removed or moved.
 
-    This checks the locks of this process and those of its parent (:func:`write_within`). Raises RunConflictError if a
-    lock with ``renews`` would have to be taken again and another process has it.
+    The locks of this process and the locks of its parent (:func:`write_within`) are checked. A lock with the option
+    ``renews`` is taken again instead. Raises RunConflictError if another process has taken such a lock in the meantime.
     """
     for held in _around():
         held.require_folder(path)

@@ -91,7 +91,7 @@ def _occupied(path: Path, what: str, verb: str) -> RunConflictError:
 
 
 class OutputFile:
-    """Output file of a subcommand, which is locked while it is open. The context manager returns its path.
+    """Output file of a subcommand. The file is locked while the context manager, which returns its path, is open.
 
     Raises:
         RunConflictError: If an existing file may not be replaced, or if another process is writing it.
@@ -135,7 +135,7 @@ _WRITTEN = TypeAdapter(_Written)
 
 
 class OutputFolder:
-    """Output folder of a subcommand, which is locked while the context manager is open.
+    """Output folder of a subcommand. The folder is locked while the context manager is open.
 
     Every :class:`~betterbench.jobs.durable.DurableFile` that this process writes into the folder is checked and listed,
     except in subfolders with a lock of their own.
@@ -230,7 +230,7 @@ class OutputFolder:
         return known
 
     def _listed(self) -> dict[str, tuple[str, ...]] | None:
-        """Return the files that this subcommand has written here, or None if it has not stored a list."""
+        """Return the files that this subcommand has written into the folder, or None if there is no list of them."""
         file = self.path / LIST_NAME
         if not file.is_file() or file.is_symlink():
             return None

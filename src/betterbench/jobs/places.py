@@ -41,7 +41,10 @@ _GUARDED: dict[Path, list[FolderClaim | None]] = {}
 
 
 def guard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Guard a folder. It stays guarded until :func:`unguard` has been called as often as this function."""
+    """Guard a folder: files may be written into it, but not out of it through symbolic links.
+
+    The folder stays guarded until :func:`unguard` has been called as often as this function.
+    """
     _GUARDED.setdefault(folder, []).append(claim)
 
 

@@ -154,7 +154,7 @@ class RecordBuilder:
         clipped_actions: int = 0,
         invalid_actions: int = 0,
     ) -> Record:
-        """Return the finished record. The arguments are those of :class:`Outcome`.
+        """Return the finished record. The arguments are passed to :class:`Outcome`.
 
         Raises:
             InvalidInputError: If there are no rows, a row lacks the values of its predicates and subgoals, a state does
@@ -275,8 +275,9 @@ class RecordBuilder:
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     """Return the values of all rows as an array (T, *shape). Raises ValueError if a row has a wrong shape.
 
-    Nested values are flattened first, which takes a third of the time that NumPy needs to find out their shape. A value
-    that is the same Python object as in the row before, as for objects at rest, is flattened only once.
+    Nested values are flattened first, because NumPy would take three times as long to find out their shape. If a value
+    is the same Python object as in the row before, for example because the object is at rest, it is not flattened
+    again.
     """
     new = [0, *compress(range(1, len(values)), map(is_not, values[1:], values))]
     flat: Iterable[Any] = [values[i] for i in new]

@@ -31,8 +31,8 @@ class Demonstrator:
         manner: Parameters of the motion style, by name with unit ("speed", "approach_height_m").
         sources: Demonstrations from which this one was composed, as "TASK/CONDITION/SEED" in the order of use.
         action_noise: Standard deviation of the noise on the executed actions, in action units. With noise, the column
-            ``action`` contains the intended action, which is the label to learn, and ``applied`` contains the executed
-            one. Without noise, they differ only by clipping.
+            ``action`` contains the intended action, which a policy should learn, and ``applied`` contains the executed
+            action. Without noise, the two columns differ only by clipping.
     """
 
     kind: DemonstratorKind
@@ -55,7 +55,7 @@ class Demonstrator:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SkillWindow:
-    """Rows in which the gripper is near an object in order to pick, place or slide it.
+    """Rows of a record in which the gripper is near an object in order to pick, place or slide it.
 
     Attributes:
         kind: Kind of skill.

@@ -73,7 +73,7 @@ class RecordMetadata:
     """Metadata of an episode, which is fixed before the episode begins.
 
     Attributes:
-        suite_version: Version of the suite, which also seeds its random streams.
+        suite_version: Version of the suite. The random streams of the suite depend on it.
         condition: Name of the condition within the task ("train1", "L3").
         variation: Name of the variation ("L3"), or None for a training condition.
         axis: Axis of the variation, or None for a training condition.

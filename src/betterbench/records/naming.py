@@ -53,7 +53,7 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
 def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
     """Make the display names of runs unique.
 
-    The folder of the run is appended to names that are equal, and then a number if necessary.
+    If names are equal, the folder of the run is appended to each. If they are still equal, a number is appended.
     """
     counts = Counter(names)
     named = [

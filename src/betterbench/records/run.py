@@ -103,7 +103,7 @@ class RunFolder:
 
     @property
     def planned(self) -> tuple[TrialId, ...]:
-        """Trials of the plan in order. Empty if the plan does not list them."""
+        """Trials of the plan in order. The sequence is empty if the plan does not list its trials."""
         return tuple(self._planned or ())
 
     @classmethod
@@ -238,8 +238,8 @@ class RunFolder:
     def journal(self, *, renews: bool = False) -> Journal:
         """Open the journal for appending. The folder is locked until the journal is closed.
 
-        With ``renews``, the journal can continue after the folder was removed or moved. The caller must then restore
-        the run and repeat the trials whose records are missing.
+        With ``renews``, the journal stays usable if the folder is removed or moved. In this case, the caller must
+        restore the run and repeat the trials whose records are missing.
 
         Raises:
             RecordError: If the journal lists trials that are not planned. Other errors are those of
@@ -354,7 +354,7 @@ class RunFolder:
         return record
 
     def read_brief(self, trial: TrialId, *, entry: JournalEntry | None = None) -> RecordBrief:
-        """Read only the trial and the outcome of a record, which is fast.
+        """Read only the trial, the assets and the outcome of a record. This is faster than reading the whole record.
 
         Raises the same errors as :meth:`read_record`. If ``entry`` is given, the journal is not read.
         """
@@ -370,7 +370,7 @@ class RunFolder:
     def succeeded(self, trial: TrialId, entry: JournalEntry | None = None) -> bool:
         """Return whether a trial succeeded, according to its record.
 
-        Arguments and errors are those of :meth:`read_brief`.
+        The arguments and the errors are the same as for :meth:`read_brief`.
         """
         return self.read_brief(trial, entry=entry).outcome.success
 
@@ -506,7 +506,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Lock the folder inside the context. Raises RunConflictError if another process is writing to it."""
+        """Context manager that locks the folder. Raises RunConflictError if another process is writing to it."""
         with RunLock(self.path / LOCK_NAME):
             yield
 

@@ -27,7 +27,7 @@ class Region:
 
     @property
     def pose(self) -> Pose:
-        """Pose ``T_object_region`` of the region in the object frame."""
+        """Pose ``T_object_region`` of the region in the frame of its object."""
         return Pose(self.position, self.quaternion)
 
 

@@ -70,7 +70,7 @@ class WorldState:
     def position(self, name: str) -> Vector:
         """Return the position of an object in the world frame [m].
 
-        The position is that of the frame's origin, which is the center of the bottom face when the object is at rest.
+        The position refers to the origin of the object's frame, which is the center of its bottom face.
         """
         return self.positions[self.info.index(name)]
 

@@ -1,7 +1,7 @@
 """Modality files. They are written in row groups and read row by row.
 
 The footer contains the header, its own checksum, and the SHA-256 of each row group. All checksums are verified before
-the Parquet reader, which is native code, sees the bytes.
+the bytes are passed to the Parquet reader, which is native code.
 """
 
 from __future__ import annotations

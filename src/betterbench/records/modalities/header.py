@@ -59,7 +59,7 @@ class ViewHeader:
             = [[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
         objects: Objects of the scene.
         stage: Instance ids of the robot and the stage.
-        renderer: Properties of OpenGL and the version of the simulator, on which pixels depend.
+        renderer: Properties of OpenGL and the version of the simulator. The pixels depend on both.
     """
 
     task: str

@@ -97,9 +97,9 @@ def _require_platform(backend: str) -> None:
 
 
 def _working() -> str:
-    """Return the back ends that can be loaded here, for use in advice.
+    """Return a description of the back ends that can be loaded on this machine, for messages.
 
-    If there are none, return those that could be installed.
+    If there are none, describe the back ends that could be installed.
     """
     found = [name for name in PLATFORMS if has_library(name)]
     return " or ".join(found or PLATFORMS)

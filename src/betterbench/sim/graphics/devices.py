@@ -62,7 +62,10 @@ def device_count() -> int:
 
 @functools.cache
 def egl_devices() -> tuple[EglDevice, ...]:
-    """Return the working devices in EGL's order. If the machine has only one device, it is not examined further."""
+    """Return the working devices in EGL's order.
+
+    If the machine has only one device, the device is returned without being examined.
+    """
     if device_count() <= 1:
         return tuple(EglDevice(number, ("", "", "")) for number in range(device_count()))
     # Without the CUDA environment variables, CUDA numbers the devices as the driver does.
@@ -87,9 +90,9 @@ def egl_devices() -> tuple[EglDevice, ...]:
 
 
 def drawing_devices() -> tuple[int, ...]:
-    """Return the indices of the devices for processes that are started here. Empty if EGL is not used.
+    """Return the indices of the devices for processes that this process starts. The result is empty if EGL is not used.
 
-    If ``MUJOCO_EGL_DEVICE_ID`` names a device, it is the only one.
+    If ``MUJOCO_EGL_DEVICE_ID`` names a device, only that device is returned.
 
     Raises:
         GraphicsError: If ``MUJOCO_EGL_DEVICE_ID`` does not name a device.
@@ -131,7 +134,7 @@ def alike(devices: Sequence[EglDevice], environment: Mapping[str, str]) -> tuple
 
 
 def next_device_variables() -> dict[str, str]:
-    """Return the environment variables that assign a device to the next process started here.
+    """Return the environment variables that assign a device to the next process that this process starts.
 
     The result is empty if no device is used.
     """
@@ -141,7 +144,7 @@ def next_device_variables() -> dict[str, str]:
 def take_device(turn: int) -> None:
     """Assign a device to this process, given its index among the processes. Call this before anything is rendered.
 
-    An invalid variable is not reported here but when the first image is rendered, because a run may not render any
+    If a variable is invalid, the error is raised only when the first image is rendered, because many runs render no
     images.
     """
     with contextlib.suppress(GraphicsError):

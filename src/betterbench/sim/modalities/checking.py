@@ -25,9 +25,9 @@ class FileProblem:
 
     Attributes:
         path: Path of the file, or the path at which it is expected.
-        text: Description of the problem, as a predicate that follows the name of the file in a sentence.
-        kind: "missing", "damaged", "other" (the file does not belong where it is), or "extra" (no file is expected
-            there).
+        text: Description of the problem, as the rest of a sentence that begins with the name of the file.
+        kind: "missing", "damaged", "other" (the file belongs to a different place), or "extra" (no file is expected in
+            its place).
     """
 
     path: Path
@@ -98,7 +98,7 @@ def check_folder(
 
 
 def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[ExpectedFile]:
-    """Yield what is expected of the file for each view of a recorded trial."""
+    """Yield the expected properties of the file for each view of a recorded trial."""
     quality = wanted.quality
     if quality is None:
         with contextlib.suppress(RecordError):  # the modality files may be intact even if the record is damaged

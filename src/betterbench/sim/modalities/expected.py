@@ -21,7 +21,7 @@ class ExpectedFile:
     Attributes:
         record_sha256: SHA-256 of the trial's record file.
         quality: Render preset of the color images, or None if it is unknown.
-        renderer: Properties of the OpenGL that rendered the folder, or None before the first image.
+        renderer: Properties of OpenGL when the files of the folder were rendered, or None before the first image.
     """
 
     trial: TrialId
@@ -34,7 +34,7 @@ class ExpectedFile:
     def difference(self, header: ViewHeader) -> str | None:
         """Compare a header with the expected values. Return the first difference, or None if there is none.
 
-        The difference is worded as a predicate that follows the name of the file in a sentence.
+        The difference is worded as the rest of a sentence that begins with the name of the file.
         """
         trial = one_line(f"{header.task}/{header.condition}/{header.seed}", most=_MOST)
         wanted = tuple(name for name in MODALITIES if name in self.modalities)

@@ -12,8 +12,8 @@ def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: f
 
     The result is a (height, width, 2) float16 array. The depth gives the position of the point. The point moves with
     the body that is visible in its pixel, and is then projected into the camera of the next state, even if it is
-    occluded there. The sky is treated as infinitely far away. The flow is NaN in the last state, where ``following`` is
-    None, and wherever the point moves behind the camera.
+    occluded in that view. The sky is treated as infinitely far away. The flow is NaN in the last state, where
+    ``following`` is None, and wherever the point moves behind the camera.
 
     Args:
         sight: Rendered view of one state, of the type :func:`betterbench.sim.scenes.sights.sight_type` with depth and
@@ -43,7 +43,7 @@ def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: f
 
 
 def _step(sight: np.ndarray, following: np.ndarray, body: int) -> np.ndarray | None:
-    """Return the motion (3, 4) of a body from the camera frame of one state to that of the next.
+    """Return the motion (3, 4) of a body from the camera frame of one state to the camera frame of the next state.
 
     The result is None if the body does not exist.
     """

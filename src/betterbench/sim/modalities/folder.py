@@ -99,7 +99,7 @@ class ModalityFolder:
         return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
-        """Store the properties of the current OpenGL as those with which the folder is rendered.
+        """Store the properties of this process's OpenGL in the settings of the folder.
 
         Raises RunConflictError if earlier images were rendered with a different OpenGL.
         """

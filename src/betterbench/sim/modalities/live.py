@@ -1,6 +1,6 @@
 """Modality files that are written during recording.
 
-They have the same bytes as those of a later ``better materialize``.
+They are byte-identical to the files that ``better materialize`` would write later.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ class LiveMaterializer:
 
     Call :meth:`add` after the reset and after every step, whenever a row is appended to the record, and call
     :meth:`finish` with the finished record. Without :meth:`finish`, no files are left. ``out`` is a folder with the
-    layout of better materialize. If it is ``RUN/modalities``, better materialize finds the files there and keeps them.
+    same layout as the output of ``better materialize``. If ``out`` is ``RUN/modalities``, ``better materialize`` finds
+    the files and keeps them.
 
     Raises:
         RunConflictError: If the folder contains unrelated files, or was rendered with a different OpenGL.
         StorageError: If the disk is full.
-        MissingDependencyError: If off-screen OpenGL does not work here.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine.
     """
 
     def __init__(self, scene: Scene, out: Path, wanted: Wanted) -> None:

@@ -48,7 +48,7 @@ def write_rerun(
     ``on_progress`` is called with the number of finished rows and the total number of rows.
 
     Raises:
-        MissingDependencyError: If Rerun is not installed, or off-screen OpenGL does not work here.
+        MissingDependencyError: If Rerun is not installed, or off-screen OpenGL does not work on this machine.
         RecordError: If the scene cannot be opened.
         StorageError: If the disk is full.
     """
@@ -91,14 +91,17 @@ def _disconnected(stream: Any) -> Iterator[None]:  # noqa: ANN401 - Rerun's
 
 
 def is_rerun_file(path: Path) -> bool:
-    """Return whether :func:`write_rerun` wrote a file. Such a file is a Rerun file with our name at its beginning."""
+    """Return whether :func:`write_rerun` wrote a file.
+
+    Such a file is a Rerun file with the name of betterbench near its beginning.
+    """
     with open_ordinary(path) as file:
         head = file.read(_HEAD_BYTES)
     return head.startswith(b"RRF") and _APPLICATION.encode() in head
 
 
 def _rerun() -> tuple[Any, Any]:
-    """Import Rerun and its blueprints. They are imported here because Rerun is an optional dependency."""
+    """Import Rerun and its blueprints, which are imported only when needed because Rerun is an optional dependency."""
     try:
         modules: tuple[ModuleType, ...] = tuple(map(importlib.import_module, ("rerun", "rerun.blueprint")))
     except ImportError as error:

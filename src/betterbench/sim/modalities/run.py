@@ -66,7 +66,7 @@ class _Tally:
 
 
 def default_views(run: RunFolder) -> tuple[ViewSpec, ...]:
-    """Return the views that the policy of a run uses. If it uses no images, return those of the default preset."""
+    """Return the views that the policy of a run uses. If it uses no images, return the views of the default preset."""
     told = run.plan.get("observation")
     name = told.get("name") if isinstance(told, dict) else told
     preset = observation_spec(name if isinstance(name, str) else "default")
@@ -93,8 +93,8 @@ def materialize_run(
     Raises:
         RunConflictError: If the folder contains unrelated files, was rendered with a different OpenGL, or is in use.
         RecordError: If records or scenes are missing or damaged. The other trials are finished first.
-        StorageError: If the disk is full, or the folder was removed or moved meanwhile.
-        MissingDependencyError: If off-screen OpenGL does not work here.
+        StorageError: If the disk is full, or if the folder was removed or moved in the meantime.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine.
     """
     began, tally = time.monotonic(), _Tally()
     finished: set[TrialId] = set()
@@ -138,7 +138,7 @@ def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[Trial
 
 
 class _Views:
-    """Rendering processes of one thread, one per render preset. They end when the context manager is left."""
+    """Rendering processes of one thread, one per render preset. They end when the context manager exits."""
 
     def __init__(self, run: RunFolder) -> None:
         self._run = run
@@ -154,7 +154,10 @@ class _Views:
             view.close()
 
     def stop(self) -> None:
-        """End the processes. This may be called from another thread; a thread that is rendering gets a RecordError."""
+        """End the processes. This method may be called from another thread.
+
+        A thread that is rendering then gets a RecordError.
+        """
         for view in list(self._views.values()):
             view.stop()
 

@@ -38,8 +38,7 @@ class TrialOrigin:
 class TrialFiles:
     """Modality files for views of one trial. The context manager removes files that were not finished.
 
-    Raises StorageError if the disk is full, and RecordError if the objects in the scene differ from those in the
-    record.
+    Raises StorageError if the disk is full, and RecordError if the scene and the record list different objects.
     """
 
     def __init__(

@@ -82,8 +82,8 @@ class ShownRow:
 def shown_rows(run: RunFolder, record: Record, views: Sequence[ViewSpec], *, quality: str) -> Iterator[ShownRow]:
     """Yield every row of a record, rendered in a separate process with limits.
 
-    Raises RecordError if the scene cannot be opened, and MissingDependencyError if off-screen OpenGL does not work
-    here.
+    Raises RecordError if the scene cannot be opened, and MissingDependencyError if off-screen OpenGL does not work on
+    this machine.
     """
     meta = record.metadata
     categories = [o.category for o in meta.scene.objects]

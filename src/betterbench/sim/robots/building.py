@@ -152,8 +152,8 @@ def add_joint_servos(
 ) -> None:
     """Add two servos to each arm joint. Both are controlled by the joint's reference velocity [rad/s].
 
-    The first servo integrates this velocity to a reference position (its activation) and pulls the joint there with the
-    stiffness. The second servo damps the joint toward the reference velocity itself. The reference therefore moves
+    The first servo integrates this velocity to a reference position (its activation) and pulls the joint toward it with
+    the stiffness. The second servo damps the joint toward the reference velocity itself. The reference therefore moves
     evenly within a control step, and a moving arm does not lag behind its reference. With a position servo alone, it
     would lag by its speed times damping divided by stiffness.
 

@@ -280,7 +280,7 @@ class ArmController:
         return np.array([*(q / unit for q, unit in zip(joints, self._scale, strict=False)), gripper])
 
     def _attend(self, data: mujoco.MjData) -> None:
-        """Prepare fast access to the engine's data, which stay at a fixed address."""
+        """Prepare fast access to the engine's data. The data must stay at the same memory address."""
         if data is self._data:
             return
         self._data, self._ctrl = data, numbers_of(data.ctrl)
@@ -288,7 +288,7 @@ class ArmController:
         self._get_reference = number_reader(data.act, self._act)
 
     def state(self) -> ControllerState:
-        """Return what the controller remembers between actions."""
+        """Return the values that the controller remembers between actions."""
         return ControllerState(self._pose, tuple(self._joints), self._width)
 
     def restore(self, state: ControllerState) -> None:
@@ -367,7 +367,7 @@ class ArmController:
         return self._jaw.width_at_share(self._scale[-1] * command)
 
     def _check_base(self, model: mujoco.MjModel, prefix: str) -> None:
-        """Check that the robot is where its kinematics expect it: at the world origin, without rotation."""
+        """Check that the robot's base is at the world origin without rotation, as its kinematics require."""
         body = model.body(prefix + self.spec.arm_bodies[0]).id
         base = Pose()
         while body:

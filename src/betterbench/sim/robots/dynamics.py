@@ -41,7 +41,7 @@ def draw_dynamics(spec: RobotSpec, generator_of: Callable[[str], np.random.Gener
 def backlash_of(spec: RobotSpec, dynamics: Dynamics) -> tuple[tuple[float, ...], float]:
     """Return half of the play of each arm joint [rad], and half of the play of the gripper in the units of its control.
 
-    Without backlash, these are an empty tuple and 0.
+    If the robot has no backlash, the result is an empty tuple and 0.
     """
     values = dynamics.get(BACKLASH, ())
     if not values:

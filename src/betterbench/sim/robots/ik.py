@@ -124,7 +124,7 @@ class ArmIK:
 
     @functools.cached_property
     def _frame(self) -> _FrameProblem:
-        """Pose error and Jacobian computed by mink. Only planning uses them, control steps do not."""
+        """Pose error and Jacobian computed by mink. They are used for planning, but not for control steps."""
         return _FrameProblem(self._model, self.spec.tcp_site, self.spec.ik.orientation)
 
     def forward(self, q: Sequence[float] | np.ndarray) -> Pose:
@@ -249,10 +249,10 @@ class ArmIK:
     ) -> list[float] | None:
         """Return joint angles (n,) near ``q`` [rad] that bring the tool to ``T_base_tcp``, or None if there are none.
 
-        This is meant for many consecutive targets along a path. It takes Newton steps from a close start, which take a
-        tenth of the time of :meth:`reach` and end when both tolerances are met. If the steps leave the limits or do not
-        converge, :meth:`reach` searches from ``q``. If ``q`` is outside the limits, the nearest angles inside them are
-        the start.
+        This is meant for many consecutive targets along a path. It starts close to the solution and takes Newton steps
+        until both tolerances are met, which takes a tenth of the time of :meth:`reach`. If the steps leave the limits
+        or do not converge, :meth:`reach` searches from ``q``. If ``q`` is outside the limits, the nearest angles inside
+        them are the start.
         """
         now = [min(max(angle, low), high) for angle, (low, high, _) in zip(q, self._bounds, strict=True)]
         last = math.inf
@@ -299,7 +299,10 @@ class ArmIK:
         )
 
     def _error_of(self, result: IKResult) -> float:
-        """Return the weighted error of a result, by which starts that have not converged are compared."""
+        """Return the weighted error of a result.
+
+        It serves to compare starts from which the search has not converged.
+        """
         return POSITION_COST * result.position_error_m + self.spec.ik.orientation * result.rotation_error_rad
 
     def _place(self, q: Sequence[float] | np.ndarray) -> None:
@@ -433,7 +436,7 @@ def _loaded_when_used(name: str, *, annotation: str) -> Iterator[None]:
     the module.
 
     mink imports qpsolvers, which imports scipy.sparse. This takes 0.2 s of CPU time in each worker, and twice as much
-    where Python writes no bytecode. Only mink's own solver uses qpsolvers, and it is not called here.
+    where Python writes no bytecode. Only mink's own solver uses qpsolvers, and betterbench does not call this solver.
     """
     if name in sys.modules:
         yield

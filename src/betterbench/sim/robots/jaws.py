@@ -18,7 +18,7 @@ class Jaw(Protocol):
 
     @property
     def closing_shift_m(self) -> float:
-        """Distance by which the tool moves before the gripper closes [m] (see the class)."""
+        """Distance by which the tool moves before the gripper closes [m]. See the description of :class:`Jaw`."""
 
     def width_at(self, joints: Sequence[float]) -> float:
         """Return the opening width [m] for the given positions of the finger joints [m or rad]."""
@@ -27,10 +27,10 @@ class Jaw(Protocol):
         """Return the positions of the finger joints [m or rad] for an opening width, within the range of the joints."""
 
     def control_at(self, width_m: float) -> float:
-        """Return the control of the gripper's servo that commands an opening width."""
+        """Return the control value of the gripper's servo that corresponds to an opening width."""
 
     def width_at_control(self, control: float) -> float:
-        """Return the opening width [m] that a control of the gripper's servo commands."""
+        """Return the opening width [m] that corresponds to a control value of the gripper's servo."""
 
     def width_at_share(self, share: float) -> float:
         """Return the opening width [m] for a fraction of the jaw's range, from 0 (closed) to 1 (fully open)."""
@@ -150,5 +150,8 @@ class HingedJaw:
         return (self.control_at(width_m) - self.low_rad) / (self.high_rad - self.low_rad)
 
     def object_offset_m(self, width_m: float) -> float:
-        """Return the y coordinate in the tool frame [m] of an object's center, at the fixed finger's clearance."""
+        """Return the y coordinate in the tool frame [m] of the center of an object before a grasp.
+
+        The object is next to the fixed finger, at the clearance.
+        """
         return 0.5 * width_m + self.clearance_m - self.fixed_m

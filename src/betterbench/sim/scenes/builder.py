@@ -1,4 +1,4 @@
-"""Compilation of a scene from a condition and a seed: choice and placement of assets, and labels of geoms."""
+"""Compilation of a scene from a condition and a seed, including choice and placement of assets, and labels of geoms."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from betterbench.tasks import Looks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneDescription:
-    """Description of a scene: versions, instruction and appearance. The fields are those of a record's metadata.
+    """Description of a scene: versions, instruction and appearance. A record's metadata has the same fields.
 
     Attributes:
         instruction: All instructions of the episode, as one string.

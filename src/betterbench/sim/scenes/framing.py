@@ -99,9 +99,9 @@ class FramingView:
         self._renderer.close()
 
     def start(self, jitter: ViewJitter | None = None) -> Framing:
-        """Measure the image at the start of the trial.
+        """Measure the image of the front camera at the start of the trial.
 
-        The camera has the given jitter, or by default that of the trial.
+        The camera is moved by the given jitter. By default, the jitter of the trial is used.
         """
         masks = self._masks(self._scene.data.qpos, jitter)
         asked = tuple(self._object(name, masks) for name in asked_objects(self._scene.condition))

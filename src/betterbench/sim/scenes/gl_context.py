@@ -54,7 +54,7 @@ def renderer_fingerprint() -> dict[str, str]:
 
     On two machines with equal properties, images are equal. The properties are OpenGL's ``backend``, ``vendor``,
     ``renderer`` and ``version``, and the version of ``mujoco``. Raises MissingDependencyError if off-screen OpenGL does
-    not work here.
+    not work on this machine.
     """
     make_current()
     text = _gl_function("glGetString", ctypes.c_char_p, ctypes.c_uint)

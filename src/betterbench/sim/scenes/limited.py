@@ -84,7 +84,7 @@ class _EndedError(RecordError):
 class LimitedView:
     """Renderer of recorded states of stored scenes, with one open scene at a time.
 
-    The scenes are opened in a separate process, which ends when the context manager is left.
+    The scenes are opened in a separate process, which ends when the context manager exits.
     """
 
     def __init__(self, *, quality: str, size: int = 256) -> None:
@@ -143,7 +143,7 @@ class LimitedView:
         Raises:
             RecordError: If the scene cannot be opened because it is damaged or forged, or was written by a different
                 version of MuJoCo.
-            MissingDependencyError: If off-screen OpenGL does not work here.
+            MissingDependencyError: If off-screen OpenGL does not work on this machine.
         """
         self._opened, self._prepared, self._files = None, None, None
         self._at_most_twice(lambda: self._load(files))
@@ -275,7 +275,7 @@ class LimitedView:
     def stop(self) -> None:
         """End the process.
 
-        This may be called from another thread; a thread that waits for an answer gets a RecordError.
+        This method may be called from another thread. A thread that waits for an answer then gets a RecordError.
         """
         self._told_to_end = True
         self._process.stop()

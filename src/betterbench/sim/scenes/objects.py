@@ -42,7 +42,7 @@ class DrawerRail:
 
 
 def rail_of(asset: Asset) -> DrawerRail:
-    """Return the rail of a drawer, as its asset's parameters describe it."""
+    """Return the rail of a drawer, given the parameters of its asset."""
     p = asset.parameters
     return DrawerRail(float(p["travel_m"]), float(p["friction_n"]), float(p["damping_n_s_m"]))
 

@@ -31,7 +31,7 @@ def asset_portrait(asset: Asset, *, pixels: int, turned_degrees: float = 0.0) ->
         turned_degrees: Angle about the vertical by which the camera is turned away from the front of the asset.
 
     Raises:
-        MissingDependencyError: If off-screen OpenGL does not work here.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine.
     """
     spec = mujoco.MjSpec()
     spec.visual.headlight.ambient = [0.32, 0.32, 0.32]

@@ -62,15 +62,17 @@ class Images:
 
 
 class Renderer:
-    """Renderer of one model. It can be used as a context manager; otherwise, :meth:`close` frees its buffers.
+    """Renderer of one model.
 
-    Creating a renderer uploads the meshes and textures of the model, which takes 5 to 50 ms here. The first renderer of
-    a process also creates the OpenGL context, which takes 0.1 to 0.3 s. Keep a renderer for as long as its model is
-    used. Poses, colors and materials may change between images, but meshes and textures may not. The quality overrides
-    the visual settings of the model itself.
+    Its buffers are freed by :meth:`close`, or on exit if the renderer is used as a context manager.
+
+    Creating a renderer uploads the meshes and textures of the model, which takes 5 to 50 ms. The first renderer of a
+    process also creates the OpenGL context, which takes 0.1 to 0.3 s. Keep a renderer for as long as its model is used.
+    Poses, colors and materials may change between images, but meshes and textures may not. The quality overrides the
+    visual settings of the model itself.
 
     Raises:
-        MissingDependencyError: If off-screen OpenGL does not work here.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine.
         InvalidInputError: If the size is out of range, or if this process or thread is not allowed to render (see
             :mod:`betterbench.sim.scenes.gl_context`).
     """
@@ -132,9 +134,9 @@ class Renderer:
         width: int | None = None,
         height: int | None = None,
     ) -> Images:
-        """Render one view. This is a call of :meth:`render_views` with a single view.
+        """Render one view by calling :meth:`render_views` for it.
 
-        The default width and height [pixel] are those of the renderer.
+        By default, the image has the width and height of the renderer [pixel].
         """
         view = (camera, width or self.width, height or self.height)
         return self.render_views(data, (view,), rgb=rgb, depth=depth, masks=masks)[0]

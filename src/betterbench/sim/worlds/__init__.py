@@ -8,7 +8,8 @@
 - ``scene``: the scene of a trial in one of these simulators.
 - ``authoring``: everything that a file adding a new world has to import.
 
-Each public name is imported from its module when it is first used, so a run in our own scenes does not import CALVIN.
+Each public name is imported from its module when it is first used, so a run in betterbench's own scenes does not import
+CALVIN.
 """
 
 from typing import TYPE_CHECKING

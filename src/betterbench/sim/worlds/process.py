@@ -76,7 +76,7 @@ def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
 
 
 class WorldProcess(AskedProcess):
-    """Simulator process. It ends when its socket is closed, or when the context manager is left."""
+    """Simulator process. It ends when its socket is closed, or when the context manager exits."""
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
         """Start the process. Raises WorldError if this fails.

@@ -603,7 +603,7 @@ class ProcessTracker:
     """Goal tracker for scenes of other worlds, the counterpart of :class:`betterbench.tasks.GoalTracker`."""
 
     def __init__(self, scene: ProcessScene) -> None:
-        """Prepare for the episode of a scene that has been reset."""
+        """Prepare to track an episode. The scene must already have been reset."""
         self._scene = scene
 
     @property

@@ -278,7 +278,8 @@ class World(ABC):
         control_rate_hz: Number of actions per second.
         action_spaces: Supported action spaces, starting with the default.
         observations: Supported observation presets. Keys are the requested names, values the presets that are used.
-        dialect: World whose conventions are used with a policy server ("libero"). It is empty for our own scenes.
+        dialect: World whose conventions are used with a policy server ("libero"). It is empty for betterbench's own
+            scenes.
         drawn_by: Component that renders the images, for messages. It is empty if the workers render MuJoCo models.
         options: Dataclass of the options that only this world has, for :attr:`PlanRequest.options`.
         installation: Environment in which the simulator is installed, or None if there is none.

@@ -462,7 +462,7 @@ class ChainScene(ProcessScene):
         )
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return CALVIN's ``robot_obs`` (15,), and parts of it under the names that our observations use."""
+        """Return CALVIN's ``robot_obs`` (15,), and parts of it under the names that betterbench's observations use."""
         robot = self._arrays["robot"]
         command = robot[14:15]
         return {
@@ -524,7 +524,7 @@ class ChainScene(ProcessScene):
         self._document, self._arrays = document, dict(arrays)
 
     def _require_same_versions(self) -> None:
-        """Raise WorldError if the versions in the simulator process differ from those in the plan."""
+        """Raise WorldError if the simulator process reports other versions than the plan contains."""
         found = {**self._fixed["engine"], "code": self._fixed.get("code")}
         for name, planned in {**self.settings.versions, "code": self.task.bddl_sha256}.items():
             if str(found.get(name)) != planned:

@@ -1,6 +1,6 @@
 """LIBERO and LIBERO-PRO as a world.
 
-- ``world``: plans of runs, the simulator's command, and images of recorded states. The scene of a trial is that of
+- ``world``: plans of runs, the simulator's command, and images of recorded states. The scene of a trial is defined in
   :mod:`betterbench.sim.worlds.scene`.
 - ``simulator``, ``relations``: code of the simulator process, which runs in an environment without betterbench.
 """

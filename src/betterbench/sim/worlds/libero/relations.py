@@ -104,8 +104,8 @@ class Touching:
 class Relations:
     """Relations that are named in a task's BDDL file.
 
-    Relations between an object and a box on the table or on a fixture are computed here. All others are computed by
-    LIBERO.
+    Relations between an object and a box on the table or on a fixture are computed by this class. All others are
+    computed by LIBERO.
     """
 
     def __init__(self, mujoco: Any, env: Any, relations: Sequence[list[str]], touching: Touching) -> None:  # noqa: ANN401

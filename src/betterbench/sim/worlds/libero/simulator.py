@@ -148,7 +148,7 @@ class LiberoSimulator:
         A premise is a relation between objects that the instruction takes for granted.
 
         Returns the names of the premises, and whether each premise holds in each state. Also returns how far each
-        object moved sideways while settling [m], because many objects are dropped from a few centimeters.
+        object moved sideways while settling [m], because many objects fall a few centimeters at the start.
 
         One reset is enough for all states: LIBERO's random numbers are the same before every reset of a run, so the
         fixtures always have the same poses.
@@ -352,7 +352,7 @@ class _Reader:
         return np.array(self._data.xpos[self._roots], float)
 
     def check(self) -> None:
-        """Raise RuntimeError if a relation computed here differs from the one that LIBERO computes."""
+        """Raise RuntimeError if betterbench and LIBERO disagree on whether a relation holds."""
         ours, theirs = self._holds.hold(), self._holds.hold_by_libero()
         if (ours != theirs).any():
             named = ", ".join(_named(self._relations[i]) for i in np.flatnonzero(ours != theirs))
@@ -588,8 +588,8 @@ def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
 def _place_name(x: float, y: float) -> str:
     """Return the name of a place, such as "x -12 y -24" in cm, given its coordinates in the task's file [m].
 
-    LIBERO's own names of places are not used, because they describe the object there ("target_object_region") and
-    differ from task to task.
+    LIBERO's own names of places are not used, because they describe the object at the place ("target_object_region")
+    and differ from task to task.
     """
     return f"x {round(100.0 * x):d} y {round(100.0 * y):d}"
 
@@ -603,7 +603,7 @@ def set_robosuite_macros() -> None:
 
     robosuite 1.4.0 opens ``/tmp/robosuite.log`` when it is imported (``utils/log_utils.py``). On a shared machine, this
     file belongs to the user who ran robosuite first, and other users cannot write to it. Both settings are macros of
-    robosuite, which are loaded and changed here before the package itself reads them.
+    robosuite, which this function loads and changes before the package itself reads them.
     """
     spec = importlib.util.find_spec("robosuite")
     if spec is None or not spec.submodule_search_locations:
