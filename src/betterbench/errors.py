@@ -44,19 +44,19 @@ def printable(text: str, *, most: int) -> str:
 
 
 def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
-    """Return external text as one line for a message, made safe by :func:`printable`."""
+    """Return external text as a single line that is safe to show in a message (see :func:`printable`)."""
     # Cut a long text before it is split. The factor leaves room for white space that is removed.
     line = " ".join(str(text)[: 4 * most + 1].split())
     return printable(line, most=most)
 
 
 def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
-    """Return the last non-empty line of an external error or traceback, made safe in the way of :func:`one_line`."""
+    """Return the last non-empty line of an external error or traceback, cleaned as in :func:`one_line`."""
     return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
 
 
 def encodable(text: str) -> str:
-    """Return the text with all characters escaped that cannot be encoded, such as lone surrogates."""
+    """Return the text in a form that can be encoded, with characters such as lone surrogates escaped."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -77,7 +77,9 @@ _OURS = str(Path(__file__).resolve().parent)
 
 
 def raised_at(problem: BaseException) -> str:
-    """Return the location in user code that raised an exception ("my_policy.py, line 12, in act"), or "" if none did.
+    """Return the location in user code at which an exception was raised, such as "my_policy.py, line 12, in act".
+
+    Return an empty string if the exception was raised without user code.
 
     The location is the innermost frame outside betterbench, the standard library and installed packages. Only the name
     of the file is given, so that records do not depend on the folder in which the code is stored.
@@ -170,7 +172,7 @@ class InvalidInputError(BetterError):
 
     Args:
         where: Name of the field or file.
-        problem: What is wrong with it, as the part of the message after the name.
+        problem: Description of the problem, which follows the name in the message.
         cure: Remedy, as an imperative without a period.
     """
 
@@ -210,7 +212,10 @@ class InvalidActionError(BetterError):
 
 
 class PolicyError(BetterError):
-    """A policy has crashed, answered too late or violated its protocol. The trial ends as ``policy_error``."""
+    """A policy has crashed, answered too late or violated its protocol.
+
+    The trial ends with the termination ``policy_error``.
+    """
 
 
 class PolicyUnavailableError(PolicyError):
@@ -238,7 +243,7 @@ class PremiseError(BetterError):
 
 
 class RunConflictError(BetterError):
-    """A folder contains a different run than the requested one, or other files."""
+    """A folder contains a different run than the requested one, or files that do not belong to a run."""
 
 
 class RecordError(BetterError):

@@ -35,7 +35,7 @@ def normalize(q: Sequence[float]) -> Quaternion:
 
 
 def unit_quaternion(q: Quaternion) -> Quaternion:
-    """Return the same as :func:`normalize`. This function is faster, but accepts only plain floats."""
+    """Return the same result as :func:`normalize`. This function is faster, but accepts only plain floats."""
     w, x, y, z = q
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     if norm == 0.0:
@@ -146,7 +146,7 @@ def tilt_of(q: Quaternion) -> float:
 
 
 def angle_between(a: Quaternion, b: Quaternion) -> float:
-    """Return the angle of the rotation that takes ``a`` to ``b``, in [0, pi] [rad]."""
+    """Return the angle [rad] of the rotation that takes ``a`` to ``b``. It is in [0, pi]."""
     w, x, y, z = multiply(conjugate(a), b)
     return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
 

@@ -1,8 +1,8 @@
 """Shell commands that suit this installation: how to install extras, and how to start the command line.
 
 Messages to the user contain these commands. A clone installs extras from its lock files with ``make setup``. An
-installation from a wheel uses the installer of its Python. The command ``better`` is on the search path (PATH) only in
-an activated environment. Otherwise, messages contain the path of its script.
+installation from a wheel uses the package installer of its Python environment. The command ``better`` is on the search
+path (PATH) only in an activated environment. Otherwise, messages contain the path of its script.
 """
 
 from __future__ import annotations

@@ -256,7 +256,7 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
     """Convert exceptions during JSON validation to a one-line error with the file, the field and the remedy.
 
     Raises:
-        BetterError: If pydantic, ``json`` or the dataclass raises an exception, which it replaces.
+        BetterError: If pydantic, ``json`` or the dataclass raises an exception. The BetterError replaces it.
     """
     try:
         yield
@@ -444,6 +444,6 @@ def dump_json(form: object) -> bytes:
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file, as stored in journals. The file is read in blocks."""
+    """Return the SHA-256 of a file in the form that journals contain. The file is read in blocks."""
     with open_ordinary(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -127,7 +127,10 @@ def remove_parts_of(file: Path) -> None:
 
 @contextlib.contextmanager
 def on_disk(path: Path) -> Iterator[None]:
-    """Convert errors that affect all further writes (full, broken or read-only disk) into a StorageError."""
+    """Context manager that converts errors of a full, broken or read-only disk into a StorageError.
+
+    Such an error affects all further writes.
+    """
     try:
         yield
     except OSError as problem:

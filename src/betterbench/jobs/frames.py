@@ -53,7 +53,7 @@ class FrameTimeoutError(FrameError):
 
 
 class Link(Protocol):
-    """Socket, or an object with the same methods and a deadline."""
+    """Socket, or an object that has the same methods and observes a deadline."""
 
     def sendall(self, data: bytes, /) -> None:
         """Send all bytes."""
@@ -149,10 +149,10 @@ _DECODE = json.JSONDecoder(parse_constant=_finite, parse_float=_finite).decode
 def _forms_text(
     names: tuple[str, ...], forms: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]
 ) -> tuple[bytes, list[np.dtype[Any]] | None]:
-    """Return the description of the arrays as JSON, and the type that each array must be converted to, if any.
+    """Return a JSON description of the arrays, and the types to which they must be converted, or None.
 
-    An array is converted if it has another byte order. The result is cached, because most frames have the same arrays
-    as the frame before.
+    Conversion is needed if an array has another byte order. The result is cached, because most frames have the same
+    arrays as the frame before.
     """
     kinds = [kind.newbyteorder("<") for kind, _ in forms]
     shapes = {name: (kind.str, shape) for name, kind, (_, shape) in zip(names, kinds, forms, strict=True)}

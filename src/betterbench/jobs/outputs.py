@@ -65,8 +65,8 @@ def require_replaceable(
         path: Path of the file to write.
         verb: Subcommand that writes the file.
         overwrite: Whether to replace files that this subcommand did not write.
-        is_ours: Function that returns whether this subcommand wrote an existing file. By default, a file was written by
-            this subcommand if it contains its mark.
+        is_ours: Function that returns whether this subcommand wrote an existing file. By default, this is decided by
+            the mark in the file.
     """
     try:
         there = os.lstat(path).st_mode

@@ -33,7 +33,7 @@ class FolderClaim(Protocol):
         """Raise RunConflictError if the file at a path may not be replaced."""
 
     def note(self, path: Path, sha256: str) -> None:
-        """Note that a file is about to be moved to its path."""
+        """Record that a file is about to be moved to its path."""
 
 
 _GUARDED: dict[Path, list[FolderClaim | None]] = {}

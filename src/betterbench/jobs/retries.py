@@ -57,11 +57,11 @@ class RetryLedger(Generic[Item]):
         return self._suspects.popleft()
 
     def put_back(self, items: Iterable[Item]) -> None:
-        """Put items back at the front of the queue, because their worker has ended without having crashed on them."""
+        """Put items back at the front of the queue. Their worker has ended for a reason that is not related to them."""
         self._waiting.extendleft(reversed(list(items)))
 
     def item_ended(self) -> None:
-        """Note that a worker has finished an item."""
+        """Record that a worker has finished an item."""
         self._in_a_row = 0
 
     def worker_died(self, items: Sequence[Item], how: str) -> list[Item]:

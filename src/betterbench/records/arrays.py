@@ -1,4 +1,7 @@
-"""Parquet files of arrays with equal lengths: one column per array, with fixed-size lists for rows of numbers."""
+"""Parquet files that store arrays of equal length.
+
+Each array is one column. A row of a two-dimensional array is stored as a list of fixed size.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,7 @@ def read_arrays(path: Path, columns: Mapping[str, Column], *, cure: str) -> dict
     """Read the arrays in a file and return them by column name, each (rows,) or (rows, width). Numbers may be NaN.
 
     Raises:
-        RecordError: If the file cannot be read, or if a column is missing, has a different kind or has empty cells.
+        RecordError: If the file cannot be read, or if a column is missing, has an unexpected type or has empty cells.
     """
     raw = read_bounded(path, max_bytes=MAX_BYTES, cure=cure, raises=RecordError)
     try:

@@ -132,7 +132,9 @@ class RecordBuilder:
     def append_truth(
         self, *, predicates: Sequence[bool] = (), subgoals: Sequence[bool] = (), goal: bool, forbidden: bool = False
     ) -> None:
-        """For the first row that lacks them, append whether each predicate and each subgoal holds, in metadata order.
+        """Append whether each predicate and each subgoal holds in the first row that lacks these values.
+
+        The values have the same order as in the metadata.
 
         Raises:
             InvalidInputError: If a value is missing, or if no row lacks these values.

@@ -25,7 +25,7 @@ class Column(NamedTuple):
 
     Attributes:
         kind: Data type of each value.
-        width: Name of the number of items per row (see ``WIDTH_NAMES``), or None if there is one item per row.
+        width: Entry of ``WIDTH_NAMES`` that counts the items per row ("objects"), or None if there is one item per row.
         tail: Number of values that make up an item (3 for a position).
     """
 
@@ -142,7 +142,7 @@ def to_table(arrays: Mapping[str, npt.NDArray[np.generic]], contacts: Contacts, 
 
 
 def from_table(table: pa.Table, widths: Widths, bodies: int) -> tuple[dict[str, npt.NDArray[np.generic]], Contacts]:
-    """Convert a table with the schema ``arrow_schema(widths)`` to the columns of a record by name, and its contacts.
+    """Convert a table with the schema ``arrow_schema(widths)``. Return the columns by name, and the contacts.
 
     Raises:
         RecordError: If an index is out of range.

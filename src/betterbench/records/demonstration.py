@@ -28,7 +28,7 @@ class Demonstrator:
     Attributes:
         kind: Kind of demonstrator.
         name: Name of the expert, the method or the person.
-        manner: Parameters of the motion style, by name with unit ("speed", "approach_height_m").
+        manner: Parameters of the motion style. Their names include the unit ("speed", "approach_height_m").
         sources: Demonstrations from which this one was composed, as "TASK/CONDITION/SEED" in the order of use.
         action_noise: Standard deviation of the noise on the executed actions, in action units. With noise, the column
             ``action`` contains the intended action, which a policy should learn, and ``applied`` contains the executed

@@ -31,8 +31,8 @@ class JournalEntry:
         condition: Name of the condition within the task ("train1", "L3").
         status: "done" if its record is on disk, "error" if the trial must be repeated.
         message: Description of the failure, if the status is "error".
-        wall: Wall-clock measurements by name with their unit ("duration_s", "policy_latency_p50_s"). Records contain no
-            such measurements.
+        wall: Wall-clock measurements. Their names include the unit ("duration_s", "policy_latency_p50_s"). Records
+            contain no such measurements.
         ground_truth: Ground truth that a faulty policy reports about its own episode, by name. It affects neither
             records nor verdicts.
         record: SHA-256 of the record file. None if there is no record or an older version wrote the line.

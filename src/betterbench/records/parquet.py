@@ -130,7 +130,7 @@ _MAGIC = b"PAR1"
 
 
 def write_record(record: Record, path: Path) -> None:
-    """Write a record. On one installation, the same record gives the same bytes.
+    """Write a record. Within one installation, the same record gives the same bytes.
 
     An existing file is replaced atomically. Raises OSError if the path is not writable.
     """

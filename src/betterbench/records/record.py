@@ -101,7 +101,7 @@ class Record:
 
     @property
     def widths(self) -> dict[str, int]:
-        """Number of values per row in the columns that depend on the scene or the action space, by width name."""
+        """Widths of the record's columns, i.e. the numbers of values per row, by the names in ``WIDTH_NAMES``."""
         return {
             "nq": self.qpos.shape[1],
             "nv": self.qvel.shape[1],

@@ -242,7 +242,7 @@ class RunFolder:
         restore the run and repeat the trials whose records are missing.
 
         Raises:
-            RecordError: If the journal lists trials that are not planned. Other errors are those of
+            RecordError: If the journal lists trials that are not planned. For other errors, see
                 :class:`~betterbench.records.journal.Journal`.
         """
         journal = Journal(self.journal_path, renews=renews)
@@ -340,12 +340,12 @@ class RunFolder:
     def read_record(self, task: str, condition: str, seed: int, *, digest: str | None = None) -> Record:
         """Read the record of a trial.
 
-        ``digest`` is the expected digest of the file, for example from an earlier read, which reveals that the run has
-        changed since. By default, the digest in the journal is used.
+        ``digest`` is the expected digest of the file. A digest from an earlier read reveals whether the run has changed
+        since. By default, the digest in the journal is used.
 
         Raises:
             RecordError: If the record is missing or unreadable, if its bytes have changed, or if its trial, policy or
-                action space differs from that in the plan and the journal.
+                action space differs from the plan and the journal.
         """
         trial = TrialId(task, condition, seed)
         path = self.record_path(task, condition, seed)

@@ -120,7 +120,7 @@ def has_digest(path: Path, digest: str) -> bool:
 def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
     """Return the files of a stored scene by name, without writing them to disk.
 
-    If ``digest``, the digest in the journal, is given, the files must match it. An archive that an earlier version
+    ``digest`` is the digest in the journal. If it is given, the files must match it. An archive that an earlier version
     wrote contains no digest. This causes one warning per run, unless the journal's digest is given.
 
     Raises:
@@ -156,7 +156,7 @@ def _seal(digest: str) -> bytes:
 
 
 def _member_problem(name: str) -> str | None:
-    """Return why a name is not allowed in an archive, or None if it is allowed."""
+    """Return the reason why a name is not allowed in an archive, or None if it is allowed."""
     if not name or len(name) > 200 or any(ord(c) < 32 for c in name) or "\\" in name or ":" in name:
         return "is not a portable file name"
     path = PurePosixPath(name)

@@ -24,7 +24,7 @@ _KINDS = {
 def table_bytes(
     columns: Mapping[str, str], rows: Sequence[Mapping[str, PlainCell]], metadata: Mapping[str, str]
 ) -> bytes:
-    """Encode rows as a Parquet file (zstd). On one installation, equal rows give equal bytes.
+    """Encode rows as a Parquet file (zstd). Within one installation, equal rows give equal bytes.
 
     Args:
         columns: Kind of each column by name: "text", "integer", "number", "texts" or "integers". Any cell may be None.

@@ -96,8 +96,8 @@ class _Sink(io.RawIOBase):
 class ModalityWriter:
     """Writer of a modality file. The file is moved to its path only when it is complete.
 
-    The context manager removes an incomplete file. On one installation, equal rows give equal bytes. Raises OSError if
-    the disk is full or not writable.
+    The context manager removes an incomplete file. Within one installation, equal rows give equal bytes. Raises OSError
+    if the disk is full or not writable.
     """
 
     def __init__(self, path: Path, columns: tuple[ViewColumn, ...]) -> None:

@@ -36,8 +36,8 @@ SEMANTIC_IDS: dict[str, int] = _known()
 def semantic_id(category: str) -> int:
     """Return the semantic id of a category.
 
-    Built-in categories have the ids 1 to 1023 of the list. For a user-defined category, the id is 1024 plus the first
-    four bytes of the SHA-256 of its name, as a big-endian number, modulo 64512.
+    Built-in categories have fixed ids from 1 to 1023. For a user-defined category, the id is 1024 plus the first four
+    bytes of the SHA-256 of its name, as a big-endian number, modulo 64512.
     """
     known = SEMANTIC_IDS.get(category)
     if known is not None:

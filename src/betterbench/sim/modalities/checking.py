@@ -57,7 +57,7 @@ class FolderCheck:
 
     @property
     def is_of_another_run(self) -> bool:
-        """Whether some files can be read, but none of them was made from a record of this run."""
+        """Whether the files come from a different run: some can be read, but none was made from a record of this run."""
         return bool(self.strangers) and not self.of_run
 
 
@@ -109,7 +109,7 @@ def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[E
 
 
 def _check_file(path: Path, expected: ExpectedFile | None, digests: set[str], found: FolderCheck) -> FileProblem | None:
-    """Read a file, and return its problem or None."""
+    """Check a file by reading it completely. Return the problem that was found, or None."""
     if not path.exists():
         return FileProblem(path, "is missing", "missing")
     found.files += 1

@@ -66,7 +66,7 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """Folder of modality files. It can be resumed with the same settings.
+    """Folder of modality files. Writing can be resumed with the same settings.
 
     Once it contains a file, different settings are rejected.
 
