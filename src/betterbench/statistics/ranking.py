@@ -61,7 +61,7 @@ def ranking_area(
 
 
 def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
-    """Return the end of the confidence interval that lies in the direction of ``end``."""
+    """Return the end of the confidence interval on the side of ``end``, which is 0 or 1."""
     more = 0.5 * (m + n) - 1.0
 
     def near(other: float) -> bool:

@@ -74,7 +74,7 @@ _Indices = npt.NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class FurtherLoss:
-    """Drop in the mean score from the first condition to another one, as far as the stimulus sizes do not explain it.
+    """Drop in the mean score from the first condition to another one, beyond the drop that stimulus sizes explain.
 
     Attributes:
         value: The loss as a fraction. It is negative if the score is higher than the sizes explain.

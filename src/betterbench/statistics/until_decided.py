@@ -1,4 +1,4 @@
-"""Sequential allocation of trials: tests with few trials whether variations are solved less often than their twins.
+"""Sequential allocation of trials, to test with few trials whether variations are solved less often than their twins.
 
 A question is whether one condition (a variation) is solved less often than its twin (a training condition) on the same
 seeds. In each round, all open questions get the same further seeds. After every round, questions with a verdict get no

@@ -57,7 +57,7 @@ class FolderCheck:
 
     @property
     def is_of_another_run(self) -> bool:
-        """Whether the files come from a different run: some can be read, but none was made from a record of this run."""
+        """Whether the files come from a different run: some are readable, but none matches a record of this run."""
         return bool(self.strangers) and not self.of_run
 
 

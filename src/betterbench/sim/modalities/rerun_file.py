@@ -101,7 +101,7 @@ def is_rerun_file(path: Path) -> bool:
 
 
 def _rerun() -> tuple[Any, Any]:
-    """Import Rerun and its blueprints, which are imported only when needed because Rerun is an optional dependency."""
+    """Import Rerun and its blueprint module. They are imported late, because Rerun is an optional dependency."""
     try:
         modules: tuple[ModuleType, ...] = tuple(map(importlib.import_module, ("rerun", "rerun.blueprint")))
     except ImportError as error:

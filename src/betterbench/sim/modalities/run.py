@@ -177,7 +177,10 @@ class _Writer:
         self._run, self._folder, self._tally, self._lock = run, folder, tally, threading.Lock()
 
     def write(self, views: _Views, trial: TrialId) -> TrialId:
-        """Write the missing files of a trial and return the trial. If its record cannot be read, note the problem."""
+        """Write the missing files of a trial and return the trial.
+
+        If its record cannot be read, remember the problem.
+        """
         try:
             self._write(views, trial)
         except RecordError as problem:
@@ -203,8 +206,8 @@ class _Writer:
     def _is_there(self, trial: TrialId, view: ViewSpec, digest: str, quality: str) -> bool:
         """Return whether the file for a view of a trial exists, belongs to this record, and is intact.
 
-        The whole file is read, because its header does not cover the rest. This takes about 2 % of the time for
-        rendering it.
+        The whole file is read, because an intact header does not mean that the rows are intact. This takes about 2 % of
+        the time for rendering it.
         """
         path, wanted = self._folder.trial(trial) / f"{view.name}.parquet", self._folder.wanted
         if not path.exists():
@@ -247,7 +250,7 @@ class _Writer:
 
 
 def seen_quality(run: RunFolder, record: Record) -> str:
-    """Return the render preset that a record's policy saw.
+    """Return the render preset of the images that a record's policy got.
 
     If the policy used no images, return the preset of the run.
     """

@@ -22,7 +22,7 @@ _SHOWN: tuple[Modality, ...] = ("rgb", "depth", "instances", "boxes")
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """Lane of a timeline. Its spans consist of a first row, a last row and a text.
+    """Lane of a timeline. Each of its spans consists of a first row, a last row and a text.
 
     ``kind`` is "subgoal", "held" or "contact".
     """

@@ -238,9 +238,9 @@ class ArmController:
         """Return the gripper command of an applied action: -1 to open, 1 to close.
 
         Some action spaces set the opening width itself. The command is then inferred from the widths: the gripper
-        closes while the commanded width is smaller than the measured one by :data:`CLOSING_LEAD_M`, including while it
-        presses on an object. It opens while the commanded width is larger by the same amount. Otherwise, the ``last``
-        command is kept.
+        closes while the commanded width is smaller than the measured width by at least :data:`CLOSING_LEAD_M`,
+        including while it presses on an object. It opens while the commanded width is larger by at least the same
+        amount. Otherwise, the ``last`` command is kept.
         """
         if not self._sets_width:
             command: float = applied.item(-1)
@@ -402,7 +402,7 @@ def _through_play(goal: Joints, held: Joints, play: Sequence[float]) -> list[flo
 
     Args:
         goal: New references [rad].
-        held: Positions at which the servos held the joints before [rad].
+        held: Previous positions at which the servos held the joints [rad].
         play: Half of the play of each joint [rad].
     """
     return [min(max(h, g - p), g + p) for g, h, p in zip(goal, held, play, strict=True)]

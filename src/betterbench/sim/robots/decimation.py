@@ -35,7 +35,7 @@ The quality is the area of the triangle divided by the area of an equilateral tr
 
 
 def welded(vertices: np.ndarray, faces: np.ndarray, tolerance_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Merge all vertices in the same cell of a grid with this cell size, and drop degenerate and duplicate triangles.
+    """Merge all vertices that lie in the same cell of a grid, and drop degenerate and duplicate triangles.
 
     Returns:
         Vertices (n, 3) float64 [m], all of which are used, and faces (m, 3) int64.

@@ -70,7 +70,7 @@ _Window = tuple[Sequence[float], Sequence[float], float]
 
 @dataclass(frozen=True, slots=True)
 class IKResult:
-    """Joint angles found for a pose, (n,) [rad] and read-only, with the remaining errors.
+    """Joint angles (n,) [rad] that were found for a pose, and their remaining errors. The array is read-only.
 
     ``converged`` tells whether both errors are within the requested tolerances. ``iterations`` is the total over all
     starts of the search.
@@ -335,7 +335,7 @@ class ArmIK:
     def _descent(self, q: Sequence[float], target: Pose, window: _Window) -> tuple[list[float], float]:
         """Return the joint angles after one iteration from ``q`` with the prepared Jacobian [rad].
 
-        Also return the largest distance between a joint and its angle at the start of the control step [rad].
+        Also return the largest distance between a joint angle and its value at the start of the control step [rad].
         """
         # If no bound is active, the minimum is one Newton step, which takes a third of the time of the quadratic
         # program.
@@ -430,7 +430,9 @@ class _FrameProblem:
 
 @contextmanager
 def _loaded_when_used(name: str, *, annotation: str) -> Iterator[None]:
-    """Context in which importing the module ``name`` gives a stand-in, which loads the module when it is first used.
+    """Context manager in which importing the module ``name`` gives a stand-in.
+
+    The stand-in loads the module when it is first used.
 
     ``annotation`` is an attribute that the importing code reads only to annotate a function. Reading it does not load
     the module.

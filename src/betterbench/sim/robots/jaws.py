@@ -152,6 +152,6 @@ class HingedJaw:
     def object_offset_m(self, width_m: float) -> float:
         """Return the y coordinate in the tool frame [m] of the center of an object before a grasp.
 
-        The object is next to the fixed finger, at the clearance.
+        The object is next to the fixed finger, at the distance ``clearance_m``.
         """
         return 0.5 * width_m + self.clearance_m - self.fixed_m

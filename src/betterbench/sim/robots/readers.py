@@ -86,7 +86,7 @@ def number_writer(array: np.ndarray) -> Callable[..., None]:
 def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _Made]:
     """Return a function that returns a value derived from memory.
 
-    It computes the value again only if a byte has changed.
+    It computes the value again only if a byte of the memory has changed.
     """
     last = memory.tobytes()
     made = make(last)

@@ -46,7 +46,7 @@ class IKWeights:
         orientation: Cost of a rotation error [1/rad].
         posture: Cost of the distance to the home posture [1/rad].
         step_damping: Damping of a control step [1/rad2].
-        reach_damping: Damping of an iteration when searching joint angles for a pose [1/rad2].
+        reach_damping: Damping of an iteration when searching for the joint angles of a pose [1/rad2].
         rotation_slack_rad: Largest rotation error at which a pose still counts as reached [rad].
     """
 
@@ -221,7 +221,7 @@ class RobotSpec:
         return 1.0 / self.control_rate_hz
 
     def positions_in(self, space: ActionSpace, joints: Sequence[float], width_m: float) -> list[float]:
-        """Return the arm joints and the opening width in the units of an action space of the robot's own motors.
+        """Convert joint angles and an opening width to the units of an action space that commands the robot's motors.
 
         The arguments are the joint angles [rad] and the opening width [m].
         """

@@ -79,7 +79,7 @@ def dynamics_of(task: str, seed: int, robot: RobotSpec) -> Dynamics:
 
 
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
-    """Return the index of the choice, out of ``count``, that a trial has drawn for one kind of object or for the room.
+    """Return the index below ``count`` that a trial has drawn for one kind of object or for the room.
 
     Successive sets of variants take the choices in a shuffled order, which is different for each kind.
     """

@@ -167,7 +167,7 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 
 
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
-    """Draw the pose of a pre-placed object at its target from the poses that demonstrations have left there.
+    """Draw the pose of a pre-placed object at its target from the poses in which demonstrations have left objects.
 
     The trial's random stream makes the choice. In a container, the object is moved away from the walls if necessary.
     This is never necessary with the assets of the demonstration.

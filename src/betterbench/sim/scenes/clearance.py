@@ -134,7 +134,7 @@ class Clearance:
 
 
 def _kept_apart(scene: Scene) -> tuple[tuple[str, int, int], ...]:
-    """Return the pairs of robot geoms that are required to stay apart, each with its bodies as a text "a-b"."""
+    """Return the pairs of robot geoms that are required to stay apart, each with its body names as one string "a-b"."""
     model, solid = scene.model, scene.model.geom_contype != 0
 
     def geoms(body: str) -> list[int]:

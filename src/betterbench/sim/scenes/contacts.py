@@ -100,7 +100,7 @@ class ContactReader:
         self._passed = {}
 
     def see_step(self, data: mujoco.MjData) -> None:
-        """Note the robot's contacts at a physics step between two readings.
+        """Remember the robot's contacts at a physics step between two readings.
 
         The next reading includes these contacts with their largest force. Otherwise, a graze that begins and ends
         between two readings would be missed.
@@ -187,7 +187,10 @@ class ContactReader:
         return _Row(groups, kept, order, contacts, read, self._held({*order}) if awake else None)
 
     def _with_passed(self, order: tuple[int, ...], contacts: tuple[Contact, ...]) -> tuple[Contact, ...]:
-        """Return the contacts and the transient contacts since the last reading, each with its largest force."""
+        """Return the given contacts together with the transient contacts since the last reading.
+
+        If a pair of bodies has several contacts, the largest force is kept.
+        """
         found = dict(zip(order, contacts, strict=True))
         for number, force in self._passed.items():
             before = found[number].force_n if number in found else 0.0

@@ -162,7 +162,7 @@ def _file(model: mujoco.MjModel, looks: Mapping[tuple[float, ...], list[Surface]
 
 
 def _linear(value: float) -> float:
-    """Convert a color component from sRGB to linear (IEC 61966-2-1), because the factors of glTF are linear."""
+    """Convert a color component from sRGB to linear (IEC 61966-2-1), because color factors in glTF are linear."""
     return value / 12.92 if value <= 0.04045 else float(((value + 0.055) / 1.055) ** 2.4)
 
 

@@ -40,7 +40,7 @@ def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
 
 
 class GripperBench:
-    """Floating gripper that starts open, at some distance from a grasp of an asset at rest (the body "asset")."""
+    """Floating gripper that starts open, at a distance from the grasp to try. The asset (body "asset") is at rest."""
 
     def __init__(
         self,

@@ -96,7 +96,7 @@ class _Drawn:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """Region of the image that contains an object. Also the lowest height and largest depth of the object [m]."""
+    """Region of an image around an object, with the lowest height and the largest depth of the object [m]."""
 
     rect: Box
     low_m: float
@@ -104,7 +104,7 @@ class _Part:
 
 
 class Sights:
-    """Renderer that shows one state of a model after another in the same views."""
+    """Renderer of the states of a model, one after another, in the same views."""
 
     def __init__(
         self,
@@ -163,7 +163,7 @@ class Sights:
     def _camera_of(self, data: mujoco.MjData, view: ViewSpec) -> Iterator[str]:
         """Yield the name of the model's camera for a view.
 
-        For a camera that the user has placed freely, a camera of the model is moved there temporarily.
+        For a camera that the user has placed freely, a camera of the model is temporarily moved to the same pose.
         """
         placed, slot = view.placed, self._slot
         if placed is None:

@@ -5,14 +5,15 @@ The robot stands on the table at the origin, over a pedestal, and the floor is a
 
 Cameras of the base scene:
 
-===================  =========================  ========================================================== name
-position [m]               purpose ===================  =========================
-========================================================== ``front``            (1.45, 0, 0.95)            default view
-toward the robot; the workspace fills the image ``front_official``   (1.6, 0, 0.9)              the wider view of the
-official preset ``left_shoulder``    (-0.3, 0.9, 0.9)           over the robot's left shoulder ``right_shoulder``
-(-0.3, -0.9, 0.9)          over the robot's right shoulder ``wrist``            on the gripper             added with
-the robot (:class:`RobotSpec`) ===================  =========================
-==========================================================
+===================  =========================  ==========================================================
+name                 position [m]               purpose
+===================  =========================  ==========================================================
+``front``            (1.45, 0, 0.95)            default view toward the robot; shows the workspace
+``front_official``   (1.6, 0, 0.9)              the wider view of the official preset
+``left_shoulder``    (-0.3, 0.9, 0.9)           over the robot's left shoulder
+``right_shoulder``   (-0.3, -0.9, 0.9)          over the robot's right shoulder
+``wrist``            on the gripper             added with the robot (:class:`RobotSpec`)
+===================  =========================  ==========================================================
 
 The physical part of the base scene (bodies, collision shapes, solver options) is always the same. A room changes only
 the colors and the light, and a quality preset changes only the rendering.
@@ -178,7 +179,7 @@ def add_mounted_camera(body: mujoco.MjsBody, name: str, mount: CameraMount) -> m
 
 
 def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
-    """Set all visual settings that MuJoCo would otherwise derive from the content of the scene, and the quality."""
+    """Set the quality, and all visual settings that MuJoCo would otherwise derive from the content of the scene."""
     # With a fixed extent, clipping planes and shadow bounds do not depend on the objects on the table.
     spec.stat.extent = 1.0
     spec.stat.center = [0.5, 0.0, 0.0]

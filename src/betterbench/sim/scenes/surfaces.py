@@ -105,7 +105,7 @@ def _stripes(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _tiles(color: np.ndarray, size: int) -> np.ndarray:
-    """Paint glazed tiles of fifteen centimeters with darker joints. The tones of the tiles differ slightly."""
+    """Paint glazed tiles, fifteen centimeters wide, with darker joints. The tones of the tiles differ slightly."""
     rng = np.random.default_rng(20_018)
     number = np.arange(size) * 8 // size
     tone = 0.06 * rng.uniform(-1.0, 1.0, (8, 8))[number][:, number]
@@ -116,7 +116,7 @@ def _tiles(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _checks(color: np.ndarray, size: int) -> np.ndarray:
-    """Paint a tablecloth with checks of twelve centimeters, woven from two tones of one color."""
+    """Paint a tablecloth with checks, twelve centimeters wide, woven from two tones of one color."""
     rng = np.random.default_rng(20_019)
     wave = np.tanh(6.0 * np.sin(np.arange(size) * (2.0 * math.pi * 5 / size)))
     return _to_pixels(color, 1.0 + 0.05 * (wave[:, None] + wave[None, :]) + 0.02 * _smooth_noise(rng, size, (96, 96)))

@@ -1,4 +1,4 @@
-"""Short trials of one asset for the human who reviews it: a drop onto a table, and a lift with a grasp.
+"""Short trials of one asset for the person who reviews it: a drop onto a table, and a lift with a grasp.
 
 Each trial returns the motion, which is displayed, and a sentence that states the result.
 """
@@ -53,7 +53,7 @@ class Tryout:
 
 
 class _Trial:
-    """Simulation that notes the poses of its bodies at regular intervals."""
+    """Simulation that records the poses of its bodies at regular intervals."""
 
     def __init__(self, spec: mujoco.MjSpec, bodies: tuple[str, ...]) -> None:
         self.model = spec.compile()

@@ -89,7 +89,7 @@ class BareScene(ABC):
         """
 
     def reset(self) -> WorldState:
-        """Return to the start of the trial, and return the state at the start."""
+        """Go back to the start of the trial, and return the state at the start."""
         self._step, self._gripper_command = 0, -1.0
         self.start()
         self.info = SceneInfo(self._objects, (), _vector(self.hand), OPENING_M)

@@ -25,7 +25,7 @@ _NO_HOME = "/nonexistent"
 
 
 def python_environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment without the variables that make a different Python load packages of this Python."""
+    """Return the environment variables, except those that make a different Python load packages of this Python."""
     names = ("PYTHON", "VIRTUAL_ENV", "CONDA_PREFIX", "PIP_USER", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV")
     return {name: value for name, value in given.items() if not name.startswith(names)}
 

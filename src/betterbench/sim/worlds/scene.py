@@ -479,7 +479,7 @@ class ProcessScene:
         return {name.removeprefix("depth_"): a for name, a in self._arrays.items() if name.startswith("depth_")}
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return the values that LIBERO's clients compute from an observation, by betterbench's names."""
+        """Return the values that LIBERO's clients compute from an observation, under betterbench's names for them."""
         row, places = self._arrays["row"], self._row.places
         quaternion = row[places["native_quaternion"]]
         turned = row[places["controller_rotation"]].reshape(3, 3)

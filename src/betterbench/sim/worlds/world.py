@@ -256,7 +256,7 @@ class TrialScene(Protocol):
         """Return the current images by camera. ``renderers`` are the worker's renderers of MuJoCo models."""
 
     def native(self) -> Mapping[str, np.ndarray]:
-        """Return the values that the world's own clients read from the state, by betterbench's names of state parts.
+        """Return the values that the world's own clients read from the state, under the names that betterbench uses.
 
         The result is empty if the world's clients read only values that betterbench's observations contain as well.
         Otherwise, it includes the tool position "ee_position" that the policy gets.
@@ -362,7 +362,7 @@ class World(ABC):
         return {"world": self.to_json()}
 
     def plan_options(self, options: SceneOptions) -> dict[str, Any]:
-        """Return the fields of a plan that store the scene options which only some worlds support."""
+        """Return the fields in which a plan stores the scene options that only some worlds support."""
         del options
         return {}
 

@@ -323,8 +323,8 @@ def _digest(path: Path) -> str:
 def main() -> None:
     """Answer requests over a socket.
 
-    The command-line arguments are the checkout, the configuration file or "", "egl" or "", and the socket's file
-    descriptor.
+    The command-line arguments are the checkout, the configuration file (or ""), the renderer ("egl" or ""), and the
+    file descriptor of the socket.
     """
     checkout, config, egl, descriptor = sys.argv[1:]
     simulator = CalvinSimulator(Path(checkout), Path(config) if config else None, egl=egl == "egl")

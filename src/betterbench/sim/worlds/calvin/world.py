@@ -150,7 +150,8 @@ class ChainOptions:
     """Options of a run in CALVIN.
 
     Attributes:
-        broken_premises: "refuse" stops the run if a scene contradicts the start of its chain. "run" continues.
+        broken_premises: "refuse" stops the run if a scene differs from the start state of its chain. "run" continues
+            the run in this case.
         calvin_env: A checkout of calvin_env, or of mees/calvin, which contains calvin_env.
         calvin_config: The ``merged_config.yaml`` of a data set. If it is None, the checkout's configuration is used.
         calvin_renderer: "egl", "tiny" (PyBullet's TinyRenderer), or "auto", which uses EGL if it works.

@@ -83,7 +83,7 @@ class Touching:
     def between(self, one: Any, other: Any) -> bool:  # noqa: ANN401 - models of robosuite
         """Return whether two models touch.
 
-        The result is that of robosuite's ``check_contact``, but is found by index.
+        The result equals that of robosuite's ``check_contact``, but takes less time.
         """
         geoms = self._data.contact.geom
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())

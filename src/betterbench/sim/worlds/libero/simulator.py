@@ -110,8 +110,8 @@ class LiberoSimulator:
         """Reset the environment to an initial state and execute the settling steps.
 
         The random numbers are seeded before every reset, so that an episode does not depend on earlier episodes.
-        Without the seed it would, because LIBERO draws the positions of its fixtures at reset and an initial state does
-        not contain them.
+        Without the seed, it would depend on them, because LIBERO draws the positions of its fixtures at reset and an
+        initial state does not contain them.
         """
         files = self._files(request)
         images, settle = bool(request["images"]), int(request["settle"])

@@ -148,7 +148,7 @@ class LiberoWorld(ProcessWorld):
 
 
 def require_states(seed: int, count: int) -> None:
-    """Check the range of initial states of a run. Raises InvalidInputError if an index is out of range."""
+    """Check that the initial states of a run exist. Raises InvalidInputError if an index is out of range."""
     require_between("--seed", seed, 0, STATES - 1)
     require_between("--trials", count, 1, STATES - seed)
 

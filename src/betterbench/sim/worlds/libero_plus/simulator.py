@@ -399,7 +399,10 @@ def _kinds(text: str) -> list[str]:
 
 
 def _sentence(name: str) -> str:
-    """Return the instruction that LIBERO-Plus derives from a variant's name. It ends with the name of the change."""
+    """Return the instruction that LIBERO-Plus derives from a variant's name.
+
+    This instruction ends with the name of the change.
+    """
     return re.sub(r"^.*?SCENE\d+_", "", name).replace("_", " ")
 
 

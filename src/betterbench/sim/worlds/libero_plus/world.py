@@ -57,10 +57,11 @@ class PlusOptions:
             continues the run in this case.
         axes: Axes to run. By default, all axes are run.
         variants: Maximum number of variants per task and axis, which are spread evenly. If it is None, all are run.
-        libero_plus_sentences: "clean" uses the base task's instruction, or on the axis language the instruction in the
-            variant's file. "published" uses LIBERO-Plus's own instructions, which end with the variant name on six of
-            the seven axes.
-        libero_plus_assets: Unzipped folder of the authors' assets. If it is None, the environment variable names it.
+        libero_plus_sentences: "clean" uses the instruction of the base task, and on the axis "language" the instruction
+            in the variant's file. "published" uses LIBERO-Plus's own instructions, which end with the variant name on
+            six of the seven axes.
+        libero_plus_assets: Unzipped folder of the authors' assets. If it is None, the folder in the environment
+            variable ``BETTERBENCH_LIBERO_PLUS_ASSETS`` is used.
         command: Command that starts the simulator process. If it is empty, the installed environment is used.
     """
 
@@ -130,7 +131,7 @@ class LiberoPlusWorld(LiberoWorld):
         return "libero"
 
     def start_command(self) -> tuple[str, ...]:
-        """Return the command of the simulator process, with the assets that the environment variable names."""
+        """Return the command of the simulator process. The assets come from the folder in the environment variable."""
         return plus_command()
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], LiberoPlusWorld]:
@@ -200,7 +201,8 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
     """Return the command of the simulator process, with the folder of the authors' assets if one is known.
 
     Args:
-        assets: The folder of the assets. If it is None, the folder that the environment variable names is used, if any.
+        assets: The folder of the assets. If it is None, the folder in the environment variable
+            ``BETTERBENCH_LIBERO_PLUS_ASSETS`` is used, if it is set.
 
     Raises:
         InvalidInputError: If the folder does not contain the assets.
