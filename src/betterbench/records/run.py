@@ -384,7 +384,7 @@ class RunFolder:
         if self._planned is not None:
             if trial not in self._planned:
                 raise RecordError(
-                    f"{path}: {one_line(trial)} is not planned in this run. Give a record of a planned trial."
+                    f"{path}: {one_line(trial)} is not planned in this run. Choose a record of a planned trial."
                 )
             wanted["variation"] = self._planned[trial].get("variation")
             wanted |= {name: self.plan[name] for name in ("policy", "action_space") if name in self.plan}

@@ -272,7 +272,7 @@ def _require_scene_d(blocks: Mapping[str, Mapping[str, Any]]) -> None:
         scene = next((f"scene {name}" for name, known in _OTHER_SCENES.items() if known == found), "no scene of CALVIN")
         raise ValueError(
             f"the configuration has the blocks of {scene} ({_listed(found)}), but ABC to D uses scene D "
-            f"({_listed(BLOCKS)}). Check out calvin_env at 797142c or 1431a46. If you give a configuration, give "
+            f"({_listed(BLOCKS)}). Check out calvin_env at 797142c or 1431a46. If you specify a configuration, use "
             "validation/.hydra/merged_config.yaml"
         )
 
