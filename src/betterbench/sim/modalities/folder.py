@@ -110,8 +110,9 @@ class ModalityFolder:
         if difference is not None:
             where, there, here = difference
             raise RunConflictError(
-                f"{self.path}: the images were rendered with a different OpenGL. Its {where} is {there} in the folder but "
-                f"{here} on this machine, so pixels may differ. Continue on the same kind of machine, or choose a different --out."
+                f"{self.path}: the images were rendered with a different OpenGL. Its {where} is {there} in the folder "
+                f"but {here} on this machine, so pixels may differ. Continue on the same kind of machine, or choose a "
+                "different --out."
             )
 
 
