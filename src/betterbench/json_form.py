@@ -143,7 +143,7 @@ def content_digest(name: str, data: bytes) -> str:
 
 
 def sealed_form(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a JSON object with its seal added."""
+    """Return a JSON object with its seal (a checksum) added."""
     return {**form, SEAL: seal_of(form)}
 
 

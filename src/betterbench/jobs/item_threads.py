@@ -52,7 +52,7 @@ def in_threads(
     have ended. With ``in_order``, all results before the first unfinished item are yielded before the error is raised.
 
     Args:
-        items: The items.
+        items: Items to process.
         work: Function that processes an item with the resource of its thread.
         workers: Number of threads.
         open_resource: Function that opens the resource of a thread.

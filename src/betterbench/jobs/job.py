@@ -72,7 +72,7 @@ def job_folder(path: Path, *, waits: bool = False) -> Iterator[None]:
     """Context manager that locks the folder of a job and removes unfinished files left by killed processes.
 
     Args:
-        path: The folder, which is created if it is missing.
+        path: Folder of the job. It is created if it is missing.
         waits: Whether to wait if another process holds the lock.
 
     Raises:

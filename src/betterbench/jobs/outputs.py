@@ -141,7 +141,7 @@ class OutputFolder:
     except in subfolders with a lock of their own.
 
     Args:
-        path: The folder, which is created if it is missing.
+        path: Path of the folder. It is created if it is missing.
         verb: Subcommand that writes the folder.
         overwrite: Whether to accept a folder that contains other files, and to replace them.
         holds: Function that returns whether an unlisted entry, such as a run, belongs in the folder.

@@ -19,7 +19,7 @@ class SpawnedProcess:
     """Child process with a pipe. It ignores Ctrl-C, which the parent process handles.
 
     Attributes:
-        process: The process.
+        process: Handle of the child process.
         connection: The parent's end of the pipe.
     """
 

@@ -114,7 +114,7 @@ def _travel(record: Record, index: int, start: int, stop: int) -> float:
 
 
 def _served(record: Record, condition: Condition, closure: _Closure, row: int, credited: set[int]) -> Subgoal | None:
-    """Return the subgoal that a gripper closure has newly achieved at a row, or None if there is none."""
+    """Return the subgoal that a gripper closure has newly achieved in a row of the record, or None if there is none."""
     if closure.kind == "miss" or closure.opened >= len(record):
         return None
     state = record.state(row)
@@ -171,6 +171,6 @@ def _end(record: Record, change: int, away_m: float, latest: int) -> int:
 
 
 def _distances(record: Record, start: int, stop: int, row: int) -> np.ndarray:
-    """Return the distances of the tool in rows ``start`` to ``stop`` from its position in ``row`` [m]."""
+    """Return the distances [m] of the tool from its position in ``row``, for the rows ``start`` to ``stop``."""
     found: np.ndarray = np.linalg.norm(record.ee_position[start:stop] - record.ee_position[row], axis=1)
     return found

@@ -28,7 +28,7 @@ def table_bytes(
 
     Args:
         columns: Kind of each column by name: "text", "integer", "number", "texts" or "integers". Any cell may be None.
-        rows: The rows. Missing cells are None.
+        rows: Rows to encode. Missing cells are None.
         metadata: Strings to store in the metadata of the file's schema.
     """
     schema = pa.schema([(name, _KINDS[kind]) for name, kind in columns.items()], metadata=dict(metadata))

@@ -53,7 +53,7 @@ def clustered_mean(
     1, n* is the number of clusters.
 
     Args:
-        scores: The scores (n,).
+        scores: Scores between 0 and 1 (n,).
         clusters: Name of each score's cluster (n,).
         confidence: Two-sided confidence level.
 

@@ -332,7 +332,10 @@ class _Cells:
         return np.asarray(mean[0] - mean, dtype=np.float64)
 
     def _rates(self, at: _Numbers) -> tuple[_Numbers, _Numbers, _Numbers]:
-        """Return the probability of a correct answer, F and k for each group."""
+        """Return the probability of a correct answer, F and k for each group of items.
+
+        The module docstring defines F and k.
+        """
         read = 1 / (1 + np.exp(np.clip(-math.exp(at[1]) * (self.x - at[0]), -50, 50)))
         known = at[3:][self.kind]
         floor = at[2] * self.chance

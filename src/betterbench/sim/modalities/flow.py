@@ -43,7 +43,7 @@ def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: f
 
 
 def _step(sight: np.ndarray, following: np.ndarray, body: int) -> np.ndarray | None:
-    """Return the motion (3, 4) of a body from the camera frame of one state to the camera frame of the next state.
+    """Return the matrix (3, 4) that maps points of a body from camera coordinates in one state to those in the next.
 
     The result is None if the body does not exist.
     """

@@ -16,7 +16,7 @@ _STANDING = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class ViewValues:
-    """Converter of the rendered views of one camera to the values of the columns in its file."""
+    """Converter from the rendered views of one camera to the column values of its modality file."""
 
     def __init__(
         self, facts: ModelFacts, modalities: Sequence[str], categories: Sequence[str], focal_px: float

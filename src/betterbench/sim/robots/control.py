@@ -237,10 +237,10 @@ class ArmController:
     def gripper_command(self, applied: np.ndarray, last: float) -> float:
         """Return the gripper command of an applied action: -1 to open, 1 to close.
 
-        Some action spaces set the opening width itself. The command is then inferred from the widths: the gripper
-        closes while the commanded width is smaller than the measured width by at least :data:`CLOSING_LEAD_M`,
-        including while it presses on an object. It opens while the commanded width is larger by at least the same
-        amount. Otherwise, the ``last`` command is kept.
+        Some action spaces set the opening width itself. The command is then inferred from the widths. The gripper
+        closes while the commanded width is smaller than the measured width by at least :data:`CLOSING_LEAD_M`. This
+        includes the time in which it presses on an object. It opens while the commanded width is larger by at least the
+        same amount. Otherwise, the ``last`` command is kept.
         """
         if not self._sets_width:
             command: float = applied.item(-1)

@@ -158,7 +158,7 @@ def _under(layer: str) -> str:
 
 
 def _middle(task: Task, target: Asset, region: str) -> Vector:
-    """Return the center of the surface on which objects rest at a target object, in the frame of the target [m]."""
+    """Return the center of the surface on which a target supports other objects, in the frame of the target [m]."""
     relation = relation_named(task.template.relation)
     if relation.surface is None:
         problem = f"objects cannot be pre-placed {relation.name!r} a target, because the relation has no surface"

@@ -338,7 +338,7 @@ class Renderer:
         return table
 
     def _bodies_of(self, scene: mujoco.MjvScene) -> np.ndarray:
-        """Return the table (n,) int32 that maps segment indices plus one to body ids, for a filled scene."""
+        """Return the table (n,) int32 that maps segment indices plus one to body ids, given the rendered geoms."""
         table = np.full(scene.ngeom + 1, NO_BODY, np.int32)
         geom_type = int(mujoco.mjtObj.mjOBJ_GEOM)
         for geom in scene.geoms[: scene.ngeom]:

@@ -382,7 +382,7 @@ class World(ABC):
         """
 
     def environments(self, usual: int) -> int:
-        """Return the initial number of environments for a worker whose policy answers from another process."""
+        """Return the initial number of environments of each worker, if the policy answers from another process."""
         return usual
 
     def step_limits(self, trials: Sequence[Trial]) -> Mapping[TrialId, int]:
@@ -393,7 +393,7 @@ class World(ABC):
     def in_order(self, trials: Sequence[Trial], *, last: int) -> list[Trial]:
         """Return the trials in the order in which they are executed. The order does not affect the results.
 
-        ``last`` is the number of trials for which idle workers may have to wait at the end of a run.
+        ``last`` is the number of trials at the end of a run, when idle workers may have to wait for others.
         """
         del last
         return sorted(trials, key=lambda t: (t.task, t.seed))

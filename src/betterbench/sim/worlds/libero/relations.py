@@ -57,8 +57,8 @@ class Touching:
     def now(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the indices of the pairs in contact, in ascending order, and the normal force of each pair [N].
 
-        The sums use plain Python numbers: there are only a few dozen contacts, and one NumPy operation on an array that
-        is not in the cache takes as long as ten plain additions.
+        The forces are summed as plain Python numbers, because there are only a few dozen contacts. One NumPy operation
+        on an array that is not in the cache takes as long as ten plain additions.
         """
         contacts, codes = self._data.contact, self._codes
         sums: dict[int, float] = {}

@@ -395,7 +395,7 @@ class _Reader:
         }
 
     def _quaternions(self) -> np.ndarray:
-        """Return the rotations of the objects (n, 4), equal in every bit to the result of ``mju_mulQuat``."""
+        """Return the rotations of the objects (n, 4), bit-identical to the result of ``mju_mulQuat``."""
         parts = self._seen.xquat.take(self._root_numbers, 0)[:, None, :] * self._factors
         return np.asarray(parts[:, :, 0] + parts[:, :, 1] + parts[:, :, 2] + parts[:, :, 3])
 
