@@ -259,8 +259,9 @@ class FileLock(RunLock):
 def require_held(path: Path) -> None:
     """Raise StorageError if a file is about to be written into a locked folder that was removed or moved.
 
-    The locks of this process and the locks of its parent (:func:`write_within`) are checked. A lock with the option
-    ``renews`` is taken again instead. Raises RunConflictError if another process has taken such a lock in the meantime.
+    The locks of this process and the locks of its parent (:func:`write_within`) are checked. If the lock was created
+    with ``renews``, it is taken again and no StorageError is raised. Raises RunConflictError if another process has
+    taken that lock in the meantime.
     """
     for held in _around():
         held.require_folder(path)

@@ -292,7 +292,7 @@ class ArmController:
         return ControllerState(self._pose, tuple(self._joints), self._width)
 
     def restore(self, state: ControllerState) -> None:
-        """Return to the given state of the controller. Raises InvalidInputError if it belongs to a different robot."""
+        """Restore the given state of the controller. Raises InvalidInputError if it belongs to a different robot."""
         if len(state.joints) != self.ik.home.size:
             raise InvalidInputError(
                 "controller state", f"has {len(state.joints)} joints", f"Restore a state of a {self.spec.title}"

@@ -147,7 +147,7 @@ class ContactReader:
         return {**kept, "_awake": copy.copy(self._awake)}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
-        """Return to the state in which :meth:`snapshot` was called."""
+        """Restore the state that :meth:`snapshot` has returned."""
         vars(self).update(snapshot)
         self._awake = copy.copy(snapshot["_awake"])
 

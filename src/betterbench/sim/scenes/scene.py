@@ -325,7 +325,7 @@ class Scene:
         )
 
     def restore(self, snapshot: SceneSnapshot) -> WorldState:
-        """Return to a snapshot of this scene, and return its state. A snapshot can be restored any number of times."""
+        """Go back to a snapshot of this scene, and return its state. A snapshot can be restored any number of times."""
         mujoco.mj_copyData(self._data, self.model, snapshot.data)
         self.controller.restore(snapshot.controller)
         self._contacts.restore(snapshot.contacts)
