@@ -401,7 +401,7 @@ _DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CA
 def action_space(name: str) -> ActionSpace:
     """Return the action space with the given name, either of betterbench's own scenes or of another world.
 
-    Raises UnknownNameError.
+    Raises UnknownNameError if there is none.
     """
     known = ACTION_SPACES | ROBOT_ACTION_SPACES | WORLD_ACTION_SPACES
     try:

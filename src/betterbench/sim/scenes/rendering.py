@@ -319,9 +319,7 @@ class Renderer:
         return False
 
     def _bodies(self, colors: np.ndarray) -> np.ndarray:
-        """Convert the colors of a geometry pass to the body id of each pixel, as an upright (height, width) int32
-        image.
-        """
+        """Convert the colors of a geometry pass to upright body ids, (height, width) int32."""
         return np.asarray(self._segment_table()[_segments(colors, self._scene.ngeom)])
 
     def _segment_table(self) -> np.ndarray:
