@@ -137,8 +137,8 @@ class ArmIK:
     ) -> np.ndarray:
         """Return the joint angles (n,) [rad] after one control step from ``q`` toward a pose ``T_base_tcp``.
 
-        The result stays within the limits of position and velocity. If ``q`` is outside these limits, it comes as close
-        to them as one step allows. If ``around`` is given, the result also stays within ``lead_rad`` of it.
+        The result stays within the limits of position and velocity. If ``q`` is outside these limits, the result comes
+        as close to them as one step allows. If ``around`` is given, the result also stays within ``lead_rad`` of it.
         """
         centers = None if around is None else around.tolist()
         return np.array(self.step(q.tolist(), target, around=centers, lead_rad=lead_rad))

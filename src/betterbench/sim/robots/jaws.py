@@ -39,7 +39,7 @@ class Jaw(Protocol):
         """Return how far the jaw is open, as a fraction of its range, at the given opening width [m]."""
 
     def object_offset_m(self, width_m: float) -> float:
-        """Return the y coordinate in the tool frame [m] of the center of an object of this width before a grasp."""
+        """Return the y coordinate of an object's center in the tool frame before a grasp, for an object width [m]."""
 
 
 @dataclass(frozen=True, slots=True)

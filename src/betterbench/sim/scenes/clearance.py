@@ -72,7 +72,10 @@ class Clearance:
             self._data.qpos[address + 3 : address + 7] = pose.quaternion
 
     def _let_look(self, i: int, *, looks: bool) -> None:
-        """Set whether a labeled body is checked against all bodies, or only against those for which this is set."""
+        """Set whether a labeled body is checked against all other bodies.
+
+        If it is not, it is still found in the checks of the other bodies.
+        """
         geoms, (of_geoms, of_bodies) = self._geoms[i], self._looks
         bodies = self._model.geom_bodyid[geoms]
         self._model.geom_contype[geoms] = of_geoms[geoms] if looks else 0

@@ -21,7 +21,7 @@ class _Sleep(NamedTuple):
     Attributes:
         cycles: Bytes of the engine's array ``tree_asleep``, from which the other fields are derived.
         sleeping: Indices of the sleeping objects.
-        places: Function that selects the positions of the sleeping objects from those of all objects.
+        places: Function that selects the positions of the sleeping objects from the positions of all objects.
     """
 
     cycles: bytes
@@ -96,7 +96,7 @@ class ContactReader:
         self._passed: dict[int, float] = {}
 
     def start_step(self) -> None:
-        """Forget the transient contacts of the last control step, i.e. those that ended before its end."""
+        """Forget the transient contacts of the last control step, i.e. the contacts that ended before the step did."""
         self._passed = {}
 
     def see_step(self, data: mujoco.MjData) -> None:

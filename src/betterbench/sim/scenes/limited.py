@@ -194,10 +194,9 @@ class LimitedView:
     ) -> tuple[ModelFacts, dict[str, str]]:
         """Prepare to render views of the open scene.
 
-        Return the properties that all views share, and those of the renderer.
-
-        ``gripper`` has the same meaning as in :class:`~betterbench.sim.scenes.sights.Sights`. If the last preparation
-        for this scene was the same, it is reused. Raises the same errors as :meth:`open`.
+        Return the properties that all views share, and the properties of the renderer. ``gripper`` has the same meaning
+        as in :class:`~betterbench.sim.scenes.sights.Sights`. If the last preparation for this scene was the same, it is
+        reused. Raises the same errors as :meth:`open`.
         """
         wanted = (tuple(views), tuple(modalities), gripper)
         if self._prepared is None or self._prepared[0] != wanted:

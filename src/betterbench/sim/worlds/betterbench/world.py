@@ -97,7 +97,7 @@ class OwnWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> Scene:
-        """Open the scene of a trial. Its images are rendered in the process of the worker that calls this."""
+        """Open the scene of a trial. Its images are rendered in the process of the worker that calls this method."""
         from betterbench.sim.scenes import Scene, quality_preset  # noqa: PLC0415 - see above
 
         del processes, images, depth
