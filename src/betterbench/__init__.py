@@ -1,10 +1,11 @@
 """betterbench: a diagnostic benchmark that finds out why Vision-Language-Action policies fail.
 
-The public names are imported at first use, so importing the package takes no time. Modules that
-extend it (tasks, assets, relations, failure modes, learners) are listed in ``docs/reference/index.md``.
+The public names are imported when they are first used, so importing the package takes no time. The modules with which
+the package can be extended (tasks, assets, relations, failure modes, learners) are listed in
+``docs/reference/index.md``.
 
-Every task is a Gymnasium environment: ``gymnasium.make("betterbench:BeTTER/FastFood-v0", variation="T1")`` imports this
-package, which registers them.
+Every task is a Gymnasium environment. ``gymnasium.make("betterbench:BeTTER/FastFood-v0", variation="T1")`` imports this
+package, which then registers the environments.
 """
 
 import sys
@@ -57,7 +58,7 @@ if not TYPE_CHECKING:
 
 
 def __dir__() -> list[str]:
-    """List the public names, including names that are not imported yet."""
+    """List the public names, including those that have not been imported yet."""
     return sorted({*globals(), *__all__})
 
 

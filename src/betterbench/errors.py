@@ -1,7 +1,7 @@
-"""User-facing errors, each of which states the problem and its remedy.
+"""Exceptions whose messages are written for users. Each message states the problem and how to solve it.
 
 Every deliberate error of betterbench derives from :class:`BetterError`. The command line prints its text as one line
-and exits with status 2; any other exception is a bug and keeps its traceback.
+and exits with status 2. Any other exception is a bug and keeps its traceback.
 """
 
 from __future__ import annotations
@@ -17,21 +17,25 @@ from pathlib import Path
 from typing import Protocol, TextIO, TypeVar
 
 LONGEST_SHOWN = 500
-"""Default maximum length of external text in a message [characters]."""
+"""Maximum number of characters that a message quotes from an external text by default."""
 
 UNPRINTABLE = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
     r"\U000e0000-\U000e007f]"
 )
-"""Characters that control a terminal, hide or reorder letters, or cannot be encoded. Tab and line feed are not
-included.
+"""Characters that control a terminal, hide or reorder letters, or cannot be encoded.
+
+Tab and line feed are not included.
 """
 
 
 def printable(text: str, *, most: int) -> str:
-    """Return external text without escape sequences and with bounded length, keeping line breaks.
+    """Return external text with limited length and without characters that could control a terminal.
 
-    Characters of :data:`UNPRINTABLE` are replaced by U+FFFD, and characters beyond the first ``most`` by their number.
+    Line breaks are kept.
+
+    Characters in :data:`UNPRINTABLE` are replaced by U+FFFD. If the text has more than ``most`` characters, it is cut
+    there, and the number of omitted characters is appended.
     """
     cut = len(text) - most
     if cut > 0:
@@ -40,29 +44,32 @@ def printable(text: str, *, most: int) -> str:
 
 
 def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
-    """Return external text on one line for a message, made safe by :func:`printable`."""
-    # cut a long text before splitting, with room for the removed white space
+    """Return external text as a single line that is safe to show in a message (see :func:`printable`)."""
+    # Cut a long text before it is split. The factor leaves room for white space that is removed.
     line = " ".join(str(text)[: 4 * most + 1].split())
     return printable(line, most=most)
 
 
 def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
-    """Return the last non-empty line of an external error or traceback, like :func:`one_line`."""
+    """Return the last non-empty line of an external error or traceback, cleaned as in :func:`one_line`."""
     return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
 
 
 def encodable(text: str) -> str:
-    """Return a text in which characters that have no encoding, such as lone surrogates, are escaped."""
+    """Return the text in a form that can be encoded, with characters such as lone surrogates escaped."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def line_start(stream: TextIO) -> str:
-    """Return the prefix for a message on a stream: on a terminal, the codes that erase the progress bar."""
+    """Return the prefix for a message that is written to a stream.
+
+    On a terminal, the prefix erases the progress bar.
+    """
     return "\r\x1b[2K" if stream.isatty() and os.environ.get("TERM", "dumb") != "dumb" else ""
 
 
 class BetterError(Exception):
-    """Base of all deliberate errors; its text is one clear line."""
+    """Base class of all deliberate errors. The text of such an error is one line that a user can understand."""
 
 
 _INSTALLED = {sysconfig.get_paths()[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")}
@@ -70,10 +77,12 @@ _OURS = str(Path(__file__).resolve().parent)
 
 
 def raised_at(problem: BaseException) -> str:
-    """Return the location in user code where an exception was raised ("my_policy.py, line 12, in act"), or "".
+    """Return the location in user code at which an exception was raised, such as "my_policy.py, line 12, in act".
 
-    The location is the innermost frame outside betterbench, the standard library and installed packages. Only the file
-    name is given, so that records do not depend on the folder.
+    Return an empty string if the exception was raised without user code.
+
+    The location is the innermost frame outside betterbench, the standard library and installed packages. Only the name
+    of the file is given, so that records do not depend on the folder in which the code is stored.
     """
     frames = [(f.filename, f.lineno, f.name) for f in traceback.extract_tb(problem.__traceback__)]
     if isinstance(problem, SyntaxError) and problem.filename:
@@ -87,7 +96,7 @@ def raised_at(problem: BaseException) -> str:
 
 
 def described(problem: BaseException) -> str:
-    """Return a one-line description of an exception from user code: type, text and location."""
+    """Describe an exception from user code in one line: type, text and location."""
     place = raised_at(problem)
     said = problem.msg if isinstance(problem, SyntaxError) and place else problem
     text = " ".join(f"{type(problem).__name__}: {said}".split()).removesuffix(":")
@@ -95,12 +104,12 @@ def described(problem: BaseException) -> str:
 
 
 class UnknownNameError(BetterError):
-    """A requested name is not registered.
+    """A requested name does not exist.
 
     Args:
         kind: Kind of the object, in the singular ("task", "policy").
         name: The requested name.
-        known: The existing names.
+        known: The names that exist.
     """
 
     kind: str
@@ -108,10 +117,10 @@ class UnknownNameError(BetterError):
     known: tuple[str, ...]
 
     def __init__(self, kind: str | UnknownNameError, name: str = "", known: Iterable[str] = ()) -> None:
-        """Build the message, with the closest known names first.
+        """Build the message, which suggests the most similar names first.
 
-        Given another UnknownNameError, copy it: Gymnasium's vector environments re-create an error by passing it to its
-        own type.
+        The first argument may be another UnknownNameError, which is then copied. Gymnasium's vector environments need
+        this: they raise an error of a worker again by passing it to its own class.
         """
         if isinstance(kind, UnknownNameError):
             same = kind
@@ -130,18 +139,18 @@ class UnknownNameError(BetterError):
 
 
 class Named(Protocol):
-    """Object with a name."""
+    """Object that has a name."""
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the object."""
 
 
 NamedThing = TypeVar("NamedThing", bound=Named)
 
 
 def find_named(kind: str, name: str, things: Iterable[NamedThing]) -> NamedThing:
-    """Return the object with a name.
+    """Return the object with the given name.
 
     Args:
         kind: Kind of the object, in the singular.
@@ -149,7 +158,7 @@ def find_named(kind: str, name: str, things: Iterable[NamedThing]) -> NamedThing
         things: Objects to search.
 
     Raises:
-        UnknownNameError: If no object has the name.
+        UnknownNameError: If no object has this name.
     """
     known = tuple(things)
     for thing in known:
@@ -159,12 +168,12 @@ def find_named(kind: str, name: str, things: Iterable[NamedThing]) -> NamedThing
 
 
 class InvalidInputError(BetterError):
-    """A value, field or file given by the user cannot be used.
+    """A value, field or file that the user has given cannot be used.
 
     Args:
-        where: The invalid field or file.
-        problem: Description of the problem.
-        cure: Remedy.
+        where: Name of the field or file.
+        problem: Description of the problem, which follows the name in the message.
+        cure: Remedy, as an imperative without a period.
     """
 
     where: str
@@ -172,7 +181,10 @@ class InvalidInputError(BetterError):
     cure: str
 
     def __init__(self, where: str | InvalidInputError, problem: str = "", cure: str = "") -> None:
-        """Build the message. Given another InvalidInputError, copy it (see :class:`UnknownNameError`)."""
+        """Build the message.
+
+        The first argument may be another InvalidInputError, which is then copied, as for :class:`UnknownNameError`.
+        """
         if isinstance(where, InvalidInputError):
             same = where
             where, problem, cure = same.where, same.problem, same.cure
@@ -185,22 +197,25 @@ class InvalidInputError(BetterError):
 
 
 def require_between(where: str, value: float, least: float, most: float) -> None:
-    """Raise InvalidInputError unless the number in a field is finite and within bounds."""
+    """Raise InvalidInputError unless the number in a field is finite and within the bounds."""
     if not least <= value <= most:
         try:
             given = one_line(value, most=40)
         except ValueError:  # Python does not print integers of more than 4,300 digits
             given = "the number"
-        cure = f"It must be ≥ {least}" if value < least else f"It must be ≥ {least} and ≤ {most}"
+        cure = f"Use a number ≥ {least}" if value < least else f"Use a number from {least} to {most}"
         raise InvalidInputError(where, f"{given} is out of range", cure)
 
 
 class InvalidActionError(BetterError):
-    """A policy's action cannot be executed (wrong shape, wrong type, not finite)."""
+    """An action of a policy cannot be executed: it has a wrong shape or type, or is not finite."""
 
 
 class PolicyError(BetterError):
-    """A policy crashed, answered too late or broke its protocol; the trial ends as ``policy_error``."""
+    """A policy has crashed, answered too late or violated its protocol.
+
+    The trial ends with the termination ``policy_error``.
+    """
 
 
 class PolicyUnavailableError(PolicyError):
@@ -208,58 +223,58 @@ class PolicyUnavailableError(PolicyError):
 
 
 class PolicyProcessError(PolicyError):
-    """A policy cannot be loaded, for example because memory ran out. Fewer instances may work."""
+    """A policy cannot be loaded, for example because memory ran out. Loading fewer instances of the policy may help."""
 
 
 class PolicyKilledError(PolicyError):
-    """The process of a policy was killed from outside. Its trial is repeated."""
+    """The process of a policy was killed from outside, for example by the operating system. Its trial is repeated."""
 
 
 class ModelError(BetterError):
-    """A language model cannot be reached, rejects a request, or gives an unreadable answer."""
+    """A language model cannot be reached, rejects a request, or gives an answer that cannot be read."""
 
 
 class HandshakeError(BetterError):
-    """The two sides of a handshake declare different conventions; the message names both."""
+    """The two sides of a handshake declare different conventions. The message names both."""
 
 
 class PremiseError(BetterError):
-    """The scene at reset contradicts the instruction's premise; the run must stop."""
+    """At reset, the scene contradicts what the task takes for granted about its start. The run must stop."""
 
 
 class RunConflictError(BetterError):
-    """A run folder contains a run other than the requested one, or other files."""
+    """A folder contains a different run than the requested one, or files that do not belong to a run."""
 
 
 class RecordError(BetterError):
-    """A record or run file cannot be read, or was written by another schema version."""
+    """A record or a file of a run cannot be read, or was written with a different schema version."""
 
 
 class StorageError(BetterError):
-    """Files can no longer be written (the disk is full or read-only); the run stops and can be resumed."""
+    """Files can no longer be written, because the disk is full or read-only. The run stops and can be resumed."""
 
 
 class WorkerError(BetterError):
-    """Worker processes keep dying; the run stops and can be resumed."""
+    """Worker processes keep dying. The run stops and can be resumed."""
 
 
 class TrainingError(BetterError):
-    """A training cannot continue: its loss is not finite. Saved states are kept."""
+    """Training cannot continue because the loss is not finite. The states that were saved before are kept."""
 
 
 class MissingDependencyError(BetterError):
-    """A system library or an optional extra is not installed; the message says how to install it."""
+    """A system library or an optional extra is not installed. The message says how to install it."""
 
 
 class GraphicsError(MissingDependencyError):
-    """An environment variable names an OpenGL backend or device that does not exist on this machine.
+    """An environment variable names an OpenGL back end or device that does not exist on this machine.
 
-    The message states the value to set.
+    The message states which value to set.
     """
 
 
 def system_error_text(problem: OSError) -> str:
-    """Return an operating system error as a one-line message, with its path and a remedy."""
+    """Describe an error of the operating system as a one-line message with its path and a remedy."""
     where = "" if problem.filename is None else f"{problem.filename}: "
     other = "" if problem.filename2 is None else f" (to {problem.filename2})"
     reason = problem.strerror or str(problem) or type(problem).__name__
@@ -280,7 +295,7 @@ STORAGE_CURES: Mapping[int, str] = {
     errno.EROFS: "choose a writable folder",
     errno.EIO: "check the disk, then run the same command again",
 }
-"""Remedies by errno, for disk errors that also affect all further writes."""
+"""Remedies for disk errors that affect all further writes, by errno."""
 
 
 class PlanningError(BetterError):

@@ -1,10 +1,12 @@
 """Rigid-body geometry: poses, quaternions and rotations.
 
-Project-wide conventions: meters and radians; quaternions are ``(w, x, y, z)`` with unit norm and the sign chosen so
-that ``w >= 0``; a pose ``T_a_b`` maps coordinates in frame ``b`` to coordinates in frame ``a``.
+Conventions of the whole project: lengths are in meters and angles in radians. Quaternions are ``(w, x, y, z)`` with
+unit norm, and their sign is chosen so that ``w >= 0``. A pose ``T_a_b`` maps coordinates in frame ``b`` to coordinates
+in frame ``a``.
 
-The functions work on plain Python floats. Predicates run at every control step. For such small inputs, scalar
-arithmetic is several times faster than NumPy and gives bit-identical results live and offline.
+The functions use plain Python floats, because predicates are evaluated at every control step. For such small inputs,
+scalar arithmetic is several times faster than NumPy, and it gives bit-identical results during an episode and
+afterward.
 """
 
 from __future__ import annotations
@@ -19,11 +21,11 @@ Quaternion = tuple[float, float, float, float]
 IDENTITY_QUATERNION: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 TOOL_DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
-"""Rotation of a tool that points straight down, as in the home pose: 180 degrees about x."""
+"""Rotation of a tool that points straight down, as in the home pose (180 degrees about x)."""
 
 
 def normalize(q: Sequence[float]) -> Quaternion:
-    """Return the unit quaternion with ``w >= 0`` of the same rotation as (w, x, y, z).
+    """Return the unit quaternion (w, x, y, z) with ``w >= 0`` that describes the same rotation.
 
     Raises:
         ValueError: If all components are zero.
@@ -33,7 +35,7 @@ def normalize(q: Sequence[float]) -> Quaternion:
 
 
 def unit_quaternion(q: Quaternion) -> Quaternion:
-    """Like :func:`normalize`, but faster and only for plain floats."""
+    """Return the same result as :func:`normalize`. This function is faster, but accepts only plain floats."""
     w, x, y, z = q
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     if norm == 0.0:
@@ -45,7 +47,7 @@ def unit_quaternion(q: Quaternion) -> Quaternion:
 
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the Hamilton product ``a b``: first rotate by ``b``, then by ``a``."""
+    """Return the Hamilton product ``a b``, which rotates by ``b`` first and then by ``a``."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (
@@ -62,9 +64,10 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 def turn_between(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return ``b a*``: the rotation that takes ``a`` to ``b``, in the frame of both arguments.
+    """Return ``b a*``, the rotation that takes ``a`` to ``b``, expressed in the same frame as both arguments.
 
-    Bit-identical to :func:`multiply` with :func:`conjugate`, including the signs of zeros, in half the time.
+    The result is bit-identical to that of :func:`multiply` and :func:`conjugate`, including the signs of zeros, but
+    takes half the time.
     """
     aw, ax, ay, az = a
     bw, bx, by, bz = b
@@ -77,7 +80,7 @@ def turn_between(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def rotate(q: Quaternion, v: Sequence[float]) -> Vector:
-    """Return a vector rotated by the unit quaternion of ``R_a_b``: from frame ``b`` into frame ``a``."""
+    """Rotate a vector by the unit quaternion of ``R_a_b``, i.e. from frame ``b`` into frame ``a``."""
     w, x, y, z = q
     vx, vy, vz = v
     tx = 2.0 * (y * vz - z * vy)
@@ -91,7 +94,7 @@ def rotate(q: Quaternion, v: Sequence[float]) -> Vector:
 
 
 def from_axis_angle(rotation_vector: Sequence[float]) -> Quaternion:
-    """Return the quaternion of a rotation vector (unit axis times angle [rad])."""
+    """Convert a rotation vector (unit axis times angle [rad]) to a quaternion."""
     x, y, z = map(float, rotation_vector)
     angle = math.sqrt(x * x + y * y + z * z)
     if angle < 1e-12:
@@ -101,7 +104,7 @@ def from_axis_angle(rotation_vector: Sequence[float]) -> Quaternion:
 
 
 def to_axis_angle(q: Quaternion) -> Vector:
-    """Return the rotation vector (unit axis times angle [rad], angle in [0, pi]) of a unit quaternion."""
+    """Convert a unit quaternion to a rotation vector (unit axis times angle [rad]) with an angle in [0, pi]."""
     w, x, y, z = unit_quaternion(q)
     s = math.sqrt(x * x + y * y + z * z)
     if s < 1e-12:
@@ -111,11 +114,11 @@ def to_axis_angle(q: Quaternion) -> Vector:
 
 
 def to_axis_angle_near(q: Quaternion, near: Quaternion) -> Vector:
-    """Return the rotation vector [rad] of a unit quaternion, continuous around a rotation by half a turn.
+    """Convert a unit quaternion to a rotation vector [rad] that stays continuous when the angle passes pi.
 
     The rotation angle of a tool that points straight down is pi. With ``w >= 0``, its rotation vector would flip as
-    soon as a measurement exceeds pi. This function uses the quaternion sign that is closer to the unit quaternion
-    ``near``, so the angle lies in [0, 2 pi).
+    soon as a measured angle exceeds pi. This function therefore chooses the sign of the quaternion that is closer to
+    the unit quaternion ``near``, so the angle lies in [0, 2 pi).
     """
     w, x, y, z = q if sum(a * b for a, b in zip(q, near, strict=True)) >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
     s = math.sqrt(x * x + y * y + z * z)
@@ -137,24 +140,24 @@ def yaw_of(q: Quaternion) -> float:
 
 
 def tilt_of(q: Quaternion) -> float:
-    """Return the angle [rad] between the rotated z axis and the vertical."""
+    """Return the angle between the rotated z axis and the vertical [rad]."""
     _, x, y, _ = q
     return math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y))))
 
 
 def angle_between(a: Quaternion, b: Quaternion) -> float:
-    """Return the angle [rad] in [0, pi] of the rotation that takes ``a`` to ``b``."""
+    """Return the angle [rad] of the rotation that takes ``a`` to ``b``. It is in [0, pi]."""
     w, x, y, z = multiply(conjugate(a), b)
     return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
 
 
 def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
-    """Return the rotation at ``fraction`` of the shorter path from ``a`` (0) to ``b`` (1)."""
+    """Interpolate between two rotations along the shorter path: ``fraction`` 0 gives ``a``, 1 gives ``b``."""
     return _even_turn(a, b)(fraction)
 
 
 def straight_way(start: Pose, goal: Pose) -> Callable[[float], Pose]:
-    """Return poses interpolated from ``start`` (0) to ``goal`` (1), with rotations as by :func:`slerp`."""
+    """Return a function that interpolates poses from ``start`` (at 0) to ``goal`` (at 1), as :func:`slerp` does."""
     (x, y, z), (gx, gy, gz) = start.position, goal.position
     dx, dy, dz = gx - x, gy - y, gz - z
     turned = _even_turn(start.quaternion, goal.quaternion)
@@ -162,7 +165,7 @@ def straight_way(start: Pose, goal: Pose) -> Callable[[float], Pose]:
 
 
 def _even_turn(a: Quaternion, b: Quaternion) -> Callable[[float], Quaternion]:
-    """Return rotations interpolated along the shorter path from ``a`` (0) to ``b`` (1)."""
+    """Return a function that interpolates rotations along the shorter path from ``a`` (at 0) to ``b`` (at 1)."""
     x, y, z = to_axis_angle(multiply(conjugate(a), b))
 
     def turned(fraction: float) -> Quaternion:
@@ -175,20 +178,20 @@ def _even_turn(a: Quaternion, b: Quaternion) -> Callable[[float], Quaternion]:
 
 
 def distance(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the Euclidean distance of two points [m]."""
+    """Return the Euclidean distance between two points [m]."""
     dx, dy, dz = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 def horizontal_distance(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the distance of two points in the horizontal plane [m]."""
+    """Return the distance between two points in the horizontal plane [m]."""
     dx, dy = a[0] - b[0], a[1] - b[1]
     return math.sqrt(dx * dx + dy * dy)
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """A rigid transform ``T_a_b``.
+    """Rigid transform ``T_a_b``.
 
     Attributes:
         position: Origin of frame ``b`` in frame ``a`` [m].
@@ -203,17 +206,17 @@ class Pose:
         return Pose(self.apply(other.position), unit_quaternion(multiply(self.quaternion, other.quaternion)))
 
     def apply(self, point: Sequence[float]) -> Vector:
-        """Return the coordinates in frame ``a`` of a point given in frame ``b``."""
+        """Return the coordinates in frame ``a`` of a point that is given in frame ``b``."""
         x, y, z = rotate(self.quaternion, point)
         return (self.position[0] + x, self.position[1] + y, self.position[2] + z)
 
     def inverse(self) -> Pose:
-        """Return ``T_b_a``."""
+        """Return the inverse transform ``T_b_a``."""
         q = conjugate(self.quaternion)
         x, y, z = rotate(q, self.position)
         return Pose((-x, -y, -z), q)
 
     def translated(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
-        """Return the pose moved by (x, y, z) [m] in frame ``a``."""
+        """Return the pose after moving it by (x, y, z) [m] in frame ``a``."""
         px, py, pz = self.position
         return Pose((px + x, py + y, pz + z), self.quaternion)

@@ -1,8 +1,8 @@
-"""Shell commands for this installation: installing extras, and starting the command line.
+"""Shell commands that suit this installation: how to install extras, and how to start the command line.
 
-Messages contain these commands. A clone installs extras from its locks with ``make setup``. An installation from a
-wheel uses the installer of its Python. The command ``better`` is on the path only in an activated environment.
-Otherwise, messages contain the path of its script.
+Messages to the user contain these commands. A clone installs extras from its lock files with ``make setup``. An
+installation from a wheel uses the package installer of its Python environment. The command ``better`` is on the search
+path (PATH) only in an activated environment. Otherwise, messages contain the path of its script.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ VERBS = (
     "diagnose", "compare", "report", "export", "recipe", "mixture", "materialize", "view", "vqa", "vlm", "replay",
     "serve", "demo", "audit-paper",
 )  # fmt: skip
-"""The subcommands of the command line, in the order of its overview."""
+"""Subcommands of the command line, in the order of its overview."""
 
 
 @dataclass(frozen=True, slots=True)
 class Extra:
-    """An optional part of the package.
+    """Optional extra of the package.
 
     Attributes:
         use: Purpose of the extra in a few words.
@@ -51,7 +51,7 @@ class Extra:
 
     @property
     def is_installed(self) -> bool:
-        """Whether all modules can be found, without importing them."""
+        """Whether all modules of the extra can be found. They are not imported."""
         return all(_is_there(module) for module in self.modules)
 
 
@@ -71,29 +71,32 @@ EXTRAS = {
     "vlm": Extra("vision-language models in the same process", ("torch", "transformers")),
     "docs": Extra("the documentation as a site", ("material", "mkdocstrings")),
 }
-"""The extras of the package by name, except the developer extra."""
+"""Extras of the package by name, except the one for developers."""
 
 
 def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDependencyError:
-    """Return the error for a missing extra, with the command that installs it here.
+    """Return the error for an extra that is not installed, with the command that installs it in this installation.
 
     Args:
         problem: Sentence that states why the extra is needed, without a period.
         extra: Name of the extra.
-        otherwise: Alternative to installing the extra, appended to the sentence.
+        otherwise: Alternative to installing the extra. It is appended to the message.
     """
     return MissingDependencyError(f"{problem}. Run: {extra_command(extra)}{f', {otherwise}' if otherwise else ''}")
 
 
 def missing_packages(problem: str, *requirements: str, otherwise: str = "") -> MissingDependencyError:
-    """Return the error for packages outside all extras, with the command that installs them here."""
+    """Return the error for packages that no extra contains, with the command that installs these packages."""
     return MissingDependencyError(
         f"{problem}. Run: {package_command(*requirements)}{f', {otherwise}' if otherwise else ''}"
     )
 
 
 def extra_command(extra: str) -> str:
-    """Return the shell command that adds an extra to this installation; raise UnknownNameError for an unknown extra."""
+    """Return the shell command that adds an extra to this installation.
+
+    Raises UnknownNameError if there is no such extra.
+    """
     if extra not in EXTRAS:
         raise UnknownNameError("extra", extra, EXTRAS)
     clone = clone_folder()
@@ -109,7 +112,7 @@ def extra_command(extra: str) -> str:
 
 
 def package_command(*requirements: str, python: str | None = None) -> str:
-    """Return the shell command that installs packages into this environment, or for another Python."""
+    """Return the shell command that installs packages into this environment, or into the environment of ``python``."""
     if python is None or Path(python) == Path(sys.executable):
         return _installing(*requirements)
     words, uv = shell_line(requirements), _uv()
@@ -119,14 +122,14 @@ def package_command(*requirements: str, python: str | None = None) -> str:
 
 
 def calibration_module(name: str, problem: str) -> ModuleType:
-    """Import a module of the separate distribution betterbench-calibration. It is not part of the wheel.
+    """Import a module of the separate distribution betterbench-calibration, which is not part of the wheel.
 
     Args:
         name: Name of the module in ``betterbench_calibration``.
         problem: Sentence that states why the distribution is needed, without a period.
 
     Raises:
-        MissingDependencyError: If the distribution is not installed; the message ends with the command that installs
+        MissingDependencyError: If the distribution is not installed. The message ends with the command that installs
             it.
     """
     try:
@@ -154,7 +157,7 @@ def calibration_command() -> str:
 
 
 def requirements_of(extra: str) -> tuple[str, ...]:
-    """Return an extra's requirements for this Python version, in the format used by installers ("torch>=2.10")."""
+    """Return the requirements of an extra for this Python version, in the format of installers ("torch>=2.10")."""
     listed = (text.partition(";") for text in importlib.metadata.requires(_NAME) or ())
     wanted = []
     for requirement, _, marker in listed:
@@ -165,17 +168,17 @@ def requirements_of(extra: str) -> tuple[str, ...]:
 
 
 def clone_folder() -> Path | None:
-    """Return the root folder of this package's clone, or None if it was installed from a wheel."""
+    """Return the root folder of the clone that contains this package, or None if it was installed from a wheel."""
     folder = Path(__file__).resolve().parents[2]
     is_clone = (folder / "tools" / "setup_environment.py").is_file() and (folder / "pyproject.toml").is_file()
     return folder if is_clone else None
 
 
 def better_command() -> str:
-    """Return the shell words that start this installation's command line from the current folder.
+    """Return the shell words that start the command line of this installation from the current folder.
 
-    This is ``better`` if the command of this installation is on the path, otherwise the path of its script, otherwise
-    ``python -m betterbench.cli``.
+    This is ``better`` if the command of this installation is on the search path. Otherwise it is the path of the
+    script, or ``python -m betterbench.cli`` if there is no script.
     """
     script = _script()
     on_path = shutil.which("better")
@@ -196,7 +199,7 @@ _ADVISED = re.compile(
 
 
 def as_started_here(text: str) -> str:
-    """Return a message with its ``better`` commands adapted to this installation."""
+    """Return a message in which ``better`` commands are written as they have to be started in this installation."""
     if "better " not in text:
         return text
     command = better_command()
@@ -204,7 +207,7 @@ def as_started_here(text: str) -> str:
 
 
 def _script() -> Path | None:
-    """Return the path of this installation's ``better`` script, or None if there is none."""
+    """Return the path of the ``better`` script of this installation, or None if there is none."""
     started = Path(sys.argv[0]) if sys.argv and sys.argv[0] else None
     if started is not None and started.name == "better" and started.is_file():
         return started.absolute()
@@ -213,7 +216,7 @@ def _script() -> Path | None:
 
 
 def _installing(*words: str) -> str:
-    """Return the install command for packages in this Python environment, with uv or pip."""
+    """Return the command that installs packages into this Python environment, using pip or uv."""
     python = shell_word(sys.executable)
     rest = shell_line(words)
     if _is_there("pip"):
@@ -227,7 +230,10 @@ def _installing(*words: str) -> str:
 
 
 def _uv() -> str | None:
-    """Return the installer uv: on the path, next to this Python, or in the clone."""
+    """Return the command that starts the installer uv: from the search path, next to this Python, or in the clone.
+
+    Return None if uv is missing.
+    """
     if shutil.which("uv"):
         return "uv"
     clone = clone_folder()
@@ -237,7 +243,10 @@ def _uv() -> str | None:
 
 
 def _wheel() -> Path | None:
-    """Return the file or folder from which this package was installed, if it still exists."""
+    """Return the file or folder from which this package was installed.
+
+    Return None if this location is unknown or no longer exists.
+    """
     try:
         text = importlib.metadata.distribution(_NAME).read_text("direct_url.json")
         form = parse_json((text or "").encode())
@@ -262,7 +271,10 @@ _PYTHON: dict[str, Callable[[tuple[int, int], tuple[int, int]], bool]] = {
 
 
 def _applies(marker: str) -> bool:
-    """Return whether this Python version satisfies a marker. The markers of our extras contain only version bounds."""
+    """Return whether this Python version satisfies a marker.
+
+    The markers in betterbench's requirements contain only version bounds.
+    """
     bound = re.search(r"""python_version\s*(<|>=)\s*['"](\d+)\.(\d+)['"]""", marker)
     own = (sys.version_info.major, sys.version_info.minor)
     return bound is None or _PYTHON[bound[1]](own, (int(bound[2]), int(bound[3])))

@@ -1,6 +1,6 @@
-"""Validation of JSON from files and untrusted sources with dataclasses.
+"""Validation of JSON from files and untrusted sources, using dataclasses.
 
-Such a dataclass has the decorator :data:`strict_form`, and its ``TypeAdapter`` parses the text::
+A dataclass for this purpose has the decorator :data:`strict_form`, and its ``TypeAdapter`` parses the text::
 
     @strict_form
     @dataclass(frozen=True, slots=True)
@@ -9,7 +9,7 @@ Such a dataclass has the decorator :data:`strict_form`, and its ``TypeAdapter`` 
     _METRIC = TypeAdapter(Metric)
     metric = read_form(_METRIC, path.read_bytes(), where=str(path), cure="Restore the file")
 
-The seal of a sealed document is checked by :func:`open_seal` before any field is read.
+A document may be sealed, i.e. contain a checksum of itself. :func:`open_seal` checks the seal before any field is read.
 """
 
 from __future__ import annotations
@@ -37,27 +37,38 @@ logger = logging.getLogger(__name__)
 FormT = TypeVar("FormT")
 
 SEAL = "seal"
-"""Key of the checksum in a sealed document: the SHA-256 of all other content. It detects damage but does not prove
-authorship."""
+"""Key of the checksum in a sealed document.
+
+The checksum is the SHA-256 of all other content. It detects damage, but does not prove who wrote the document.
+"""
 
 # Validators are built at first use, because a process imports about twenty of these classes but uses one or two.
 _STRICT = ConfigDict(strict=True, allow_inf_nan=False, defer_build=True)
 
 strict_form = with_config(ConfigDict(**_STRICT, extra="forbid"))
-"""Class decorator that rejects unknown keys, non-finite numbers and values of the wrong type, such as 1 for true."""
+"""Class decorator that rejects unknown keys, numbers that are not finite, and values of a wrong type, such as 1 for
+true.
+"""
 
 open_form = with_config(_STRICT)
-"""Class decorator like :data:`strict_form` that ignores unknown keys, for parts of a file that another version may have
-written."""
+"""Class decorator like :data:`strict_form` that ignores unknown keys.
+
+It is for parts of a file that another version may have written.
+"""
 
 
 growing_form = with_config(ConfigDict(**_STRICT, extra="allow"))
-"""Decorator like :data:`strict_form` for a ``TypedDict`` that keeps unknown keys, for parts of a file that are read and
-written back."""
+"""Decorator like :data:`strict_form` for a ``TypedDict`` that keeps unknown keys.
+
+It is for parts of a file that are read and written back.
+"""
 
 
 def json_schema_of(adapter: TypeAdapter[Any], *, title: str) -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of a dataclass. Leading underscores of class names are removed."""
+    """Return the JSON schema (draft 2020-12) of a dataclass.
+
+    Underscores at the beginning of class names are removed.
+    """
     text = json.dumps(adapter.json_schema())
     names = {name: name.lstrip("_") for name in json.loads(text).get("$defs", {})}
     for name, plain in names.items():
@@ -73,7 +84,7 @@ def _no_truth(value: object) -> object:
 
 
 NO_TRUTH = BeforeValidator(_no_truth)
-"""Validator for Literal fields with numbers, for which pydantic would accept false as 0 and true as 1."""
+"""Validator for Literal fields with numbers, for which pydantic alone would accept false as 0 and true as 1."""
 
 
 def read_form(
@@ -85,19 +96,20 @@ def read_form(
     raises: type[BetterError] = InvalidInputError,
     sealed: bool = False,
 ) -> FormT:
-    """Parse and validate JSON text, and return the value.
+    """Parse and validate JSON, and return the resulting value.
 
     Args:
         adapter: Type adapter of the expected class.
-        form: JSON as bytes or text (fastest), or an already parsed value.
-        where: File, and the location in it, for error messages.
+        form: JSON as bytes or text (fastest), or a value that has already been parsed.
+        where: File and location in it, for error messages.
         cure: Remedy, for error messages.
-        raises: Class of the error.
-        sealed: Whether a digest has already been verified, so that the slow check for duplicate keys can be skipped.
+        raises: Class of the error to raise.
+        sealed: Whether a digest of the text has already been verified. The slow check for duplicate keys is then
+            skipped.
 
     Raises:
-        BetterError: Of the class ``raises``, if a field is missing, unknown, malformed or given twice; the message
-            names the first.
+        BetterError: An error of the class ``raises``, if a field is missing, unknown, malformed or given twice. The
+            message names the first such field.
     """
     with form_errors(where, cure, raises):
         text = form if isinstance(form, bytes | str) else json.dumps(form)
@@ -110,9 +122,9 @@ def read_form(
 
 
 def seal_of(form: Mapping[str, Any]) -> str:
-    """Return the seal of a JSON object: the SHA-256 of its canonical text, without the seal itself.
+    """Return the seal of a JSON object, i.e. the SHA-256 of its canonical text without the seal itself.
 
-    Raises ValueError for non-finite numbers or too many nested levels, and TypeError for values that are not JSON.
+    Raises ValueError if a number is not finite or the object is nested too deep, and TypeError if a value is not JSON.
     """
     rest = {name: value for name, value in form.items() if name != SEAL}
     try:
@@ -123,12 +135,15 @@ def seal_of(form: Mapping[str, Any]) -> str:
 
 
 def content_digest(name: str, data: bytes) -> str:
-    """Return the SHA-256 of a name and its content. The same content under another name has a different digest."""
+    """Return the SHA-256 of a name together with its content.
+
+    The same content with a different name has a different digest.
+    """
     return hashlib.sha256(f"{name}\n".encode() + data).hexdigest()
 
 
 def sealed_form(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a JSON object with its seal added."""
+    """Return a JSON object with its seal (a checksum) added."""
     return {**form, SEAL: seal_of(form)}
 
 
@@ -144,14 +159,15 @@ def open_seal(
 
     Args:
         raw: The document.
-        where: File for the error.
-        cure: Remedy for a changed document.
-        raises: Class of the error.
-        since: Field that contains the format version, and the first version with a seal. Older documents, and documents
-            without this field, are read with a warning. None if every document has a seal.
+        where: File, for error messages.
+        cure: Remedy for a changed document, for error messages.
+        raises: Class of the error to raise.
+        since: Field that contains the version of the format, and the first version that has a seal. Older documents,
+            and documents without this field, are read with a warning. None means that every document has a seal.
 
     Raises:
-        BetterError: Of the class ``raises``, if the document is not a JSON object, or its seal is missing or wrong.
+        BetterError: An error of the class ``raises``, if the document is not a JSON object, or if its seal is missing
+            or wrong.
     """
     with form_errors(where, cure, raises):
         form = parse_json(raw, unique=True)
@@ -174,14 +190,17 @@ def open_seal(
 
 
 def sealed_lines(lines: bytes) -> bytes:
-    """Return JSON lines followed by a checksum line: the SHA-256 of all lines before it."""
+    """Return JSON lines followed by a checksum line, which contains the SHA-256 of all lines before it."""
     return lines + json.dumps({SEAL: hashlib.sha256(lines).hexdigest()}).encode() + b"\n"
 
 
 def open_sealed_lines(
     data: bytes, *, where: str, cure: str, raises: type[BetterError] = InvalidInputError
 ) -> list[bytes]:
-    """Return the lines of a :func:`sealed_lines` file; raise ``raises`` if the checksum line is wrong or missing."""
+    """Return the lines of a text that :func:`sealed_lines` has created, without the checksum line.
+
+    Raises an error of the class ``raises`` if the checksum line is wrong or missing.
+    """
     *lines, _ = data.splitlines(keepends=True) or [b""]
     if sealed_lines(b"".join(lines)) != data:
         problem = (
@@ -193,7 +212,10 @@ def open_sealed_lines(
 
 
 def say_unsealed(where: str) -> None:
-    """Warn once that a document of an earlier version has no checksum."""
+    """Warn that a document was written by an earlier version without a checksum.
+
+    Each document causes only one warning.
+    """
     if where not in _SAID:
         _SAID.add(where)
         logger.warning(
@@ -202,19 +224,18 @@ def say_unsealed(where: str) -> None:
 
 
 _SAID: set[str] = set()
-"""Documents for which :func:`say_unsealed` has logged a warning."""
+"""Documents for which :func:`say_unsealed` has already logged a warning."""
 
 
 def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
-    """Return a dictionary from pairs.
+    """Return a dictionary of key-value pairs, to be used as ``object_pairs_hook`` of ``json.loads``.
 
-    Raises InvalidInputError for duplicate keys, which JSON readers treat differently. For ``object_pairs_hook`` of
-    ``json.loads`` and similar functions.
+    Raises InvalidInputError if a key occurs twice, because JSON readers disagree on which of the values counts.
     """
     found = dict(pairs)
     if len(found) < len(pairs):
         twice = next(key for key, times in Counter(key for key, _ in pairs).items() if times > 1)
-        raise InvalidInputError(one_line(twice, most=80), "is given twice", "Give it once")
+        raise InvalidInputError(one_line(twice, most=80), "is given twice", "Give it only once")
     return found
 
 
@@ -224,18 +245,18 @@ _HUGE = re.compile(rb"[\[,:]\s*-?\d{%d}" % _HUGE_DIGITS)
 
 
 def _whole_number(digits: str) -> int:
-    """Return an integer, or raise InvalidInputError if it is far beyond 64 bits."""
+    """Return the integer that the digits represent. Raises InvalidInputError if it is far beyond 64 bits."""
     if len(digits.lstrip("-")) >= _HUGE_DIGITS:
-        raise InvalidInputError("", "contains a number of 20 digits or more", "Give a smaller number")
+        raise InvalidInputError("", "contains a number of 20 digits or more", "Use a smaller number")
     return int(digits)
 
 
 @contextmanager
 def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputError) -> Iterator[None]:
-    """Turn exceptions during JSON validation into a one-line error with the file, the field and the remedy.
+    """Convert exceptions during JSON validation to a one-line error with the file, the field and the remedy.
 
     Raises:
-        BetterError: Instead of the exceptions of pydantic, ``json`` or the dataclass itself.
+        BetterError: If pydantic, ``json`` or the dataclass raises an exception. The BetterError replaces it.
     """
     try:
         yield
@@ -255,11 +276,12 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
 
 
 def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401
-    """Parse a JSON string; raise ValueError if it is not valid JSON or has more than 200 nested levels.
+    """Parse JSON. Raises ValueError if the text is not valid JSON or is nested more than 200 levels deep.
 
-    Deeper values would cause errors in code that traverses them. Integers may have any size, as in JSON; for
-    calculations, use a class that limits them. With ``unique``, InvalidInputError is raised for a duplicate key. With
-    ``number``, numbers are converted by that function, and NaN and Infinity are rejected.
+    Deeper nesting would cause errors in code that traverses the value. Integers may be arbitrarily large, as in JSON.
+    To calculate with them, validate the value with a class that limits their size. With ``unique``, InvalidInputError
+    is raised if a key occurs twice. With ``number``, this function converts all numbers, and NaN and Infinity are
+    rejected.
     """
     try:
         found = json.loads(
@@ -283,7 +305,7 @@ def _refuse(constant: str) -> None:
 
 
 _DEEPEST = 200
-"""Maximum nesting depth of lists and maps, as in pydantic."""
+"""Maximum depth of nested lists and maps, as in pydantic."""
 
 
 def _is_deep(value: Any) -> bool:  # noqa: ANN401 - as above
@@ -300,7 +322,7 @@ def read_object(path: Path, *, max_bytes: int, cure: str) -> dict[str, Any]:
     """Return the JSON object in a file.
 
     Raises:
-        InvalidInputError: If the file is missing or larger than ``max_bytes``, or contains other data.
+        InvalidInputError: If the file is missing, is larger than ``max_bytes``, or does not contain a JSON object.
     """
     text = read_bounded(path, max_bytes=max_bytes, cure=cure)
     try:
@@ -313,17 +335,17 @@ def read_object(path: Path, *, max_bytes: int, cure: str) -> dict[str, Any]:
 
 
 class NotOrdinaryError(OSError):
-    """Expected a regular file, found a folder, pipe, socket or device."""
+    """A path leads to a folder, pipe, socket or device instead of a regular file."""
 
 
 def open_ordinary(path: Path) -> io.BufferedReader:
-    """Open a file from another source for reading.
+    """Open a file that may come from another source, for reading.
 
     Pipes and devices are rejected without blocking.
 
     Raises:
-        NotOrdinaryError: If it is a folder, pipe, socket or device.
-        OSError: If it is missing or cannot be read.
+        NotOrdinaryError: If the path leads to a folder, pipe, socket or device.
+        OSError: If the file is missing or cannot be read.
     """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -340,16 +362,17 @@ def open_ordinary(path: Path) -> io.BufferedReader:
 
 
 def read_ordinary(path: Path) -> bytes:
-    """Return a file's content; raises the errors of :func:`open_ordinary`."""
+    """Return the content of a file. Raises the same errors as :func:`open_ordinary`."""
     with open_ordinary(path) as file:
         return file.read()
 
 
 def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterError] = InvalidInputError) -> bytes:
-    """Return the content of a file up to a size limit. Pipes and devices are rejected without blocking.
+    """Return the content of a file, up to a size limit. Pipes and devices are rejected without blocking.
 
     Raises:
-        BetterError: Of the class ``raises``, if it is missing, not a regular file, too large or unreadable.
+        BetterError: An error of the class ``raises``, if the file is missing, not a regular file, too large, or cannot
+            be read.
     """
     problem, cause = f"is larger than {max_bytes} bytes", None
     try:
@@ -368,13 +391,19 @@ def _as(raises: type[BetterError], wrong: InvalidInputError) -> BetterError:
 
 
 _MOST_OF_A_FIELD = 200
-"""Maximum length of a field name in a message, because the keys of a map are untrusted."""
+"""Maximum number of characters of a field's name in a message.
+
+It is limited because the keys of a map are untrusted.
+"""
 _MOST_OF_A_PROBLEM = 600
-"""Maximum length of a problem's description in a message, because it may contain the field's value."""
+"""Maximum number of characters of a problem's description in a message, which may quote the value of the field."""
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
-    """Return the first validation problem with its field ("trials[3].label", empty for the whole object)."""
+    """Return the field of the first validation problem ("trials[3].label") and a description of the problem.
+
+    The field is empty if the problem concerns the whole object.
+    """
     first = error.errors(include_url=False)[0]
     field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
     field = one_line(field, most=_MOST_OF_A_FIELD)
@@ -415,6 +444,6 @@ def dump_json(form: object) -> bytes:
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file, as stored in journals; the file is read in blocks."""
+    """Return the SHA-256 of a file in the form that journals contain. The file is read in blocks."""
     with open_ordinary(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

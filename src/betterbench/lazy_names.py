@@ -1,18 +1,18 @@
-"""Public package names that are imported at first use."""
+"""Public names of a package that are imported from its modules when they are first used."""
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 
 
 def lazy_names(package: str, names: Mapping[str, Sequence[str]]) -> Callable[[str], object]:
-    """Return the ``__getattr__`` for a package whose names are imported from other modules at first use.
+    """Return the ``__getattr__`` of a package whose names are imported from other modules when they are first used.
 
     Assign the result to ``__getattr__`` in an ``else`` branch of ``if TYPE_CHECKING``, and import the names in the
     other branch. Type checkers then report unknown names.
 
     Args:
-        package: Package name.
-        names: Names by module; modules are relative to the package.
+        package: Name of the package.
+        names: Names to import from each module. Module names are relative to the package.
     """
     homes = {name: module for module, of_module in names.items() for name in of_module}
 

@@ -1,10 +1,10 @@
 """Quoting of external strings, with one function per output format.
 
-A name in an untrusted data set, run, record, plan or answer may contain any characters. The quoting rules depend on the
-program that reads the output (a shell, a browser, a spreadsheet, LaTeX). They are implemented once, in this module.
-Terminal lines and messages use :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`; unsafe
-names of files to be read are rejected rather than quoted (``betterbench.records``). Python source is written with
-``repr``, YAML strings with ``json.dumps``, and JSON for people with :func:`json_text`.
+A name in an untrusted data set, run, record, plan or answer may contain any characters. How it must be quoted depends
+on the program that reads the output (a shell, a browser, a spreadsheet, LaTeX). The rules are implemented once, in this
+module. Terminal lines and messages use :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`.
+Unsafe names of files to be read are rejected rather than quoted (``betterbench.records``). Python source is written
+with ``repr``, YAML strings with ``json.dumps``, and JSON for people with :func:`json_text`.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from urllib.parse import quote
 from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line, printable
 
 LONGEST_TEXT = 2000
-"""Maximum length of external text in a page, a figure or a table, where it may be repeated a thousand times
-[characters].
+"""Maximum number of characters of an external text in a page, a figure or a table, where it may be repeated a thousand
+times.
 """
 
 
 # -------------------------------------------------------------------------------------------------------------- shell
 class ShellText(str):
-    """Shell source written by our own code, such as ``"$HERE/train.py"``, which is not quoted.
+    """Shell source that betterbench's own code has written, such as ``"$HERE/train.py"``. It is not quoted.
 
-    Text from a file or a user must never become a ShellText. Concatenated with another string, it becomes an ordinary
-    string, which is quoted.
+    Text from a file or a user must never become a ShellText. If a ShellText is concatenated with another string, the
+    result is an ordinary string, which is quoted.
     """
 
     __slots__ = ()
@@ -39,10 +39,10 @@ class ShellText(str):
 def shell_word(value: object) -> str:
     r"""Quote a value as one word of a POSIX shell. A :class:`ShellText` is returned unchanged.
 
-    Control characters are written as bytes (``$'\x1b'``, a form of bash), so a command can be printed.
+    Control characters are written as bytes (``$'\x1b'``, a form of bash), so that the command can be printed.
 
     Raises:
-        InvalidInputError: If the value contains a null character, which is not possible in a command.
+        InvalidInputError: If the value contains a null character, which a command cannot contain.
     """
     if isinstance(value, ShellText):
         return str(value)
@@ -69,23 +69,24 @@ def _shell_letter(letter: str) -> str:
 
 
 def _encoding_of(letter: str) -> str:
-    """Return the encoding error handler for a character: a raw byte of a non-UTF-8 file name, or a surrogate."""
+    """Return the error handler for encoding a raw byte of a file name that is not UTF-8, or a surrogate."""
     return "surrogateescape" if "\udc80" <= letter <= "\udcff" else "surrogatepass"
 
 
 # -------------------------------------------------------------------------------------------------------------- files
 LONGEST_NAME = 100
-"""Maximum length of a default name, including the digest [characters]. File systems allow 255 bytes, some of which
-suffixes and names of temporary files need.
+"""Maximum number of characters of a default name, including the digest.
+
+File systems allow 255 bytes, of which suffixes and names of temporary files need some.
 """
 _DIGEST_LETTERS = 8
 
 
 def default_name(text: str, *, otherwise: str) -> str:
-    """Return a name for a file or folder from a text, or ``otherwise`` if the text has no ASCII letter or digit.
+    """Derive the name of a file or folder from a text. If the text has no ASCII letter or digit, return ``otherwise``.
 
     The name consists of ASCII letters, digits, ``-`` and ``.``, and has at most :data:`LONGEST_NAME` characters. A
-    longer name is cut and ends with a digest of the text, so that two long texts with the same beginning have different
+    longer name is cut and ends with a digest of the text, so that two long texts with the same beginning get different
     names.
     """
     name = re.sub(r"[^A-Za-z0-9.]+", "-", text).strip("-.") or otherwise
@@ -97,12 +98,12 @@ def default_name(text: str, *, otherwise: str) -> str:
 
 # -------------------------------------------------------------------------------------------------------------- pages
 def markup_text(text: str) -> str:
-    """Escape a text as content or attribute of an HTML or XML element, and limit its length."""
+    """Escape a text for use as the content or an attribute of an HTML or XML element, and limit its length."""
     return html.escape(printable(text, most=LONGEST_TEXT), quote=True)
 
 
 def script_json(value: object) -> str:
-    """Return JSON that is safe inside a script element: no ``<``, ``>`` or ``&``, nothing unprintable, no NaN."""
+    """Return JSON that is safe inside a script element: no ``<``, ``>`` or ``&``, no unprintable characters, no NaN."""
     return _UNSAFE_IN_SCRIPT.sub(_escaped, json_text(value, separators=(",", ":"), allow_nan=False))
 
 
@@ -119,9 +120,9 @@ def json_text(
     allow_nan: bool = True,
     ascii_only: bool = False,
 ) -> str:
-    """Return JSON for a file that people open or for a terminal, with the options of ``json.dumps``.
+    """Return JSON for a terminal or for a file that people open. The options are passed to ``json.dumps``.
 
-    Letters stay readable. Characters that cannot be printed or encoded are escaped as by :func:`escaped_json`.
+    Letters stay readable. Characters that cannot be printed or encoded are escaped as in :func:`escaped_json`.
     """
     text = json.dumps(
         value, indent=indent, separators=separators, sort_keys=sort_keys, allow_nan=allow_nan, ensure_ascii=ascii_only
@@ -130,7 +131,7 @@ def json_text(
 
 
 def escaped_json(text: str) -> str:
-    """Return JSON in which the characters of :data:`betterbench.errors.UNPRINTABLE` are escaped.
+    """Return JSON in which the characters in :data:`betterbench.errors.UNPRINTABLE` are escaped.
 
     Parsing the result gives the same value.
     """
@@ -138,12 +139,12 @@ def escaped_json(text: str) -> str:
 
 
 def json_line(canonical: bytes) -> bytes:
-    """Encode a canonical JSON value as one line of a JSON lines file."""
+    """Return a canonical JSON value as one line of a JSON lines file."""
     return escaped_json(canonical.decode("utf-8")).encode("utf-8") + b"\n"
 
 
 def _escaped(found: re.Match[str]) -> str:
-    """Return the JSON escape of a character, a surrogate pair for characters beyond U+FFFF."""
+    """Return the JSON escape of a character. It is a surrogate pair if the character is beyond U+FFFF."""
     units = found[0].encode("utf-16-be", "surrogatepass").hex()
     return "".join(f"\\u{units[at : at + 4]}" for at in range(0, len(units), 4))
 
@@ -152,8 +153,8 @@ def _escaped(found: re.Match[str]) -> str:
 def markdown_text(text: object) -> str:
     """Escape a text as one line of Markdown, for a paragraph, a list, a heading or a table cell.
 
-    Only characters that CommonMark or GitHub would interpret are escaped. Ordinary names stay unchanged, for example
-    with an underscore between letters, brackets without an address, or a single ampersand.
+    Only characters that CommonMark or GitHub would interpret are escaped. Ordinary names stay unchanged, for example if
+    they contain an underscore between letters, brackets without an address, or a single ampersand.
     """
     line = _MARKDOWN.sub(r"\\\g<0>", one_line(text, most=LONGEST_TEXT))
     return re.sub(r"^(\d+)([.)])(?=\s|$)", r"\1\\\2", line)
@@ -169,7 +170,7 @@ _MARKDOWN = re.compile(
 
 
 def markdown_code(text: object) -> str:
-    """Return a text as one line of inline code in Markdown, also valid in a table cell."""
+    """Return a text as one line of inline code in Markdown, which is also valid in a table cell."""
     line = one_line(text, most=LONGEST_TEXT).replace("|", "\\|")
     fence = "`" * (1 + max((len(run) for run in re.findall("`+", line)), default=0))
     room = " " if line.startswith("`") or line.endswith("`") or not line.strip() else ""
@@ -177,14 +178,14 @@ def markdown_code(text: object) -> str:
 
 
 def markdown_address(address: str) -> str:
-    """Return a relative address as the target of a link in Markdown."""
+    """Quote a relative address for use as the target of a Markdown link."""
     return quote(address, safe="/.-_~")
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Return the lines of a Markdown table.
 
-    Escape the cells first, with :func:`markdown_text` or :func:`markdown_code`.
+    The cells must already be escaped with :func:`markdown_text` or :func:`markdown_code`.
     """
     return [_row(head), "|" + "---|" * len(head), *map(_row, rows)]
 

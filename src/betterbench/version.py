@@ -1,3 +1,3 @@
-"""The version of betterbench."""
+"""Version of betterbench."""
 
 __version__ = "0.1.0"

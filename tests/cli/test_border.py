@@ -35,7 +35,7 @@ def test_every_number_of_every_verb_has_bounds(verb):
 OUT_OF_BOUNDS = [
     (
         "eval --policy noop --trials 99999999999999999999",
-        "--trials: 99999999999999999999 is out of range. It must be ≥ 1 and ≤ 10000",
+        "--trials: 99999999999999999999 is out of range. Use a number from 1 to 10000",
     ),
     ("eval --policy noop --trials 0", "--trials: 0 is out of range"),
     ("eval --policy noop --seed=-1", "--seed: -1 is out of range"),

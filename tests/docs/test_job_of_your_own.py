@@ -53,4 +53,4 @@ def test_the_job_of_the_page_resumes_and_is_alone(tmp_path):
         check=False,
     )
     assert done.stdout == "carried out\n", done.stderr
-    assert "removed an incomplete last line" in done.stderr
+    assert "the incomplete last line was removed" in done.stderr

@@ -110,8 +110,8 @@ def test_the_plan_is_json_and_holds_every_version_and_convention():
 
 
 BAD = {
-    "no trials": ({"trials": 0}, InvalidInputError, "--trials: 0 is out of range. It must be ≥ 1"),
-    "negative seed": ({"seed": -1}, InvalidInputError, "--seed: -1 is out of range. It must be ≥ 0"),
+    "no trials": ({"trials": 0}, InvalidInputError, "--trials: 0 is out of range. Use a number ≥ 1"),
+    "negative seed": ({"seed": -1}, InvalidInputError, "--seed: -1 is out of range. Use a number ≥ 0"),
     "unknown task": ({"tasks": ["fastfood"]}, UnknownNameError, "Did you mean 'fast_food'"),
     "unknown variation": (
         {"tasks": ["fast_food"], "variations": ["Q1"]},
@@ -122,14 +122,14 @@ BAD = {
     "variation of another task": (
         {"tasks": ["fast_food"], "variations": ["morning_coffee/L1"]},
         InvalidInputError,
-        "belongs to no task of this run",
+        "no task of this run has the variation",
     ),
     "action space": ({"action_space": "ee_detla"}, UnknownNameError, "Did you mean 'ee_delta'"),
     "robot": ({"robot": "so100"}, UnknownNameError, "robot 'so100'.*Did you mean 'so101'"),
     "action space of another robot": (
         {"action_space": "so101_degrees"},
         UnknownNameError,
-        "action space of the Franka .* 'so101_degrees'",
+        "action space for the Franka .* 'so101_degrees'",
     ),
     "joint space of another robot": (
         {"robot": "so101", "action_space": "joint_delta"},

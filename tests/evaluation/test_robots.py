@@ -196,7 +196,7 @@ def test_the_packaged_certificate_is_not_replaced_by_one_of_another_robot(capsys
 
 
 def test_a_layout_of_another_robots_actions_is_refused():
-    with pytest.raises(UnknownNameError, match="action space of the SO-101 follower arm 'joint_delta'"):
+    with pytest.raises(UnknownNameError, match="action space for the SO-101 follower arm 'joint_delta'"):
         layout_of("openpi_droid", robot="so101")
 
 

@@ -33,7 +33,7 @@ def test_a_folder_lists_what_was_written_and_nothing_else_is_replaced(tmp_path):
     (out / "deep" / "b.txt").write_bytes(b"edited")
     with pytest.raises(RunConflictError, match=r"b\.txt: a file that .* already exists"), OutputFolder(out, "report"):
         pass
-    with pytest.raises(RunConflictError, match="better shortcuts did not write it"):
+    with pytest.raises(RunConflictError, match="which better shortcuts did not write"):
         OutputFolder(out, "shortcuts").__enter__()
     with OutputFolder(out, "report", overwrite=True):
         write_durably(out / "mine.txt", b"4")
@@ -190,7 +190,7 @@ class _Lines(LineJournal):
 def test_no_tail_is_cut_off_that_is_no_beginning_of_a_line(tmp_path):
     file = tmp_path / "journal.jsonl"
     file.write_bytes(b"notes of a thesis")
-    with pytest.raises(Exception, match="its end is not an unfinished journal line"):
+    with pytest.raises(Exception, match="the end of the file is not an unfinished journal line"):
         _Lines(file)
     assert file.read_bytes() == b"notes of a thesis"
     file.write_bytes(b'{"a": 1}\n{"b"')

@@ -234,9 +234,13 @@ def test_a_file_is_loaded_like_a_script_with_its_neighbors_and_dataclasses(tmp_p
 @pytest.mark.parametrize(
     ("says", "error", "text"),
     [
-        ({"metadata": {"step": 20000}}, InvalidInputError, r"metadata\['step'\]: it is of type int. Give strings"),
+        ({"metadata": {"step": 20000}}, InvalidInputError, r"metadata\['step'\]: it is of type int. Use strings"),
         ({"metadata": None}, InvalidInputError, "metadata: it is of type NoneType"),
-        ({"execution": {"horizon": 3}}, InvalidInputError, "execution: it is of type dict. Give Execution"),
+        (
+            {"execution": {"horizon": 3}},
+            InvalidInputError,
+            "execution: it is of type dict. Use a value of type Execution",
+        ),
         ({"name": None}, InvalidInputError, "name: it is of type NoneType"),
         ({"action_space": None}, InvalidInputError, "action_space: it is of type NoneType"),
         ({"action_space": "ee_dleta"}, UnknownNameError, "Did you mean 'ee_delta'"),

@@ -243,7 +243,9 @@ def test_a_missing_or_damaged_file_is_named(make_record, tmp_path) -> None:
     good = record_bytes(make_record(rows=30)[0])
     for bad in (b"", b"not parquet", good[: len(good) // 2], good[:-4] + b"XXXX", b"PAR1" * 5):
         path.write_bytes(bad)
-        with pytest.raises(RecordError, match=r"7\.parquet: is damaged .*Repeat the command of the run to record"):
+        with pytest.raises(
+            RecordError, match=r"7\.parquet: the (file|record) is damaged .*Repeat the command of the run to record"
+        ):
             read_record(path)
     with pytest.raises(RecordError, match=r"is a folder and not a file\. Give a record of a run"):
         read_record(tmp_path)
@@ -255,7 +257,9 @@ def test_a_record_that_was_cut_short_or_changed_is_to_be_copied_again(make_recor
     for bad in (good[: len(good) // 2], good[:-1], good[:500] + bytes([good[500] ^ 255]) + good[501:]):
         for digest in (None, hashlib.sha256(good).hexdigest()):  # named by a user, or listed by a journal
             path.write_bytes(bad)
-            with pytest.raises(RecordError, match=r"7\.parquet: is damaged \(.*\)\. Copy it again") as problem:
+            with pytest.raises(
+                RecordError, match=r"7\.parquet: the (file|record) is damaged \(.*\)\. Copy it again"
+            ) as problem:
                 read_record(path, digest=digest)
             assert "Give a record" not in str(problem.value)
     for bad in (b"", b"not parquet", b"PAR1" * 5):
@@ -323,8 +327,8 @@ def reseal(table, path, document: bytes | None = None) -> None:
         (lambda f: f.pop("outcome"), "outcome: is missing"),
         (lambda f: f["outcome"].update(success="yes"), r"outcome\.success: Input should be a valid boolean"),
         (lambda f: f["outcome"].update(termination="boredom"), "boredom"),
-        (lambda f: f["bodies"].clear(), "a contact refers to a body that is not listed"),
-        (lambda f: f["widths"].update(nq=51), "its columns \\(qpos\\) do not match its metadata"),
+        (lambda f: f["bodies"].clear(), "a contact refers to a body that the record does not list"),
+        (lambda f: f["widths"].update(nq=51), "the columns \\(qpos\\) do not match the metadata"),
         (lambda f: f["widths"].update(nq=-1), r"widths\.nq: Input should be greater than or equal to 0, not -1"),
         (lambda f: f["widths"].update(objects=2), r"widths\.objects: is 2, but the metadata lists 3"),
         (lambda f: f.update(metadata=[1]), r"metadata: metadata: is not a JSON object"),
@@ -347,7 +351,7 @@ def test_other_parquet_files_are_refused(make_record, tmp_path) -> None:
     write_record(make_record(rows=3)[0], path)
     table = pq.read_table(path)
     reseal(table.drop_columns(["goal"]), path)
-    with pytest.raises(RecordError, match="its columns \\(goal\\) do not match its metadata"):
+    with pytest.raises(RecordError, match="the columns \\(goal\\) do not match the metadata"):
         read_record(path)
     reseal(table.slice(0, 0), path)
     with pytest.raises(RecordError, match="has no rows"):
@@ -358,7 +362,7 @@ def test_a_file_that_unpacks_to_too_much_is_refused(make_record, tmp_path, monke
     path = tmp_path / "r.parquet"
     write_record(make_record(rows=200)[0], path)
     monkeypatch.setattr(parquet, "MAX_UNPACKED_BYTES", 100_000)
-    with pytest.raises(RecordError, match=r"r\.parquet: unpacks to more than 100000 bytes"):
+    with pytest.raises(RecordError, match=r"r\.parquet: the file unpacks to more than 100000 bytes"):
         read_record(path)
     monkeypatch.setattr(parquet, "MAX_FILE_BYTES", 1000)
     with pytest.raises(RecordError, match="is larger than 1000 bytes"):

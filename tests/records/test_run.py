@@ -278,13 +278,13 @@ def test_the_same_plan_resumes_and_keeps_the_first_context(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("plan", "message"),
     [
-        ({**PLAN, "trials": 50}, r"plan\.trials is 20 there and 50 here"),
-        ({**PLAN, "trials": 20.0}, r"plan\.trials is 20 there and 20\.0 here"),
-        ({**PLAN, "suite": {"version": "1.1"}}, r'plan\.suite\.version is "1\.0" there and "1\.1" here'),
+        ({**PLAN, "trials": 50}, r"plan\.trials is 20 there but 50 here"),
+        ({**PLAN, "trials": 20.0}, r"plan\.trials is 20 there but 20\.0 here"),
+        ({**PLAN, "suite": {"version": "1.1"}}, r'plan\.suite\.version is "1\.0" there but "1\.1" here'),
         ({**PLAN, "tasks": ["fast_food", "tidy_desk"]}, r"plan\.tasks\[1\]"),
-        ({**PLAN, "tasks": ["fast_food"]}, r"the length of plan\.tasks is 2 there and 1 here"),
-        ({k: v for k, v in PLAN.items() if k != "policy"}, r"plan\.policy is .* there and absent here"),
-        ({**PLAN, "a": None, "zzz": 1}, r"plan\.a is absent there and null here"),
+        ({**PLAN, "tasks": ["fast_food"]}, r"the length of plan\.tasks is 2 there but 1 here"),
+        ({k: v for k, v in PLAN.items() if k != "policy"}, r"plan\.policy is .* there but absent here"),
+        ({**PLAN, "a": None, "zzz": 1}, r"plan\.a is absent there but null here"),
     ],
 )
 def test_another_plan_is_refused_with_the_first_difference(tmp_path, plan, message) -> None:
@@ -322,7 +322,7 @@ def test_a_plan_with_more_trials_takes_the_place_of_the_stored_one(tmp_path) -> 
 def test_a_plan_that_changes_what_is_there_is_no_larger_plan(tmp_path, change) -> None:
     few = {**PLAN, "trials": trials("a", "b"), "task_versions": {"a": 1, "b": 1}}
     stored = RunFolder.start(tmp_path / "run", few)
-    with pytest.raises(RunConflictError, match="contains another run"):
+    with pytest.raises(RunConflictError, match="contains a different run"):
         RunFolder.start(tmp_path / "run", {**few, **change})
     assert RunFolder.open(tmp_path / "run") == stored
 
@@ -343,7 +343,7 @@ def test_a_folder_with_other_files_is_left_alone(tmp_path) -> None:
 def test_a_folder_of_runs_is_no_run_and_the_error_names_them(tmp_path) -> None:
     for name in ("sources", "demonstrations"):
         RunFolder.start(tmp_path / name, PLAN)
-    with pytest.raises(RecordError, match=r"Give one of its runs: .*demonstrations, .*sources"):
+    with pytest.raises(RecordError, match=r"Give a run inside it: .*demonstrations, .*sources"):
         RunFolder.open(tmp_path)
 
 

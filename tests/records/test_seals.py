@@ -318,7 +318,7 @@ def test_records_that_a_journal_has_lost_are_told(tmp_path, caplog):
     assert caplog.records == []
     path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:2]))
     assert len(run.entries()) == 2
-    assert "does not list 1 existing records, of fast_food/L1/2" in caplog.text
+    assert "does not list 1 existing records (fast_food/L1/2" in caplog.text
 
 
 def test_lines_of_an_earlier_version_are_read_and_that_is_said(tmp_path, caplog):

@@ -1,10 +1,10 @@
-"""Action spaces: declarations of the meaning of each number in an action, compared in handshakes.
+"""Action spaces: what each number in an action means. Both sides of a policy handshake compare these declarations.
 
-The gripper is the last number of every action space. In most of them, positive closes, negative opens, and zero keeps
-the last commanded width. Only the sign matters, and the fingers move at a finite speed. LIBERO and robosuite policies
-expect the same convention (robosuite adds ``sign(action)`` times a speed to the commanded width at every control step).
-CALVIN's own action spaces have the opposite sign (:data:`CALVIN_RELATIVE`) and are used only in CALVIN. LeRobot's
-spaces of the SO-101 set the opening itself (:data:`OPENING_SPACES`).
+The gripper is the last number of every action space. In most of them, a positive number closes the gripper, a negative
+number opens it, and zero keeps the last commanded width. Only the sign matters, and the fingers move at a finite speed.
+LIBERO and robosuite policies expect the same convention (robosuite adds ``sign(action)`` times a speed to the commanded
+width at every control step). CALVIN's own action spaces use the opposite sign (:data:`CALVIN_RELATIVE`) and are
+available only in CALVIN. LeRobot's action spaces of the SO-101 set the opening itself (:data:`OPENING_SPACES`).
 """
 
 from __future__ import annotations
@@ -19,20 +19,22 @@ import numpy as np
 from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
 
 TRANSLATION_PER_UNIT_M = 0.05
-"""Translation per action unit [m]: the output scale of robosuite's OSC_POSE controller in LIBERO."""
+"""Translation per action unit [m], as in LIBERO. It is the output scale of robosuite's OSC_POSE controller there."""
 
 ROTATION_PER_UNIT_RAD = 0.5
-"""Rotation per action unit [rad]: the scale of the axis-angle part of the same controller."""
+"""Rotation per action unit [rad]. It is the scale of the axis-angle part of the same OSC_POSE controller."""
 
 JOINT_STEP_PER_UNIT_RAD = 0.1
-"""Joint step per action unit [rad]: 2.0 rad/s at 20 Hz, just below the limit of the slowest Panda joint (2.175 rad/s).
+"""Joint step per action unit [rad].
+
+It gives 2.0 rad/s at 20 Hz, just below the velocity limit of the slowest Panda joint (2.175 rad/s).
 """
 
 CONTROL_RATE_HZ = 20.0
-"""Control rate of our own scenes [Hz]. Other worlds have their own control rates."""
+"""Number of actions per second in betterbench's own scenes [Hz]. Other worlds have their own control rates."""
 
 USUAL_ROBOT = "panda"
-"""Robot of scenes, plans and files that do not name a robot."""
+"""Robot that is used by scenes, plans and files that do not name a robot."""
 
 GRIPPER_CONVENTION = (
     "gripper: negative opens, positive closes, zero keeps the last commanded width; only the sign counts"
@@ -41,16 +43,17 @@ GRIPPER_CONVENTION = (
 
 @dataclass(frozen=True, slots=True)
 class ActionSpace:
-    """Declaration of the meaning of each number in an action.
+    """Declaration of what each number in an action means.
 
     Attributes:
         name: Name of the action space ("ee_delta").
-        components: Name of each number, in order; the last one is always "gripper".
+        components: Name of each number, in order. The last one is always "gripper".
         units: Unit of each number after multiplication by its scale ("m", "rad", "1").
-        low: Smallest allowed value of each number; smaller values are clipped, except in CALVIN (:attr:`clips`).
-        high: Largest allowed value of each number; larger values are clipped, except in CALVIN.
+        low: Smallest allowed value of each number. Smaller values are clipped, except in CALVIN (:attr:`clips`).
+        high: Largest allowed value of each number. Larger values are clipped, except in CALVIN.
         scale: Size of one unit of each number, in ``units``.
-        convention: Description of frame, reference and polarity, compared at every handshake.
+        convention: Description of the frame, the reference and the polarity. Descriptions are compared at every
+            handshake.
     """
 
     name: str
@@ -62,7 +65,7 @@ class ActionSpace:
     convention: str
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if a field does not have one entry per component, or a bound is invalid."""
+        """Raise InvalidInputError if a field does not have one entry per component, or if a bound is invalid."""
         where = f"action space {self.name!r}"
         for part in ("units", "low", "high", "scale"):
             if len(getattr(self, part)) != len(self.components):
@@ -75,7 +78,7 @@ class ActionSpace:
             math.isfinite(lo) and math.isfinite(hi) and lo < hi for lo, hi in zip(self.low, self.high, strict=True)
         ):
             raise InvalidInputError(
-                where, "a lower bound is not below its upper bound", "Give finite bounds, low < high"
+                where, "a lower bound is not below its upper bound", "Use finite bounds with low < high"
             )
 
     @property
@@ -85,26 +88,28 @@ class ActionSpace:
 
     @property
     def neutral(self) -> np.ndarray | None:
-        """Action that keeps the robot still, shape (dim,), or None if it depends on the state."""
+        """Action (dim,) that keeps the robot still, or None if there is no such action that is valid in every state."""
         return np.zeros(self.dim) if self.is_delta and self.name not in WORLD_ACTION_SPACES else None
 
     @property
     def is_delta(self) -> bool:
-        """Whether actions are changes (zero means no motion) rather than absolute targets."""
+        """Whether actions are changes, so that zero means no motion, rather than absolute targets."""
         return self.name in _DELTAS
 
     @property
     def clips(self) -> bool:
-        """Whether out-of-bounds numbers are clipped. For CALVIN's spaces they are only counted."""
+        """Whether numbers that are out of bounds are clipped. In CALVIN's action spaces, they are only counted."""
         return self.name not in WORLD_ACTION_SPACES
 
     def clip(self, action: object) -> np.ndarray:
-        """Check an action and return it as a new array, (dim,) float64, within the bounds if the space clips.
+        """Check an action, and return it as a new (dim,) float64 array.
+
+        If the space clips, numbers out of bounds are moved to the nearest bound.
 
         Clipping is idempotent, so replaying a recorded action gives the same result.
 
         Raises:
-            InvalidActionError: If the shape or type is wrong, or a number is not finite.
+            InvalidActionError: If the shape or type is wrong, or if a number is not finite.
         """
         given = action if isinstance(action, np.ndarray) else _as_array(action, self.name)
         if given.dtype.kind not in "fiu":
@@ -133,19 +138,19 @@ class ActionSpace:
         return np.array(values, dtype=np.float64)
 
     def count_clipped(self, actions: np.ndarray) -> int:
-        """Return the number of actions in an (n, dim) array with a component out of bounds."""
+        """Return how many of the actions (n, dim) have at least one component that is out of bounds."""
         if not len(actions):
             return 0
         outside = (actions < np.array(self.low)) | (actions > np.array(self.high))
         return int(outside.any(axis=1).sum())
 
     def _refuse(self, values: list[float]) -> NoReturn:
-        """Raise InvalidActionError with the names of the non-finite components."""
+        """Raise InvalidActionError with the names of the components that are not finite."""
         bad = ", ".join(f"{c} = {v}" for c, v in zip(self.components, values, strict=True) if not math.isfinite(v))
         raise InvalidActionError(f"{self.name} action: {bad}. Send only finite numbers.")
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, which is also used in policy handshakes."""
+        """Return the action space in JSON form, which is also used in policy handshakes."""
         return {
             "name": self.name,
             "components": list(self.components),
@@ -158,9 +163,9 @@ class ActionSpace:
 
     @classmethod
     def from_json(cls, form: Mapping[str, Any]) -> ActionSpace:
-        """Create an action space from such a dict.
+        """Read an action space from the JSON form that :meth:`to_json` returns.
 
-        Raises InvalidInputError if a field is missing, unknown or of the wrong type.
+        Raises InvalidInputError if a field is missing or has a wrong type.
         """
         try:
             texts = {name: tuple(str(v) for v in form[name]) for name in ("components", "units")}
@@ -187,7 +192,7 @@ _JOINTS = (*(f"joint{i}" for i in range(1, 8)), "gripper")
 
 
 def _twist(name: str, reference: str) -> ActionSpace:
-    """Return an action space of translations and rotation vectors that are added to a reference pose."""
+    """Return an action space whose actions add a translation and a rotation vector to a reference pose."""
     return ActionSpace(
         name=name,
         components=_TWIST,
@@ -224,7 +229,7 @@ JOINT_POSITION = ActionSpace(
     name="joint_position",
     components=_JOINTS,
     units=("rad",) * 7 + ("1",),
-    # The Panda's joint limits are narrower; the controller enforces them.
+    # The joint limits of the Panda are narrower than these bounds. The controller enforces them.
     low=(-math.pi,) * 7 + (-1.0,),
     high=(math.pi,) * 3 + (math.pi,) * 2 + (4.0, math.pi, 1.0),
     scale=(1.0,) * 8,
@@ -244,13 +249,14 @@ JOINT_DELTA = ActionSpace(
 ACTION_SPACES: dict[str, ActionSpace] = {
     space.name: space for space in (EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_POSITION, JOINT_DELTA)
 }
-"""The action spaces of betterbench's own scenes."""
+"""Action spaces of betterbench's own scenes that do not depend on the motors of a certain robot."""
 
 SO101_MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
-"""Motors of the SO-101 as LeRobot names them, in the order of its states and actions; the gripper is last."""
+"""Motors of the SO-101 as LeRobot names them, in the order of LeRobot's states and actions. The gripper is last."""
 _SO101_RANGES = (1.91986, 1.74533, 1.69, 1.65806, math.pi)
 """Largest angle of each arm joint from the middle of its calibrated range [rad]: TheRobotStudio's model with the new
-calibration. LeRobot calibrates ``wrist_roll`` as a full turn."""
+calibration. LeRobot calibrates ``wrist_roll`` as a full turn.
+"""
 
 _SO101_CALIBRATION = (
     "absolute positions of the motors as LeRobot's so101_follower names them, new calibration: zero in the middle of "
@@ -259,7 +265,7 @@ _SO101_CALIBRATION = (
 
 
 def _so101(name: str, units: tuple[float, ...], bounds: tuple[float, ...], meaning: str) -> ActionSpace:
-    """Return an action space of the SO-101 with arm components in these units [rad]."""
+    """Return an action space of the SO-101. ``units`` is the size of one unit of each arm component [rad]."""
     return ActionSpace(
         name=name,
         components=tuple(f"{motor}.pos" for motor in SO101_MOTORS),
@@ -274,7 +280,7 @@ def _so101(name: str, units: tuple[float, ...], bounds: tuple[float, ...], meani
 SO101_DEGREES = _so101(
     "so101_degrees", (math.pi / 180.0,) * 5, tuple(math.degrees(most) for most in _SO101_RANGES), "arm in degrees"
 )
-"""LeRobot's ``so101_follower`` with ``use_degrees=True`` (``MotorNormMode.DEGREES``)."""
+"""Action space of LeRobot's ``so101_follower`` with ``use_degrees=True`` (``MotorNormMode.DEGREES``)."""
 
 SO101_NORMALIZED = _so101(
     "so101_normalized",
@@ -282,23 +288,24 @@ SO101_NORMALIZED = _so101(
     (100.0,) * 5,
     "arm from -100 to 100 over each joint's calibrated range",
 )
-"""LeRobot's ``so101_follower`` with ``use_degrees=False`` (``MotorNormMode.RANGE_M100_100``)."""
+"""Action space of LeRobot's ``so101_follower`` with ``use_degrees=False`` (``MotorNormMode.RANGE_M100_100``)."""
 
 ROBOT_ACTION_SPACES: dict[str, ActionSpace] = {space.name: space for space in (SO101_DEGREES, SO101_NORMALIZED)}
-"""Action spaces in the units of one robot's motors, in betterbench's own scenes."""
+"""Action spaces of betterbench's own scenes that are in the units of one robot's motors."""
 
 JOINT_SPACES = frozenset({JOINT_POSITION.name, JOINT_DELTA.name, *ROBOT_ACTION_SPACES})
 """Action spaces with one number per arm joint."""
 
 OPENING_SPACES = frozenset(ROBOT_ACTION_SPACES)
-"""Action spaces whose gripper component is the opening instead of a direction."""
+"""Action spaces whose gripper component is the opening itself instead of a direction."""
 
 PLANNED_SPACES = (EE_DELTA.name, JOINT_POSITION.name, *ROBOT_ACTION_SPACES)
-"""Action spaces to which planned ``ee_delta`` motions can be converted: ``ee_delta`` itself, and absolute joint angles.
+"""Action spaces to which planned ``ee_delta`` motions can be converted: ``ee_delta`` itself, and spaces of absolute
+joint angles.
 """
 
 OWN_SPACES = (*ACTION_SPACES, *ROBOT_ACTION_SPACES)
-"""All action spaces of betterbench's own scenes."""
+"""All action spaces that betterbench's own scenes support."""
 
 CALVIN_RELATIVE = ActionSpace(
     name="calvin_relative",
@@ -313,16 +320,17 @@ CALVIN_RELATIVE = ActionSpace(
     ),
 )
 """CALVIN's relative actions (calvin_env@797142c, ``robot/robot.py``: ``relative_to_absolute``, ``max_rel_pos``,
-``max_rel_orn``). The gripper is 1 or -1, as in its wrapper ``play_lmp_wrapper.py``."""
+``max_rel_orn``). The gripper value is 1 or -1, as in CALVIN's wrapper ``play_lmp_wrapper.py``.
+"""
 
 _UNBOUNDED = 1000.0
-"""Bound of components that a world does not clip. Larger values are neither positions nor angles and are rejected."""
+"""Bound of components that a world does not clip. Larger values cannot be positions or angles and are rejected."""
 
 _CALVIN_GRIPPER = "gripper: positive opens, anything else closes"
 
 
 def _calvin(name: str, rotation: tuple[str, ...], convention: str) -> ActionSpace:
-    """Return an unclipped action space of CALVIN, in meters and radians."""
+    """Return an action space of CALVIN in meters and radians, whose actions are not clipped."""
     components = ("x", "y", "z", *rotation, "gripper")
     units = ("m",) * 3 + ("rad" if len(rotation) == len("xyz") else "1",) * len(rotation) + ("1",)
     bound = (_UNBOUNDED,) * len(components)
@@ -338,14 +346,15 @@ CALVIN_ABSOLUTE = _calvin(
     "CALVIN's world frame; absolute position, then angles about the fixed axes x, y, z",
 )
 """CALVIN's absolute actions with Euler angles (calvin_env@797142c, ``robot/robot.py``: ``apply_action`` with three
-parts)."""
+parts).
+"""
 
 CALVIN_ABSOLUTE_QUATERNION = _calvin(
     "calvin_absolute_quaternion",
     ("qx", "qy", "qz", "qw"),
     "CALVIN's world frame; absolute position, then a quaternion (x, y, z, w)",
 )
-"""CALVIN's absolute actions with a quaternion, in the order of PyBullet."""
+"""CALVIN's absolute actions with a quaternion in the order of PyBullet (x, y, z, w)."""
 
 CALVIN_DELTA = _calvin(
     "calvin_delta",
@@ -353,8 +362,9 @@ CALVIN_DELTA = _calvin(
     "CALVIN's world frame; meters and angles about the fixed axes x, y, z, added to the last commanded pose, which is "
     "the measured one where an instruction begins; the sum is executed as an absolute pose",
 )
-"""Delta actions as accumulated by vla-evaluation-harness (``benchmarks/calvin/benchmark.py``:
-``_process_delta_action``). Angles are kept in [-pi, pi), and the pose is rounded to float32 before it is applied."""
+"""Delta actions, accumulated in the same way as in vla-evaluation-harness (``benchmarks/calvin/benchmark.py``:
+``_process_delta_action``). Angles are kept in [-pi, pi), and the pose is rounded to float32 before it is applied.
+"""
 
 LIBERO_ABSOLUTE = ActionSpace(
     name="libero_absolute",
@@ -368,27 +378,31 @@ LIBERO_ABSOLUTE = ActionSpace(
         f"{GRIPPER_CONVENTION}"
     ),
 )
-"""Absolute poses for robosuite's OSC_POSE with ``use_delta`` switched off after settling, as in X-VLA's client and in
-vla-evaluation-harness (``absolute_action``) for LIBERO."""
+"""Absolute poses for robosuite's OSC_POSE controller with ``use_delta`` turned off after settling, as in X-VLA's client
+and in vla-evaluation-harness (``absolute_action``) for LIBERO.
+"""
 
 WORLD_ACTION_SPACES: dict[str, ActionSpace] = {
     space.name: space
     for space in (CALVIN_RELATIVE, CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, LIBERO_ABSOLUTE)
 }
-"""Action spaces that are only available in other worlds."""
+"""Action spaces that only other worlds support."""
 
 PLAYED_IN: Mapping[str, tuple[str, ...]] = {
     "": (*ACTION_SPACES, *ROBOT_ACTION_SPACES),
     "libero": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
     "calvin": tuple(name for name in WORLD_ACTION_SPACES if name.startswith("calvin_")),
 }
-"""Action spaces of each world, the default first. The empty name denotes betterbench's own scenes."""
+"""Action spaces that each world supports, starting with the default. The empty name means betterbench's own scenes."""
 
 _DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CALVIN_RELATIVE.name, CALVIN_DELTA.name})
 
 
 def action_space(name: str) -> ActionSpace:
-    """Return an action space by name, for our own scenes or another world."""
+    """Return the action space with the given name, either of betterbench's own scenes or of another world.
+
+    Raises UnknownNameError if there is none.
+    """
     known = ACTION_SPACES | ROBOT_ACTION_SPACES | WORLD_ACTION_SPACES
     try:
         return known[name]

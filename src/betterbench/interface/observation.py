@@ -1,4 +1,4 @@
-"""Observations: inputs of a policy, with explicit conventions."""
+"""Observations: the input of a policy, with explicit conventions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.errors import UnknownNameError
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """Camera of an observation, with its name in the scene and its image size [pixel]."""
+    """Camera of an observation: its name in the scene and the size of its images [pixel]."""
 
     name: str
     width: int = 256
@@ -22,11 +22,11 @@ class CameraSpec:
 
 @dataclass(frozen=True, slots=True)
 class ObservationSpec:
-    """Observation preset: its cameras, and whether depth images and instance masks are included.
+    """Observation preset: its cameras, and whether observations include depth images and instance masks.
 
     Attributes:
-        depth: True to add depth images [m].
-        masks: True to add instance masks. Depth and masks are privileged, so policies only get them on request.
+        depth: Whether to include depth images [m].
+        masks: Whether to include instance masks. Depth and masks are privileged, so policies get them only on request.
     """
 
     name: str
@@ -35,20 +35,20 @@ class ObservationSpec:
     masks: bool = False
 
     def only(self, cameras: Collection[str] | None) -> ObservationSpec:
-        """Return the preset with only some of its cameras, or unchanged for None.
+        """Return the preset with only the given cameras. If ``cameras`` is None, return it unchanged.
 
-        Raises UnknownNameError for an unknown camera.
+        Raises UnknownNameError if the preset does not have one of the cameras.
         """
         if cameras is None:
             return self
         known = {camera.name: camera for camera in self.cameras}
         for name in cameras:
             if name not in known:
-                raise UnknownNameError(f"camera of the observation {self.name}", name, known)
+                raise UnknownNameError(f"camera in the observation preset {self.name}", name, known)
         return replace(self, cameras=tuple(camera for camera in self.cameras if camera.name in cameras))
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the preset in JSON form."""
         return asdict(self)
 
 
@@ -72,13 +72,13 @@ _PRESETS = {
 
 
 def observation_spec(name: str) -> ObservationSpec:
-    """Return an observation preset by name.
+    """Return the observation preset with the given name. Raises UnknownNameError if there is none.
 
     - "default": front and wrist views, 256 x 256.
     - "official": the three fixed views of the paper's release, 448 x 448.
     - "droid": side and wrist views, 320 x 180, for policies trained on DROID.
     - "calvin": front view, 200 x 200, and wrist view, 84 x 84, as in CALVIN.
-    - "calvin_depth": the same with depth images.
+    - "calvin_depth": the views of "calvin" with depth images.
     - "state_only": only proprioception and instruction.
     """
     try:
@@ -89,20 +89,20 @@ def observation_spec(name: str) -> ObservationSpec:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """Policy input at one control step: instruction, images and proprioception.
+    """Input of a policy at one control step: instruction, images and proprioception.
 
     Attributes:
         instruction: Task instruction.
-        step: Control steps taken since reset.
-        images: Upright RGB image per camera, (height, width, 3) uint8.
-        joint_positions: (n,) arm joint angles [rad].
-        joint_velocities: (n,) arm joint velocities [rad/s].
-        ee_position: (3,) tool center point in the robot base frame [m].
-        ee_quaternion: (4,) tool rotation in the robot base frame, (w, x, y, z) with w >= 0.
-        gripper_width: Distance of the finger pads [m].
-        depth: Per camera (height, width) float32 distances along the optical axis [m]; empty unless requested.
-        masks: Per camera (height, width) int32 instance ids; empty unless requested.
-        native: State in the conventions of another world, by the names of our state parts; empty in our own scenes.
+        step: Number of control steps since reset.
+        images: Upright RGB image of each camera, (height, width, 3) uint8.
+        joint_positions: Arm joint angles (n,) [rad].
+        joint_velocities: Arm joint velocities (n,) [rad/s].
+        ee_position: Tool center point in the robot base frame (3,) [m].
+        ee_quaternion: Tool rotation in the robot base frame (4,), as (w, x, y, z) with w >= 0.
+        gripper_width: Distance between the finger pads [m].
+        depth: Distances along the optical axis for each camera, (height, width) float32 [m]. Empty unless requested.
+        masks: Instance ids for each camera, (height, width) int32. Empty unless requested.
+        native: State in the conventions of another world ("ee_position", ...). Empty in betterbench's own scenes.
     """
 
     instruction: str

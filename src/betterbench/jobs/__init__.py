@@ -1,11 +1,12 @@
 """Resumable jobs: planned items, crash-safe journals and files, workers, and child processes.
 
 - ``job``: runs the unfinished items of a plan and stores each result (:func:`run_items`), in a locked folder
-  (:func:`job_folder`). ``conflict`` rejects a folder with other files or another job.
-- ``item_processes``, ``item_threads``, ``retries``: process several items at once and retry items whose worker died.
-- ``line_journal``, ``durable``: one synced line per finished item, and files that are complete or absent.
-- ``lock``, ``places``, ``outputs``: one writer per folder or file. Links that lead out of the folder are not followed,
-  and files that betterbench did not write are not replaced.
+  (:func:`job_folder`). ``conflict`` rejects a folder that contains other files or a different job.
+- ``item_processes``, ``item_threads``, ``retries``: process several items at once, and retry items whose worker died.
+- ``line_journal``, ``durable``: journals with one synced line per finished item, and files that are either complete or
+  absent.
+- ``lock``, ``places``, ``outputs``: allow only one writer per folder or file. Links that lead out of the folder are not
+  followed, and files that betterbench did not write are not replaced.
 - ``worker_process``, ``process_output``, ``leftovers``: child processes, their output, and their termination together
   with the parent.
 - ``limited_process``: child processes with memory and time limits, for reading untrusted files.

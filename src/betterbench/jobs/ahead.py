@@ -1,4 +1,4 @@
-"""Prefetching from an iterator in a thread."""
+"""Prefetching of an iterator's items in a thread."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ _PATIENCE_S = 0.2
 
 
 class _End:
-    """Last entry of the queue, with the error that the iterator raised, or None."""
+    """Last entry of the prefetching queue.
+
+    It contains the error that the iterator raised, or None if there was no error.
+    """
 
     def __init__(self, error: BaseException | None) -> None:
         self.error = error
@@ -59,9 +62,11 @@ class _Ahead(Generic[ItemT]):
 
 @contextmanager
 def ahead(items: Iterator[ItemT], most: int) -> Iterator[Iterator[ItemT]]:
-    """Yield the items of an iterator while a thread prefetches up to ``most`` items. Raises the errors of the iterator.
+    """Yield the items of an iterator while a thread prefetches up to ``most`` items.
 
-    When the context ends, the thread stops after its current item.
+    An error that the iterator raises in the thread is passed on to the caller.
+
+    When the context manager exits, the thread stops after the item that it is fetching.
     """
     with closing(_Ahead(items, max(1, most))) as taken:
         yield iter(taken)

@@ -1,4 +1,4 @@
-"""Child process that answers requests over a socket: a policy, or another world's simulator."""
+"""Child process that answers requests over a socket: a policy process, or the simulator of another world."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ _PIECE = 1 << 20
 
 
 class AskedProcess:
-    """Child process that answers requests, sent as frames (:mod:`betterbench.jobs.frames`).
+    """Child process that answers requests. Requests and replies are sent as frames (:mod:`betterbench.jobs.frames`).
 
-    The process has its own session, so that it does not receive signals to the run, such as Ctrl-C, and vice versa.
+    The process has a session of its own. It therefore does not receive signals that are sent to the run, such as
+    Ctrl-C, and the run does not receive signals that are sent to the process.
     """
 
     def __init__(
@@ -39,11 +40,11 @@ class AskedProcess:
         """Start the process. Raises OSError if this fails.
 
         Args:
-            command: Function that maps the file descriptor of the child's socket to the command line.
-            output: File descriptor for its standard output and standard error.
+            command: Function that returns the command line, given the file descriptor of the child's socket.
+            output: File or file descriptor for the standard output and standard error of the process.
             environment: Environment variables of the process.
             keeps: Other file descriptors that the process inherits.
-            any_type: Whether replies may contain arrays of all types.
+            any_type: Whether replies may contain arrays of any type.
         """
         self._any_type, self._asked, self._until, self._is_over = any_type, 0, math.inf, False
         self._link, theirs = socket.socketpair()
@@ -66,17 +67,17 @@ class AskedProcess:
 
     @property
     def pid(self) -> int:
-        """Process id."""
+        """Process id (PID)."""
         return self._process.pid
 
     @property
     def has_ended(self) -> bool:
-        """Whether the process has ended for any reason."""
+        """Whether the process has ended, for any reason."""
         return self._process.poll() is not None
 
     @property
     def waits(self) -> bool:
-        """Whether the process waits for a request: it is running and has not sent an unexpected frame."""
+        """Whether the process waits for a request, i.e. it is running and has not sent an unexpected frame."""
         try:
             said = bool(select.select([self._link], [], [], 0.0)[0])
         except (OSError, ValueError):
@@ -86,11 +87,11 @@ class AskedProcess:
     def ask(
         self, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, limit_s: float = math.inf
     ) -> FrameContent:
-        """Send a request and return the reply, within a time limit [s]. Repeated replies are ignored.
+        """Send a request and return the reply. Replies to earlier requests are ignored.
 
         Raises:
             FrameEndError: If the process has ended.
-            FrameTimeoutError: If the process does not reply in time.
+            FrameTimeoutError: If the process does not reply within ``limit_s``.
             FrameError: If the process sends an invalid reply.
         """
         self._asked, self._until = self._asked + 1, time.monotonic() + limit_s
@@ -98,7 +99,7 @@ class AskedProcess:
         return self._answer()
 
     def greeting(self, *, limit_s: float) -> FrameContent:
-        """Return the first frame. The process sends it without a request. Raises the errors of :meth:`ask`."""
+        """Return the first frame, which the process sends without a request. Raises the same errors as :meth:`ask`."""
         self._until = time.monotonic() + limit_s
         return self._answer()
 
@@ -111,7 +112,7 @@ class AskedProcess:
                 raise FrameError(f"expected frame number {self._asked}, got {number}")
 
     def sendall(self, data: bytes) -> None:
-        """Send all bytes. Raises the errors of :meth:`recv`."""
+        """Send all bytes. Raises TimeoutError if they are not read in time, and OSError if the process has ended."""
         left = memoryview(data)
         while left:
             self._require_time()
@@ -146,7 +147,7 @@ class AskedProcess:
             self._link.shutdown(socket.SHUT_WR)
 
     def kill(self) -> None:
-        """Kill the process and its group. A pending :meth:`ask` then raises an error."""
+        """Kill the process and its process group. A pending call of :meth:`ask` then raises an error."""
         if self._is_over:
             return
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -155,7 +156,10 @@ class AskedProcess:
             self._link.shutdown(socket.SHUT_RDWR)
 
     def end(self, within_s: float) -> int | None:
-        """End the process. Returns its exit status, or None if it had to be killed after the time limit [s]."""
+        """End the process.
+
+        Return its exit status, or None if it had to be killed because it exceeded the time limit [s].
+        """
         status = None
         with contextlib.suppress(subprocess.TimeoutExpired):
             status = self._process.wait(within_s)

@@ -1,4 +1,4 @@
-"""Conflicts of a job with the content of its folder: other files, or another job."""
+"""Conflicts between a job and the content of its folder: unrelated files, or a different job."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ _ABSENT = object()
 
 
 def require_free(path: Path, what: str, *, file: str, besides: Collection[str] = ()) -> None:
-    """Raise RunConflictError if a path is a file, or a folder that contains other files but no job.
+    """Raise RunConflictError if a path is a file, or a folder that contains files but no job of this kind.
 
     Args:
-        path: Job folder.
-        what: Kind of job, for the message ("run").
-        file: File that describes a job. A folder with this file is not checked.
-        besides: Names of files that a job may leave if it fails to start, which are accepted.
+        path: Folder of the job.
+        what: Kind of job for the message, such as "run".
+        file: Name of the file that describes a job. A folder that contains this file is not checked.
+        besides: Names of files that a job may leave behind if it fails to start. They are accepted.
     """
     if path.exists() and not path.is_dir():
-        raise RunConflictError(f"{path}: this is a file. Choose another folder for the {what}.")
+        raise RunConflictError(f"{path}: this is a file. Choose a folder for the {what}.")
     if (path / file).exists() or not path.is_dir():
         return
     left = {LOCK_NAME, *besides}
@@ -43,29 +43,32 @@ def require_same(
     cure: str = "Use the same arguments to resume it",
     cures: Mapping[str, str] | None = None,
 ) -> None:
-    """Raise RunConflictError if the description of a folder's job differs from the requested one.
+    """Raise RunConflictError if the job in a folder differs from the requested job.
 
     Args:
-        path: Job folder.
+        path: Folder of the job.
         there: JSON value that describes the job in the folder.
         asked: JSON value that describes the requested job.
-        what: Kind of job, for the message ("run").
-        where: Name of the description, for the message ("plan").
-        cure: Remedy, for resuming.
-        cures: Other remedies, by the first field of the description that differs.
+        what: Kind of job for the message, such as "run".
+        where: Name of the description for the message, such as "plan".
+        cure: Remedy that lets the user resume the job.
+        cures: Remedies that replace ``cure``, by the first field of the description that differs.
     """
     difference = first_difference(there, asked, where)
     if difference is not None:
         place, stored, wanted = difference
         field = place.removeprefix(f"{where}.").split(".")[0]
         raise RunConflictError(
-            f"{path}: this folder contains another {what}: {place} is {stored} there and {wanted} here. "
-            f"{(cures or {}).get(field, cure)}, or choose another folder."
+            f"{path}: this folder contains a different {what}: {place} is {stored} there but {wanted} here. "
+            f"{(cures or {}).get(field, cure)}, or choose a different folder."
         )
 
 
 def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
-    """Return the path of the first difference between two sorted JSON values, with both values as text, or None."""
+    """Compare two JSON values. Return the path of their first difference, and both values at that path as text.
+
+    Return None if the two JSON values are equal. Keys are compared in sorted order.
+    """
     if isinstance(there, dict) and isinstance(asked, dict):
         for key in sorted(set(there) | set(asked)):
             if key not in there or key not in asked:
@@ -88,7 +91,7 @@ def first_difference(there: object, asked: object, where: str) -> tuple[str, str
 
 
 def _shown(value: object) -> str:
-    """Return a value for a message, shortened."""
+    """Return a value as text for a message, shortened to 80 characters."""
     if value is _ABSENT:
         return "absent"
     text = json_text(value)

@@ -1,7 +1,8 @@
-"""Journals of human decisions: changes, verdicts and undos, with the history of each subject.
+"""Journals of the decisions that people make in a review: changes, verdicts, and undos of earlier decisions.
 
 A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). The decisions about a subject
-share its content hash and form its history. Each package that reviews subjects defines the possible changes.
+all contain its content hash, and together they form its history. Each package whose subjects are reviewed defines the
+possible changes.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ from betterbench.jobs.line_journal import LINK, LineJournal, complete_lines, lin
 from betterbench.json_form import dump_json, read_form, strict_form
 
 LONGEST_TEXT = 500
-"""Maximum length of a reason [characters]."""
-CURE = "Restore the file from a copy, or keep it under another name and decide again"
-"""Remedy for a damaged journal."""
+"""Maximum number of characters of a reason."""
+CURE = "Restore the file from a copy, or rename it and make the decisions again"
+"""Remedy to suggest for a damaged journal."""
 
 Author = Annotated[str, Field(min_length=1, max_length=80)]
 """Name of the person who decided."""
 Time = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?(Z|\+00:00)$")]
-"""Time of a decision, UTC, ISO 8601."""
+"""Time of a decision: UTC, ISO 8601."""
 Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 """Content hash (SHA-256)."""
 _Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
@@ -35,7 +36,7 @@ _Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict of a person, who accepts an item unchanged, fixes it and accepts it, or rejects it with a reason."""
+    """Verdict of a person: accept an item unchanged, accept it after fixing it, or reject it with a reason."""
 
     verdict: Literal["accept", "fix", "reject"]
     reason: _Text = ""
@@ -44,28 +45,28 @@ class Verdict:
     def __post_init__(self) -> None:
         """Require a reason for a rejection."""
         if self.verdict == "reject" and not self.reason.strip():
-            raise ValueError("a rejection needs a reason")
+            raise ValueError("a rejection must have a reason")
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Undo:
-    """Undo of the last active decision on a subject, identified by its line number."""
+    """Undo of the last active decision on a subject. The decision is identified by its line number."""
 
     line: Annotated[int, Field(ge=1)]
     kind: Literal["undo"] = "undo"
 
 
 class DecisionLine(Protocol):
-    """One line of the file: a decision of a person."""
+    """One line of the journal: a decision that a person made."""
 
     @property
     def author(self) -> str:
-        """Name of the person."""
+        """Name of the person who decided."""
 
     @property
     def time(self) -> str:
-        """Time of the decision, UTC, ISO 8601."""
+        """Time of the decision: UTC, ISO 8601."""
 
     @property
     def content(self) -> str:
@@ -73,14 +74,14 @@ class DecisionLine(Protocol):
 
     @property
     def decision(self) -> Any:  # noqa: ANN401 - a change, whose kind depends on the subject, a Verdict or an Undo
-        """The decision."""
+        """The decision itself."""
 
     @property
     def subject(self) -> str:
         """Name of the subject, for display."""
 
     def misfit(self, changes: int) -> str:
-        """Return the reason why the decision contradicts the number of earlier changes, or ""."""
+        """Return the reason why this decision cannot follow the given number of changes, or "" if it can."""
 
 
 LineT = TypeVar("LineT", bound=DecisionLine)
@@ -98,25 +99,26 @@ class History(Generic[LineT]):
 
     @property
     def changes(self) -> tuple[Any, ...]:
-        """The changes, in order."""
+        """The changes among the active decisions, in order."""
         return tuple(r.decision for _, r in self.reviews if not isinstance(r.decision, Verdict | Undo))
 
     @property
     def last(self) -> tuple[int, LineT] | None:
-        """The last decision with its line number, or None."""
+        """The last active decision with its line number, or None if there is none."""
         return self.reviews[-1] if self.reviews else None
 
     @property
     def verdict(self) -> Verdict | None:
-        """Current verdict, or None if there is none or a later change invalidated it."""
+        """Current verdict, or None if there is none or a later change has invalidated it."""
         found = None if self.last is None else self.last[1].decision
         return found if isinstance(found, Verdict) else None
 
     def after(self, line: int, review: LineT, where: str) -> History[LineT]:
-        """Return the history with a decision appended.
+        """Return the history after one more decision.
 
         Raises:
-            RecordError: If an undo does not refer to the last active decision, or a verdict does not match the changes.
+            RecordError: If an undo does not refer to the last active decision, or if a verdict does not match the
+                changes.
         """
         decision = review.decision
         if isinstance(decision, Undo):
@@ -132,7 +134,7 @@ class History(Generic[LineT]):
 
 
 def histories(reviews: Iterable[LineT], where: str) -> dict[str, History[LineT]]:
-    """Return the history of every subject, by content hash.
+    """Return the history of every subject, by the subject's content hash.
 
     Raises:
         RecordError: If a decision contradicts the earlier decisions.
@@ -145,18 +147,20 @@ def histories(reviews: Iterable[LineT], where: str) -> dict[str, History[LineT]]
 
 
 class DecisionJournal(LineJournal, Generic[LineT]):
-    """Journal of decisions, open for appending by one process. Subclasses define the format of the lines.
+    """Journal of decisions to which one process at a time can append. Subclasses define the format of the lines.
+
+    An incomplete last line is removed when the journal is opened.
 
     Raises:
-        RunConflictError: If another process writes to the file.
-        RecordError: If the file was edited by hand or has another format. An incomplete last line is removed.
+        RunConflictError: If another process is writing to the file.
+        RecordError: If the file was edited by hand or has a different format.
     """
 
     adapter: ClassVar[TypeAdapter[Any]]
     """Validator of a line."""
 
     def __init__(self, path: Path) -> None:
-        """Open or create a file."""
+        """Open the journal, or create it if the file does not exist."""
         self._where, self._link, self._reviews = str(path), "", list[LineT]()
         self._histories: dict[str, History[LineT]] = {}
         super().__init__(path, alone=True)
@@ -168,12 +172,12 @@ class DecisionJournal(LineJournal, Generic[LineT]):
         self._histories = histories(self._reviews, self._where)
 
     def history(self, content: str) -> History[LineT]:
-        """Return the history of a subject."""
+        """Return the history of the subject with the given content hash."""
         return self._histories.get(content, History())
 
     @property
     def reviews(self) -> tuple[LineT, ...]:
-        """All decisions."""
+        """All decisions in the journal, including those that were undone."""
         return tuple(self._reviews)
 
     def check(self, review: LineT) -> None:
@@ -182,7 +186,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
         Raises:
             InvalidInputError: If a field of the decision is not valid.
         """
-        read_form(self.adapter, dump_json(self.form(review)), where="decision", cure="Give another value")
+        read_form(self.adapter, dump_json(self.form(review)), where="decision", cure="Give a valid value")
 
     def append(self, review: LineT) -> History[LineT]:
         """Append a decision, sync it to disk, and return the history of its subject.
@@ -204,23 +208,23 @@ class DecisionJournal(LineJournal, Generic[LineT]):
 
     @staticmethod
     def form(review: Any) -> dict[str, Any]:  # noqa: ANN401 - a dataclass of the subclass
-        """Return a line as a JSON object."""
+        """Return the JSON object of a line."""
         return asdict(review)
 
 
 def now() -> str:
-    """Return the current time for a decision (UTC, ISO 8601)."""
+    """Return the current time in the form that decisions use (UTC, ISO 8601)."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def read_decisions(adapter: TypeAdapter[LineT], path: Path) -> tuple[LineT, ...]:
-    """Return the decisions in a file. An incomplete last line is ignored.
+    """Read the decisions in a file. An incomplete last line is ignored.
 
     Raises:
-        RecordError: If the file is missing, was edited by hand, or has another format.
+        RecordError: If the file is missing, was edited by hand, or has a different format.
     """
     if not path.exists():
-        raise RecordError(f"{path} does not exist. Give a file written by `better review`.")
+        raise RecordError(f"{path} does not exist. Give a file that `better review` has written.")
     lines, _ = complete_lines(path)
     return tuple(review for review, _ in _parsed(adapter, path, lines))
 

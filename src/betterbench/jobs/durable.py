@@ -1,4 +1,4 @@
-"""Files that are either complete or absent, even if the process or the machine fails during writing."""
+"""Files that are either complete or absent, even if the process or the machine fails while they are written."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from betterbench.jobs.lock import LOCK_NAME, is_locked, require_held
 from betterbench.jobs.places import claim_of, naming, require_guarded
 
 PART_SUFFIX = ".part"
-"""Suffix of unfinished files, which can be deleted after a crash."""
+"""Suffix of unfinished files. They can be deleted after a crash."""
 
 _PART = re.compile(rf"\..+\.[a-z0-9_]{{3,8}}{re.escape(PART_SUFFIX)}", re.DOTALL)
-"""Pattern of the names made by ``tempfile``."""
+"""Pattern of the names that ``tempfile`` gives to unfinished files."""
 
 
 class DurableFile:
-    """File that is written under a temporary name and moved to its path when finished.
+    """File that is written under a temporary name and moved to its path when it is finished.
 
-    This context manager removes an unfinished file at the end. Readers see the old or the new file, never a partial
-    one. Missing folders are created.
+    The context manager removes the file if it is unfinished at the end. Readers see either the old or the new file,
+    never a partial one. Missing folders are created.
 
     Attributes:
         file: The open file to write to.
-        part: Path of the unfinished file, for a library that opens files itself.
+        part: Path of the unfinished file, for libraries that open files themselves.
 
     Raises:
-        StorageError: If the disk is full, broken or read-only, or the folder locked by this process was removed or
-            moved.
+        StorageError: If the disk is full, broken or read-only, or if the folder that this process has locked was
+            removed or moved.
         OSError: If the path cannot be written for another reason. The error names the path, not the temporary file.
-        InvalidInputError: If the path leads out of the folder locked by this process through a link.
-        RunConflictError: If the path is a file that the current command did not write.
+        InvalidInputError: If the path leads through a link out of the folder that this process has locked.
+        RunConflictError: If a file already exists at the path and the current command did not write it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -70,7 +70,7 @@ class DurableFile:
     def finish(self) -> None:
         """Flush the file to disk and move it to its final path.
 
-        Raises OSError, or StorageError if its folder no longer exists.
+        Raises StorageError if its folder no longer exists, and OSError if the file cannot be moved for another reason.
         """
         self.file.flush()
         os.fchmod(self.file.fileno(), 0o644)
@@ -90,10 +90,10 @@ class DurableFile:
 
 
 def write_durably(path: Path, data: bytes) -> None:
-    """Write a complete file with :class:`DurableFile`.
+    """Write a file completely, using :class:`DurableFile`.
 
     Raises:
-        OSError: If the disk is full or the path cannot be written; no partial file is left.
+        OSError: If the disk is full or the path cannot be written. No partial file is left.
     """
     with DurableFile(path) as written:
         written.file.write(data)
@@ -101,14 +101,14 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 def is_part(path: Path) -> bool:
-    """Return whether a file name is that of an unfinished :class:`DurableFile`."""
+    """Return whether a file name belongs to an unfinished :class:`DurableFile`."""
     return _PART.fullmatch(path.name) is not None
 
 
 def remove_parts(folder: Path) -> None:
-    """Delete unfinished files of killed processes in a locked folder and its subfolders.
+    """Delete the unfinished files that killed processes have left in a locked folder and its subfolders.
 
-    Subfolders locked by another process are skipped.
+    Subfolders that another process has locked are skipped.
     """
     for place, folders, files in os.walk(folder):
         inside = Path(place)
@@ -119,7 +119,7 @@ def remove_parts(folder: Path) -> None:
 
 
 def remove_parts_of(file: Path) -> None:
-    """Delete the temporary files that killed processes left of a single file. The caller must hold the file's lock."""
+    """Delete the unfinished files that killed processes have left of one file. The caller must hold the file's lock."""
     for part in file.parent.glob(f".{glob.escape(file.name)}.*{PART_SUFFIX}"):
         if is_part(part) and part.name.count(".") == file.name.count(".") + 3:
             part.unlink(missing_ok=True)
@@ -127,7 +127,10 @@ def remove_parts_of(file: Path) -> None:
 
 @contextlib.contextmanager
 def on_disk(path: Path) -> Iterator[None]:
-    """Convert errors that also affect all further writes (full, broken or read-only disk) into a StorageError."""
+    """Context manager that converts errors of a full, broken or read-only disk into a StorageError.
+
+    Such an error affects all further writes.
+    """
     try:
         yield
     except OSError as problem:
@@ -138,7 +141,7 @@ def on_disk(path: Path) -> Iterator[None]:
 
 
 def sync_folder(folder: Path) -> None:
-    """Flush the names in a folder to disk, so that a rename survives a power cut."""
+    """Flush the file names in a folder to disk, so that a rename survives a power cut."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(handle)

@@ -1,7 +1,9 @@
-"""Message frames between a run and a policy process or simulator: a JSON document and arrays, without pickle.
+"""Frames: messages between a run and a policy process or simulator.
 
-The process of a simulator also imports this file, in an environment without betterbench, so the file imports only the
-standard library and NumPy.
+A frame consists of a JSON document and arrays, without pickle.
+
+The process of a simulator also imports this file, in an environment without betterbench. The file therefore imports
+only the standard library and NumPy.
 """
 
 from __future__ import annotations
@@ -17,13 +19,13 @@ from typing import Any, Protocol
 import numpy as np
 
 MAX_HEAD_BYTES = 16 << 20
-"""Maximum size of a frame's JSON [byte]."""
+"""Maximum size of the JSON in a frame [byte]."""
 
 MAX_ARRAY_BYTES = 256 << 20
-"""Maximum total size of a frame's arrays [byte]."""
+"""Maximum total size of the arrays in a frame [byte]."""
 
 _LENGTHS = struct.Struct(">IIQQ")
-"""Frame header: sizes of the JSON document, the array descriptions and the arrays [byte], and the frame number."""
+"""Header of a frame: sizes of the JSON document, of the array descriptions and of the arrays [byte], and its number."""
 _TYPES = re.compile(r"[<|](b1|[iu][1248]|f[48])", re.ASCII)
 _LONGEST_TYPE = 40
 _MAX_AXES = 32
@@ -35,35 +37,36 @@ _BROKEN = (ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeErr
 
 
 FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
-"""A JSON document and arrays by name."""
+"""Content of a frame: a JSON document, and arrays by name."""
 
 
 class FrameError(Exception):
-    """The other side closed the link, or sent bytes that are not a frame."""
+    """The process at the other end has closed the connection, or has sent bytes that are not a frame."""
 
 
 class FrameEndError(FrameError):
-    """The other side closed the link or exited."""
+    """The process at the other end has closed the connection or exited."""
 
 
 class FrameTimeoutError(FrameError):
-    """The other side did not send or read in time."""
+    """The process at the other end did not send or read in time."""
 
 
 class Link(Protocol):
-    """Socket, or an object with the same methods and a deadline."""
+    """Socket, or an object that has the same methods and observes a deadline."""
 
     def sendall(self, data: bytes, /) -> None:
         """Send all bytes."""
 
     def recv(self, size: int, /) -> bytes:
-        """Return the next bytes, or empty bytes if the other side has ended."""
+        """Return the next bytes, or empty bytes if the other process has ended."""
 
 
 def send_frame(link: Link, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, number: int = 0) -> None:
-    """Send a document and named arrays. Raises FrameError if the other side has ended or does not read in time.
+    """Send a frame, i.e. a JSON document and named arrays.
 
-    The ``number`` is the same in a request and its reply. Of an array of Python objects, only the shape is sent.
+    A request and its reply have the same ``number``. For an array of Python objects, only the shape is sent. Raises
+    FrameError if the other process has ended or does not read in time.
     """
     forms, kinds = _forms_text(tuple(arrays), tuple([(array.dtype, array.shape) for array in arrays.values()]))
     head = _ENCODE(document).encode()
@@ -83,14 +86,14 @@ def send_frame(link: Link, document: Mapping[str, Any], arrays: Mapping[str, np.
 
 
 def receive_frame(link: Link, *, any_type: bool = False) -> tuple[int, dict[str, Any], dict[str, np.ndarray]]:
-    """Return the number, the document and the read-only arrays of the next frame.
+    """Receive a frame. Return its number, its document and its arrays, which are read-only.
 
     Args:
         link: Socket.
-        any_type: Whether to accept arrays of all types. Arrays of Python objects arrive without content.
+        any_type: Whether to accept arrays of any type. Arrays of Python objects arrive without their content.
 
     Raises:
-        FrameError: If the other side has ended, sends an invalid frame, or does not send in time.
+        FrameError: If the other process has ended, sends an invalid frame, or does not send in time.
     """
     head_bytes, forms_bytes, body_bytes, number = _LENGTHS.unpack(_received(link, _LENGTHS.size))
     if head_bytes + forms_bytes > MAX_HEAD_BYTES or body_bytes > MAX_ARRAY_BYTES:
@@ -103,7 +106,7 @@ def receive_frame(link: Link, *, any_type: bool = False) -> tuple[int, dict[str,
         if not isinstance(document, dict):
             raise TypeError(f"expected a JSON object, got {type(document).__name__}")
         if end != body_bytes:
-            raise ValueError(f"it contains {body_bytes} bytes of arrays but declares {end}")
+            raise ValueError(f"the frame contains {body_bytes} bytes of arrays, but declares {end}")
         arrays = {
             name: np.empty(shape, dtype) if dtype.hasobject else np.ndarray(shape, dtype, frame, body_at + at)
             for name, dtype, shape, at in places
@@ -114,10 +117,10 @@ def receive_frame(link: Link, *, any_type: bool = False) -> tuple[int, dict[str,
 
 
 def answer_requests(link: Link, answer: Callable[[dict[str, Any], dict[str, np.ndarray]], FrameContent | None]) -> None:
-    """Main loop of a child process: answer the requests of a link until an answer is None.
+    """Main loop of a child process: answer requests until an answer is None.
 
     Raises:
-        FrameError: If the other side has ended.
+        FrameError: If the other process has ended.
     """
     while True:
         number, document, arrays = receive_frame(link)
@@ -128,7 +131,7 @@ def answer_requests(link: Link, answer: Callable[[dict[str, Any], dict[str, np.n
 
 
 def _loaded(text: bytes) -> Any:  # noqa: ANN401 - any JSON
-    """Parse a JSON string; raise ValueError if it is not valid JSON or contains a number that is not finite."""
+    """Parse JSON. Raises ValueError if the text is not valid JSON or contains a number that is not finite."""
     return _DECODE(text.decode())
 
 
@@ -146,9 +149,10 @@ _DECODE = json.JSONDecoder(parse_constant=_finite, parse_float=_finite).decode
 def _forms_text(
     names: tuple[str, ...], forms: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]
 ) -> tuple[bytes, list[np.dtype[Any]] | None]:
-    """Return the description of arrays as JSON, and the types to which arrays in another byte order are converted.
+    """Return a JSON description of the arrays, and the types to which they must be converted, or None.
 
-    Cached, because most frames have the same arrays as the previous frame.
+    Conversion is needed if an array has another byte order. The result is cached, because most frames have the same
+    arrays as the frame before.
     """
     kinds = [kind.newbyteorder("<") for kind, _ in forms]
     shapes = {name: (kind.str, shape) for name, kind, (_, shape) in zip(names, kinds, forms, strict=True)}
@@ -167,7 +171,7 @@ def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any]
         if not isinstance(shape, list) or len(shape) > _MAX_AXES or not all(type(n) is int and n >= 0 for n in shape):
             raise ValueError(f"the shape of an array is invalid: {str(shape)[:40]!r}")
         dtype = np.dtype(kind)
-        # NumPy rejects too large dimensions even if another dimension is 0
+        # NumPy rejects a dimension that is too large even if another dimension is 0.
         if not dtype.itemsize or math.prod(n or 1 for n in shape) * dtype.itemsize > MAX_ARRAY_BYTES:
             raise ValueError(f"the shape of an array is invalid: {str(shape)[:40]!r}")
         found.append((name, dtype, tuple(shape), at))
@@ -176,7 +180,6 @@ def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any]
 
 
 def _received(link: Link, count: int) -> bytes:
-    """Receive exactly the given number of bytes."""
     blocks = []
     while count:
         try:
@@ -184,13 +187,13 @@ def _received(link: Link, count: int) -> bytes:
         except OSError as error:
             raise _failed(error) from error
         if not blocks[-1]:
-            raise FrameEndError("it has ended")
+            raise FrameEndError("the process has ended")
         count -= len(blocks[-1])
     return blocks[0] if len(blocks) == 1 else b"".join(blocks)
 
 
 def _failed(error: OSError) -> FrameError:
-    """Return the FrameError for a failed read or write."""
+    """Return the FrameError to raise after a failed read or write."""
     if isinstance(error, TimeoutError):
-        return FrameTimeoutError("no answer in time")
+        return FrameTimeoutError("no answer arrived in time")
     return FrameEndError(f"the connection failed ({error})")

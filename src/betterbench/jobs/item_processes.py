@@ -1,4 +1,4 @@
-"""Processing of many items in worker processes, with detection of items that kill their process."""
+"""Processing of many items in worker processes. Items that kill their process are detected."""
 
 from __future__ import annotations
 
@@ -22,9 +22,11 @@ logger = logging.getLogger(__name__)
 
 
 def in_processes(items: list[ItemT], work: Callable[[ItemT], FoundT], *, workers: int) -> Iterator[FoundT]:
-    """Yield results as items finish. If a worker process dies, its items are retried one at a time.
+    """Process items in worker processes, and yield each result when its item is finished.
 
-    With one worker or one item, no other process is started.
+    If a worker process dies, the items that it was processing are retried one at a time.
+
+    If there is only one worker or only one item, no worker process is started.
 
     Raises:
         WorkerError: If worker processes keep dying.
@@ -39,7 +41,7 @@ def in_processes(items: list[ItemT], work: Callable[[ItemT], FoundT], *, workers
         try:
             yield from _pooled(ledger, pending, workers, work)
         except BrokenProcessPool as error:
-            logger.warning("a worker process died; its %d items are processed again", len(pending))
+            logger.warning("a worker process died; the %d items in progress are processed again", len(pending))
             how = "it was killed, for example because memory ran out"
             for item in ledger.worker_died(list(pending.values()), how):
                 raise WorkerError(f"{item}: {ledger.reason(how)}.") from error
@@ -51,7 +53,11 @@ def _pooled(
     workers: int,
     work: Callable[[ItemT], FoundT],
 ) -> Iterator[FoundT]:
-    """Yield the results of a pool. ``pending`` contains all waiting items, or a single suspect."""
+    """Yield the results of one process pool.
+
+    ``pending`` contains the items that the pool is processing. While there are suspects, i.e. items whose worker died,
+    it contains only one of them at a time.
+    """
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")
     started: set[BaseProcess] = set()

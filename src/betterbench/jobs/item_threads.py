@@ -1,4 +1,4 @@
-"""Processing of many items, such as trials, in threads, each with its own resource, such as a renderer."""
+"""Processing of many items, such as trials, in threads. Each thread has a resource of its own, such as a renderer."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ MOST_THREADS = 256
 
 
 class Stoppable(Protocol):
-    """Resource of a thread, such as a renderer."""
+    """Resource of a thread, such as a renderer, that can be stopped from another thread."""
 
     def stop(self) -> None:
-        """Let threads that wait for the resource fail soon."""
+        """Make threads that are waiting for the resource fail soon, so that they can end."""
 
 
 class NoResource(AbstractContextManager["NoResource"]):
-    """Empty resource."""
+    """Resource for threads that do not need any."""
 
     def stop(self) -> None:
         """Do nothing."""
@@ -45,20 +45,20 @@ def in_threads(
     in_order: bool = False,
     ahead: int = 0,
 ) -> Iterator[FoundT]:
-    """Yield the result of each item. Items are started in order, and at most ``workers`` run at a time.
+    """Process items in threads, and yield the result of each item.
 
-    After an error or Ctrl-C, or when the iterator is closed, no further item is started, and the resources are stopped.
-    The error is raised after all threads have ended. With ``in_order``, all results before the first unfinished item
-    are yielded first.
+    Items are started in order, and at most ``workers`` of them run at a time. After an error or Ctrl-C, or when the
+    iterator is closed, no further item is started and the resources are stopped. The error is raised after all threads
+    have ended. With ``in_order``, all results before the first unfinished item are yielded before the error is raised.
 
     Args:
-        items: The items.
+        items: Items to process.
         work: Function that processes an item with the resource of its thread.
         workers: Number of threads.
         open_resource: Function that opens the resource of a thread.
-        in_order: Yield results in item order instead of completion order.
-        ahead: Maximum number of results that may wait for an earlier item. Other threads can then continue during a
-            slow item.
+        in_order: Whether to yield results in the order of the items instead of the order in which they finish.
+        ahead: Maximum number of results that may wait for an earlier item, so that other threads can continue while a
+            slow item is processed.
 
     Raises:
         InvalidInputError: If the number of workers is out of range.

@@ -15,12 +15,12 @@ ItemT = TypeVar("ItemT", bound=Hashable)
 FoundT = TypeVar("FoundT")
 
 OnCount = Callable[[int, int], None]
-"""Callback with the number of finished items and the number of all items."""
+"""Function that is called with the number of finished items and the number of all items."""
 
 
 @dataclass(frozen=True, slots=True)
 class JobProgress(Generic[FoundT]):
-    """Progress of a job: the numbers of finished and planned items, and the last result (None if there is none)."""
+    """Progress of a job: the numbers of finished and planned items, and the last result (None if there is none yet)."""
 
     done: int
     planned: int
@@ -35,14 +35,14 @@ def run_items(
     keep: Callable[[FoundT], object] = lambda _: None,
     on_progress: Callable[[JobProgress[FoundT]], None] | None = None,
 ) -> int:
-    """Process the unfinished items and return their number. Call it again after an interruption to continue.
+    """Process the unfinished items of a job, and return their number. To continue after an interruption, call it again.
 
     Args:
-        planned: Items of the job, each of which is processed once.
-        is_done: Function that returns whether the result of an item has been stored.
+        planned: Items of the job. Each of them is processed once.
+        is_done: Function that returns whether the result of an item is already stored.
         work: Function that yields the results of items in any order: ``in_processes``, ``in_threads``, or a generator.
         keep: Function that stores a result on disk, for example in a journal.
-        on_progress: Called at the start and after every result.
+        on_progress: Function that is called at the start and after every result.
     """
     items = dict.fromkeys(planned)
     waiting = [item for item in items if not is_done(item)]
@@ -63,21 +63,22 @@ def run_items(
 
 
 def counts(on_count: OnCount | None) -> Callable[[JobProgress[Any]], None] | None:
-    """Return a callback for :func:`run_items` that forwards only the two counts."""
+    """Return a callback for :func:`run_items` that passes the numbers of finished and planned items to ``on_count``."""
     return None if on_count is None else lambda progress: on_count(progress.done, progress.planned)
 
 
 @contextmanager
 def job_folder(path: Path, *, waits: bool = False) -> Iterator[None]:
-    """Lock the folder of a job inside the context, and remove unfinished files of killed processes.
+    """Context manager that locks the folder of a job and removes unfinished files left by killed processes.
 
     Args:
-        path: The folder, which is created if missing.
-        waits: Whether to wait for another process that holds the lock.
+        path: Folder of the job. It is created if it is missing.
+        waits: Whether to wait if another process holds the lock.
 
     Raises:
-        RunConflictError: If another process holds the lock, unless ``waits``.
-        StorageError: If the disk is full or protected, or, at a successful end, if the folder was removed or moved.
+        RunConflictError: If another process holds the lock and ``waits`` is False.
+        StorageError: If the disk is full or write-protected, or if the folder was removed or moved before the context
+            manager exits.
     """
     with on_disk(path):
         lock = RunLock(path / LOCK_NAME, waits=waits)

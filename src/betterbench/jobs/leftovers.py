@@ -1,4 +1,7 @@
-"""Termination of remaining child processes, found by a variable in their environment."""
+"""Termination of child processes that are still running after their parent process has ended.
+
+The child processes are recognized by a variable in their environment.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,13 @@ _ROUNDS = 5
 
 
 def end_leftovers(variable: str, value: str, session: int) -> None:
-    """End all processes of a session, and all processes that have an environment variable with this value.
+    """End all processes of a session, and all processes in whose environment ``variable`` has the given value.
 
-    A child process may leave the group and the session of its parent, but a fork keeps the environment. Without
-    ``/proc``, this function does nothing.
+    A child process may leave the process group and the session of its parent, but it keeps the environment. On a system
+    without ``/proc``, this function does nothing.
     """
     mark = f"{variable}={value}".encode()
-    for _ in range(_ROUNDS):  # repeated, because the processes may start others
+    for _ in range(_ROUNDS):  # repeated, because the processes may start further processes
         found = list(_marked(mark, session))
         if not found:
             return
@@ -28,7 +31,7 @@ def end_leftovers(variable: str, value: str, session: int) -> None:
 
 
 def _marked(mark: bytes, session: int) -> Iterator[int]:
-    """Yield the running processes that have the variable in their environment or belong to the session."""
+    """Yield the running processes that have the given variable in their environment or belong to the session."""
     for place in Path("/proc").glob("[0-9]*"):
         process = int(place.name)
         if process == os.getpid():

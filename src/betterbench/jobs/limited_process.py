@@ -1,7 +1,7 @@
 """Child processes with memory and time limits, for reading untrusted files.
 
 A malicious file can make C++ readers of meshes, images and binary models crash, hang or exhaust the memory. Such
-readers run in a limited process, which replies with bytes or text and never with pickled objects.
+readers therefore run in a limited process, which replies with bytes or text and never with pickled objects.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from typing import Any, BinaryIO
 from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError, one_line
 
 LONGEST_REASON = 2000
-"""Maximum length of a rejection message [characters]."""
+"""Maximum number of characters in the message of a rejection."""
 
 _ANSWER, _REFUSED, _WRONG_INPUT, _MISSING = range(4)
 _QUESTION = struct.Struct("!QQ")
 _HEADER = struct.Struct("!BQ")
 _SLICE_S = 10.0
-"""Maximum duration of a single wait [s]. Longer waits are divided, see :class:`_Patience`."""
+"""Maximum duration of a single wait [s]. Longer waits are divided into several (see :class:`_Patience`)."""
 _ENDS_WITHIN_S = 5.0
-"""Maximum time that a process may take to exit after closing its pipe [s]."""
+"""Maximum time that a process may take to exit after it has closed its pipe [s]."""
 _BLOCK = 1 << 16
 _PIPE_BYTES = 1 << 20
-"""Size of the pipe for replies: the largest that Linux allows unprivileged users [byte]."""
+"""Size of the pipe for replies [byte]. It is the largest size that Linux allows unprivileged users."""
 
 
 class LimitedProcessError(BetterError):
-    """A limited process did not reply. The message is the reason as a clause ("it took more than 60 s")."""
+    """A limited process did not reply. The message gives the reason as a clause, such as "it took more than 60 s"."""
 
 
 class ProcessEndedError(LimitedProcessError):
@@ -53,11 +53,11 @@ class ProcessLateError(LimitedProcessError):
 
 
 class RefusedError(LimitedProcessError):
-    """The process rejected the request. The message is the reason."""
+    """The process rejected the request. The message gives the reason."""
 
 
 class LimitedProcess:
-    """Child process that answers requests in order, within memory and time limits. Communication is by pipes."""
+    """Child process that answers requests in order, within memory and time limits. It communicates over pipes."""
 
     def __init__(
         self, main: str, *arguments: object, cpu_s: float, environment: Mapping[str, str] | None = None
@@ -65,10 +65,11 @@ class LimitedProcess:
         """Start a process.
 
         Args:
-            main: Function that the process calls with the arguments as strings ("module:function"). It must finally
-                call :func:`answer_requests`.
-            arguments: Its arguments.
-            cpu_s: CPU time limit of a request, only used in messages [s]. :func:`answer_requests` sets the limit.
+            main: Function that the process calls ("module:function"), with the arguments as strings. In the end, the
+                function must call :func:`answer_requests`.
+            arguments: Arguments of the function.
+            cpu_s: CPU time limit of a request [s]. This class only mentions the limit in messages;
+                :func:`answer_requests` enforces it.
             environment: Environment variables to add to those of this process.
         """
         module, _, function = main.partition(":")
@@ -88,12 +89,12 @@ class LimitedProcess:
 
     @property
     def pid(self) -> int:
-        """Process id."""
+        """Process id (PID)."""
         return self._process.pid
 
     @property
     def returncode(self) -> int | None:
-        """Exit status, or None while the process runs."""
+        """Exit status of the process, or None while it runs."""
         return self._process.returncode
 
     @property
@@ -102,12 +103,15 @@ class LimitedProcess:
         return self._is_closed or self._told_to_end or self._process.poll() is not None
 
     def stop(self) -> None:
-        """End the process from another thread. A waiting thread then gets a LimitedProcessError."""
+        """End the process. This method may be called from another thread.
+
+        A thread that is waiting for the process then gets a LimitedProcessError.
+        """
         self._told_to_end = True
         self._process.kill()
 
     def close(self) -> None:
-        """End the process."""
+        """End the process and close its pipes."""
         self._is_closed = True
         self._process.kill()
         self._process.wait()
@@ -117,7 +121,7 @@ class LimitedProcess:
                     pipe.close()
 
     def send(self, request: Mapping[str, object], data: bytes, *, within_s: float) -> None:
-        """Send a request and its data within a time limit [s]. Raises the errors of :meth:`receive`."""
+        """Send a request and its data within a time limit [s]. Raises the same errors as :meth:`receive`."""
         text = json.dumps(request).encode()
         left, patience = memoryview(_QUESTION.pack(len(text), len(data)) + text + data), _Patience(within_s)
         try:
@@ -129,13 +133,13 @@ class LimitedProcess:
             raise self._ended() from None
 
     def receive(self, *, most: int, within_s: float) -> bytes | bytearray:
-        """Return the reply, of at most ``most`` bytes, within a time limit [s].
+        """Return the reply, which must have at most ``most`` bytes, within a time limit [s].
 
         Raises:
-            LimitedProcessError: If the process has ended, is late, rejects the request or sends too much. Unless it
-                only rejected the request, the process is closed.
-            InvalidInputError: If the process raised this error.
-            MissingDependencyError: If the process raised this error.
+            LimitedProcessError: If the process has ended, is late, rejects the request or sends too much. The process
+                is then closed, unless it only rejected the request.
+            InvalidInputError: If this error was raised in the process.
+            MissingDependencyError: If this error was raised in the process.
         """
         patience = _Patience(within_s)
         try:
@@ -151,7 +155,10 @@ class LimitedProcess:
         raise _error_of(kind, bytes(answer))
 
     def _wait(self, patience: _Patience, within_s: float, *, to_write: bool) -> None:
-        """Wait until the pipe can be written or read."""
+        """Wait until the pipe can be written or read.
+
+        If this takes too long, close the process and raise ProcessLateError.
+        """
         pipe = _opened(self._process.stdin if to_write else self._process.stdout)
         if not patience.lasts_until_ready(pipe, to_write=to_write):
             self.close()
@@ -169,7 +176,7 @@ class LimitedProcess:
         return answer
 
     def _ended(self) -> LimitedProcessError:
-        """Return the error for a process that has ended."""
+        """Return the error to raise after the process has ended."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_ENDS_WITHIN_S)
         said = _end_in_words(self._process.returncode, self._cpu_s)
@@ -184,14 +191,14 @@ _MAIN = "import sys; from {module} import {function}; {function}(*sys.argv[1:])"
 class _Patience:
     """Remaining time to wait for a process [s].
 
-    The wait is divided into slices, and each slice counts with at most its nominal duration, because the clock
-    continues while Ctrl-Z stops both processes.
+    The clock continues while Ctrl-Z stops both processes. The wait is therefore divided into slices, and each slice
+    counts with at most its nominal duration.
     """
 
     left_s: float
 
     def lasts_until_ready(self, pipe: BinaryIO, *, to_write: bool) -> bool:
-        """Wait until a pipe is ready. Returns False if no time is left."""
+        """Wait until a pipe is ready. Return False if no time is left."""
         pipes: list[BinaryIO] = [pipe]
         while True:
             slice_s, began = min(_SLICE_S, max(0.0, self.left_s)), time.monotonic()
@@ -214,7 +221,7 @@ def _error_of(kind: int, said: bytes) -> BetterError:
 
 
 def _end_in_words(status: int | None, cpu_s: float) -> str:
-    """Describe the exit status of a process. A negative status is a signal."""
+    """Describe the exit status of a process. A negative status is the number of a signal."""
     if status is None or status >= 0:
         return f"its process ended (exit status {status})"
     if -status == signal.SIGPROF:
@@ -244,12 +251,12 @@ def answer_requests(
 
     Args:
         answers: Function that yields the replies to a request and its data.
-        memory_bytes: Maximum size of the address space of this process [byte].
+        memory_bytes: Maximum size of this process's address space [byte].
         cpu_s: Maximum CPU time of each request [s].
-        unexpected: Function that returns the reason to send for an error other than a BetterError.
+        unexpected: Function that returns the reason to send for an error that is not a BetterError.
     """
     written = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # output of libraries must not mix with the replies
+    os.dup2(2, 1)  # output of libraries must not get between the replies
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGPROF, signal.SIG_DFL)  # do not depend on the handler of the parent
@@ -282,9 +289,10 @@ def answer_requests(
 
 
 def _limit_time(cpu_s: float) -> None:
-    """Set the CPU time limit of the next request, at which SIGPROF ends this process.
+    """Set the CPU time limit of the next request. When it is reached, the signal SIGPROF ends this process.
 
-    RLIMIT_CPU is not used, because it limits the total CPU time. The kernel counts ticks, which exceed
-    :func:`time.process_time` by up to 6 % in a rendering process, or a minute after 15 minutes.
+    RLIMIT_CPU is not used, because it limits the total CPU time of the process. Also, the kernel counts CPU time for
+    this limit in ticks. In a rendering process, the time in ticks exceeds :func:`time.process_time` by up to 6 %, i.e.
+    by a minute after 15 minutes.
     """
     signal.setitimer(signal.ITIMER_PROF, cpu_s)

@@ -1,7 +1,7 @@
-"""Append-only file of JSON lines that stays valid after a killed process or a full disk.
+"""Append-only file of JSON lines that stays valid if the process is killed or the disk is full.
 
-Each line contains a link: the SHA-256 of the previous link and this line. Changed, missing and moved lines are
-detected. An incomplete last line is ignored with a warning.
+Each line contains a link, which is the SHA-256 of the previous link and this line. Changed, missing and moved lines are
+thus detected. An incomplete last line is ignored with a warning.
 """
 
 from __future__ import annotations
@@ -32,13 +32,15 @@ logger = logging.getLogger(__name__)
 
 
 class LineJournal:
-    """Journal of JSON lines, open for appending by one process at a time.
+    """Journal of JSON lines to which one process at a time can append.
 
-    Opening locks the folder, and raises RunConflictError if another process holds the lock. It then passes all complete
-    lines to :meth:`_take_in`, and removes an incomplete last line left by a killed process. An appended line is on disk
-    when :meth:`_append_line` returns, except with ``within_s``. If another program removes, replaces or truncates the
-    file, it is written again. With ``alone``, only the file is locked, not its folder. If the folder is removed,
-    StorageError is raised, or, with ``renews``, the journal is written again because its owner also restores the other
+    Opening a journal locks its folder, and raises RunConflictError if another process holds the lock. The complete
+    lines are then passed to :meth:`_take_in`, and an incomplete last line that a killed process has left is removed.
+    When :meth:`_append_line` returns, the line is on disk, unless ``within_s`` is used. If another program removes,
+    replaces or truncates the file, it is written again.
+
+    With ``alone``, only the file is locked, not its folder. If the folder is removed, StorageError is raised. With
+    ``renews``, the folder and the journal are created again instead. This is for a caller that also restores the other
     files.
     """
 
@@ -56,7 +58,7 @@ class LineJournal:
                 self._handle = open_in_place(path)
                 if os.fstat(self._handle).st_size > self._length:
                     _require_begun(path, os.pread(self._handle, 1, self._length))
-                    logger.warning("%s: removed an incomplete last line; its trial will be repeated", path)
+                    logger.warning("%s: the incomplete last line was removed; its trial will be repeated", path)
                     os.ftruncate(self._handle, self._length)
                 os.fsync(self._handle)
                 sync_folder(path.parent)
@@ -66,7 +68,7 @@ class LineJournal:
 
     @property
     def is_empty(self) -> bool:
-        """True if the file has no complete line."""
+        """Whether the file has no complete line."""
         return self._length == 0
 
     def _take_in(self, lines: list[bytes]) -> None:
@@ -74,10 +76,10 @@ class LineJournal:
         raise NotImplementedError
 
     def _append_line(self, form: object, *, within_s: float = 0.0) -> None:
-        """Append a JSON value and sync it to disk. After an OSError, the file is unchanged.
+        """Append a JSON value and sync it to disk. If this raises OSError, the file is unchanged.
 
-        With ``within_s`` [s], the sync is skipped if the last one was more recent. If the process is killed, no line is
-        lost, but a power failure may lose some lines.
+        The sync is skipped if the last one was less than ``within_s`` [s] ago. Even then, no line is lost if the
+        process is killed, but a power failure may lose some lines.
         """
         if self._handle is None:
             msg = f"{self._path}: the journal is closed"
@@ -105,7 +107,7 @@ class LineJournal:
         self._synced_at, self._is_synced = time.monotonic(), True
 
     def restore(self) -> bool:
-        """Write the file again if it was removed, replaced or changed, and return whether this was necessary."""
+        """Write the file again if it was removed, replaced or changed. Return whether this was necessary."""
         if self._handle is None or (
             self._stands_there(self._handle) and os.pread(self._handle, self._length, 0) == self._content
         ):
@@ -129,7 +131,7 @@ class LineJournal:
         os.close(handle)
 
     def close(self) -> None:
-        """Close the file and release the lock. Closing it again is harmless."""
+        """Close the file and release the lock. Closing it again does nothing."""
         handle, self._handle = self._handle, None
         try:
             if handle is not None and not self._is_synced:
@@ -155,26 +157,26 @@ def link_after(before: str, form: Mapping[str, object]) -> str:
 
 
 def not_following(where: str, cure: str) -> RecordError:
-    """Return the error for a line with a wrong link."""
+    """Return the error to raise for a journal line whose link does not match the lines before it."""
     return RecordError(f"{where} does not match the lines before it: a line was changed, removed or moved. {cure}.")
 
 
 def linked_forms(
     path: Path, lines: Iterable[bytes], *, cure: str, first: int = 1, before: str = "", needed: bool = True
 ) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yield the JSON object of each line without its link, and the link, after checking the link.
+    """Check the link of each line. Yield the line's JSON object without the link, and the link.
 
     Args:
-        path: File for the error.
-        lines: All lines, or the lines after those that have been read already.
-        cure: Remedy for a changed line.
-        first: Number of the first of these lines.
-        before: Link of the previous line.
+        path: Path of the file, for errors.
+        lines: All lines, or the lines after those that have already been read.
+        cure: Remedy for a changed line, for errors.
+        first: Number of the first line in ``lines``.
+        before: Link of the line before ``lines``.
         needed: False if the file may begin with lines of earlier versions, which have no links. A warning is then
             logged.
 
     Raises:
-        RecordError: If a line is not a JSON object, or its link does not match the lines before it.
+        RecordError: If a line is not a JSON object, or if its link does not match the lines before it.
     """
     linked = needed
     for number, line in enumerate(lines, start=first):
@@ -195,15 +197,17 @@ def linked_forms(
 
 
 def _require_begun(path: Path, begun: bytes) -> None:
-    """Raise RecordError if the end is neither the beginning of a line nor zeros from a machine crash."""
+    """Raise RecordError unless ``begun`` is the beginning of a line, or a zero byte as left by a machine crash."""
     if begun not in (b"{", b"\0"):
-        raise RecordError(f"{path}: its end is not an unfinished journal line. Restore the file from a copy.")
+        raise RecordError(
+            f"{path}: the end of the file is not an unfinished journal line. Restore the file from a copy."
+        )
 
 
 def complete_lines(path: Path) -> tuple[list[bytes], int]:
-    """Return the complete lines of a file (none if it is missing) and their size in bytes.
+    """Return the complete lines of a file and their total size [byte]. A missing file has no lines.
 
-    The text after the last line break is ignored, because it is incomplete or still being written.
+    Text after the last line break is ignored, because it is incomplete or still being written.
     """
     try:
         data = read_bounded(path, max_bytes=MAX_BYTES, cure="Restore the file from a copy", raises=RecordError)
@@ -216,7 +220,7 @@ def complete_lines(path: Path) -> tuple[list[bytes], int]:
 
 
 def say_lost_tail(path: Path) -> None:
-    """Warn that the incomplete last line of a file is ignored, unless a process is writing to the file."""
+    """Warn that the incomplete last line of a file is ignored, unless a process is still writing to the file."""
     if is_locked(path.parent / LOCK_NAME):
         return
     with open_ordinary(path) as file:

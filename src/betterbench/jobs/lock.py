@@ -1,4 +1,4 @@
-"""Lock that allows only one process to write to a run folder."""
+"""Lock that allows only one process at a time to write to a run folder."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _PAUSE_S = 0.02  # longer than a check of the lock by another process
 def is_locked(path: Path) -> bool:
     """Return whether a running process holds the lock of a run.
 
-    Locks of other machines are detected if the file system shares locks.
+    Locks that processes on other machines hold are detected if the file system shares locks.
     """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -45,11 +45,11 @@ def is_locked(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class HeldFolder:
-    """Picklable reference to a locked folder, for passing to workers.
+    """Picklable reference to a locked folder, which is passed to workers.
 
     Attributes:
         lock: Path of the lock file.
-        output: Locked path, as given by the user.
+        output: Locked path as the user gave it.
         identity: Device and inode of the lock file.
     """
 
@@ -69,18 +69,18 @@ class HeldFolder:
 
 
 class RunLock:
-    """Exclusive lock on a run folder. It is released when the process ends, if not before.
+    """Exclusive lock on a run folder. It is released no later than when the process ends.
 
-    The lock is held by the kernel. The lock file remains, but a crash leaves nothing to clean up. Forked processes do
-    not keep the lock. While the lock is held, no file is written through a link that leads out of the folder
+    The kernel holds the lock. The lock file remains, but after a crash nothing has to be cleaned up. Forked processes
+    do not keep the lock. While the lock is held, no file is written through a link that leads out of the folder
     (:mod:`betterbench.jobs.places`). If the folder is removed or moved, further writes fail (:func:`require_held`),
-    because earlier files would be missing. With ``renews``, the lock is taken again instead, and its owner writes the
-    earlier files again. Messages name ``output``, if given, instead of the folder.
+    because earlier files would be missing. With ``renews``, the lock is taken again instead. This is for a caller that
+    writes the earlier files again. If ``output`` is given, messages name it instead of the folder.
 
     Raises:
-        RunConflictError: If another process holds the lock, unless ``waits`` is set.
+        RunConflictError: If another process holds the lock and ``waits`` is False.
         InvalidInputError: If the lock file is a symbolic link, is not a regular file, or has a second name (hard link).
-        StorageError: If a parent folder locked by this process was removed or moved.
+        StorageError: If a parent folder that this process has locked was removed or moved.
     """
 
     _is_folder = True
@@ -101,7 +101,7 @@ class RunLock:
         self._guard()
 
     def _noted(self, *, waits: bool) -> int:
-        """Write the holder into the lock file and return its descriptor."""
+        """Lock the file, write the id of this process into it, and return its descriptor."""
         with naming(self._locked):
             handle = self._taken(waits=waits)
             try:
@@ -115,7 +115,8 @@ class RunLock:
     def require_folder(self, path: Path) -> None:
         """Raise StorageError if the path of a file is inside the locked folder and this folder no longer exists.
 
-        With ``renews``, take the lock again instead. Raises RunConflictError if another process has taken it.
+        If the lock was created with ``renews``, take it again instead. Raises RunConflictError if another process has
+        taken the lock in the meantime.
         """
         if self._handle is None or not self._is_folder or not path.absolute().is_relative_to(self._folder):
             return
@@ -130,14 +131,14 @@ class RunLock:
 
     @property
     def folder(self) -> Path:
-        """The folder of the lock."""
+        """The folder that contains the lock file."""
         return self._folder
 
     @property
     def for_workers(self) -> HeldFolder | None:
         """Reference to the locked folder for worker processes.
 
-        None if there is no lock, or the lock is renewed on removal.
+        It is None if the lock is not held, or if the lock is taken again when its folder is removed (``renews``).
         """
         if self._handle is None or not self._is_folder or self._renews:
             return None
@@ -146,7 +147,7 @@ class RunLock:
 
     @property
     def _locked(self) -> Path:
-        """Locked path, as given by the user."""
+        """Locked path as the user gave it."""
         return self._output
 
     def _guard(self) -> None:
@@ -158,7 +159,7 @@ class RunLock:
     def _taken(self, *, waits: bool) -> int:
         """Lock the file and return its descriptor, after checking that the locked file is still at its path.
 
-        The previous holder may have removed the file or its folder, and a lock on a removed file does not exclude other
+        The previous holder may have removed the file or its folder. A lock on a removed file would not exclude other
         processes.
         """
         while True:
@@ -189,7 +190,7 @@ class RunLock:
         return f"{self._locked}: another run (process {holder}) is writing here. Wait for it, or choose another folder."
 
     def require_in_place(self) -> None:
-        """Raise StorageError if the folder was removed or moved since it was locked, because files would be missing.
+        """Raise StorageError if the folder was removed or moved after it was locked, because files would be missing.
 
         Call this last, just before a command reports that its output is complete.
         """
@@ -197,17 +198,17 @@ class RunLock:
             raise StorageError(self._lost("a part of the output may be elsewhere or gone"))
 
     def _lost(self, consequence: str) -> str:
-        """Return the error message for a locked folder that no longer exists."""
+        """Return the message for a locked folder that no longer exists."""
         return _lost_text(self._locked, self._path.name, consequence)
 
     def release(self) -> None:
-        """Release the lock. Releasing it again is harmless."""
+        """Release the lock. Releasing it again does nothing."""
         if self._handle is not None:
             self._unguard()
         self._close()
 
     def _close(self) -> None:
-        """Close the file. This releases the kernel's lock unless a parent process still holds it."""
+        """Close the lock file. This releases the kernel's lock, unless a parent process still holds it."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
@@ -224,7 +225,7 @@ class RunLock:
 
 
 class FileLock(RunLock):
-    """Exclusive lock on a single file. Its lock file ``.NAME.lock`` in the same folder is removed at release."""
+    """Exclusive lock on a single file. Its lock file ``.NAME.lock`` is in the same folder and is removed at release."""
 
     _is_folder = False
 
@@ -233,14 +234,14 @@ class FileLock(RunLock):
         super().__init__(file.with_name(f".{file.name}.lock"), waits=waits)
 
     def _guard(self) -> None:
-        """Do nothing: the folder was chosen by the user and may contain other files."""
+        """Do nothing: the user chose this folder, and it may contain files of other programs."""
 
     def _unguard(self) -> None:
         """Do nothing."""
 
     @property
     def _locked(self) -> Path:
-        """Locked path, as given by the user."""
+        """Locked path as the user gave it."""
         return self._file
 
     def _conflict(self, holder: str) -> str:
@@ -248,7 +249,7 @@ class FileLock(RunLock):
         return f"{self._file}: another process ({holder}) is writing it. Wait for it, or choose another name."
 
     def release(self) -> None:
-        """Remove the lock file and release the lock. Calling it again is harmless."""
+        """Remove the lock file and release the lock. Releasing it again does nothing."""
         if self._handle is not None:
             with contextlib.suppress(OSError):
                 self._path.unlink()
@@ -258,8 +259,9 @@ class FileLock(RunLock):
 def require_held(path: Path) -> None:
     """Raise StorageError if a file is about to be written into a locked folder that was removed or moved.
 
-    This checks the locks of this process and of its parent (:func:`write_within`). Raises RunConflictError if another
-    process has taken a lock that is to be renewed.
+    The locks of this process and the locks of its parent (:func:`write_within`) are checked. If the lock was created
+    with ``renews``, it is taken again and no StorageError is raised. Raises RunConflictError if another process has
+    taken that lock in the meantime.
     """
     for held in _around():
         held.require_folder(path)
@@ -271,14 +273,17 @@ def _around() -> list[HeldFolder | RunLock]:
 
 
 def held_folders() -> tuple[HeldFolder, ...]:
-    """Return the folders locked by this process, for worker processes that write below them."""
+    """Return the folders that this process has locked, for worker processes that write below them."""
     return tuple(found for lock in tuple(_HELD) if (found := lock.for_workers) is not None)
 
 
 def write_within(folders: Iterable[HeldFolder]) -> None:
-    """Register folders locked by the parent process. This process no longer writes into them after they are removed.
+    """Register folders that the parent process has locked.
 
-    Otherwise, a worker would recreate a removed folder, and the same command could not use this folder again.
+    If one of them is removed, this process no longer writes into it.
+
+    Without this, a worker would create the removed folder again, and the user could not repeat the command with that
+    folder.
     """
     _OF_PARENT.extend(folders)
 
@@ -306,7 +311,7 @@ def _is_file(path: Path, identity: tuple[int, int]) -> bool:
 
 
 def _lock_exclusively(handle: int) -> None:
-    """Take the lock. Retry a few times, because another process may be checking it."""
+    """Take the lock. Retry a few times, because another process may only be checking it."""
     for left in reversed(range(_TRIES)):
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,10 +1,11 @@
-"""Output files and folders of commands. They never silently replace other files.
+"""Output files and folders of commands. A command never silently replaces files that it did not write.
 
-The rules are the same for every subcommand. A file is ours if it contains the mark of the subcommand (:func:`mark_of`)
-or content that the subcommand recognizes. A folder is ours if its list ``.written.json`` names the same subcommand. A
-file in such a folder is ours if the list contains its SHA-256, so an edited page is not ours. Our files are always
-replaced, other files only with ``--overwrite``. Folders, pipes and devices are never replaced. While an output is open,
-other processes cannot write to it. Unfinished files of killed processes are deleted.
+The rules are the same for every subcommand. A file counts as written by a subcommand if it contains the subcommand's
+mark (:func:`mark_of`), or content that the subcommand recognizes. A folder counts as written by it if the folder's list
+``.written.json`` names the subcommand. A file in such a folder counts if the list contains its SHA-256, so a page that
+was edited does not count. These files are always replaced, other files only with ``--overwrite``. Folders, pipes and
+devices are never replaced. While an output is open, other processes cannot write to it. Unfinished files that killed
+processes have left are deleted.
 """
 
 from __future__ import annotations
@@ -29,20 +30,24 @@ from betterbench.jobs.places import guard, unguard
 from betterbench.json_form import file_digest, open_ordinary, read_bounded, read_form, strict_form
 
 LIST_NAME = ".written.json"
-"""File in an output folder that lists the written files."""
+"""Name of the file in an output folder that lists the written files."""
 
 _MAX_LIST_BYTES = 64 << 20
 _ENDS_BYTES = 1 << 16
-"""Number of bytes to search for a mark at the beginning (comments of PNG files) and at the end (MP4 files)."""
+"""Number of bytes to search for a mark at the beginning of a file (comments of PNG files) and at its end (MP4 files).
+"""
 
 
 def mark_of(verb: str) -> str:
-    """Return the comment that marks a file as output of a subcommand."""
+    """Return the comment that marks a file as the output of a subcommand."""
     return f"Written by better {verb} (betterbench)"
 
 
 def bears_mark(path: Path, verb: str) -> bool:
-    """Return whether a file contains the mark of a subcommand near its beginning or end. Raises OSError."""
+    """Return whether a file contains the mark of a subcommand near its beginning or end.
+
+    Raises OSError if the file cannot be read.
+    """
     mark = mark_of(verb).encode()
     with open_ordinary(path) as file:
         if mark in file.read(_ENDS_BYTES):
@@ -54,13 +59,14 @@ def bears_mark(path: Path, verb: str) -> bool:
 def require_replaceable(
     path: Path, verb: str, *, overwrite: bool = False, is_ours: Callable[[Path], bool] | None = None
 ) -> None:
-    """Raise RunConflictError if a path exists and may not be replaced.
+    """Raise RunConflictError if a file exists at a path and may not be replaced.
 
     Args:
         path: Path of the file to write.
-        verb: Subcommand that writes it.
+        verb: Subcommand that writes the file.
         overwrite: Whether to replace files that this subcommand did not write.
-        is_ours: Function that returns whether this subcommand wrote an existing file; None to check its mark.
+        is_ours: Function that returns whether this subcommand wrote an existing file. By default, this is decided by
+            the mark in the file.
     """
     try:
         there = os.lstat(path).st_mode
@@ -68,7 +74,7 @@ def require_replaceable(
         return
     if not (stat.S_ISREG(there) or stat.S_ISLNK(there)):
         what = "a folder" if stat.S_ISDIR(there) else "a pipe, socket or device"
-        raise RunConflictError(f"{path} is {what}, which is never replaced. Give another file name.")
+        raise RunConflictError(f"{path} is {what}, which is never replaced. Choose a different file name.")
     if overwrite:
         return
     if stat.S_ISLNK(there):
@@ -85,10 +91,10 @@ def _occupied(path: Path, what: str, verb: str) -> RunConflictError:
 
 
 class OutputFile:
-    """Output file of a subcommand, locked while open. A context manager that returns the path.
+    """Output file of a subcommand. The file is locked while the context manager, which returns its path, is open.
 
     Raises:
-        RunConflictError: If the existing file must not be replaced, or another process is writing it.
+        RunConflictError: If an existing file may not be replaced, or if another process is writing it.
     """
 
     def __init__(
@@ -129,23 +135,24 @@ _WRITTEN = TypeAdapter(_Written)
 
 
 class OutputFolder:
-    """Output folder of a subcommand, locked while open. A context manager.
+    """Output folder of a subcommand. The folder is locked while the context manager is open.
 
     Every :class:`~betterbench.jobs.durable.DurableFile` that this process writes into the folder is checked and listed,
-    except in subfolders with their own lock.
+    except in subfolders with a lock of their own.
 
     Args:
-        path: The folder, which is created if missing.
-        verb: Subcommand that writes it.
+        path: Path of the folder. It is created if it is missing.
+        verb: Subcommand that writes the folder.
         overwrite: Whether to accept a folder that contains other files, and to replace them.
-        holds: Function that returns whether an unlisted entry, such as a run, belongs into the folder.
-        is_ours: Function that returns whether a folder without a list is ours, for example from an older version.
+        holds: Function that returns whether an unlisted entry, such as a run, belongs in the folder.
+        is_ours: Function that returns whether this subcommand wrote a folder that has no list, for example in an older
+            version.
 
     Raises:
-        RunConflictError: If the folder contains other files, a file in it was changed since it was written, or another
-            process writes there.
-        InvalidInputError: If a link leads out of the folder.
-        StorageError: At the end, if the folder was removed or moved.
+        RunConflictError: If the folder contains other files, if a file in it was changed after it was written, or if
+            another process is writing to the folder.
+        InvalidInputError: If a symbolic link leads out of the folder.
+        StorageError: If the folder was removed or moved before the context manager exits.
     """
 
     def __init__(
@@ -175,9 +182,8 @@ class OutputFolder:
             remove_parts(self.path)
             guard(self.path, self)
             stack.callback(unguard, self.path, self)
-            if (
-                self._listed() is None
-            ):  # write the list first, so that the folder counts as ours even if the command is killed
+            if self._listed() is None:
+                # Write the list first. If the command is killed, the folder then still counts as written by it.
                 self._store()
             self._stack = stack.pop_all()
         return self
@@ -193,7 +199,7 @@ class OutputFolder:
                 self._store()
 
     def _leave_nothing(self) -> None:
-        """Remove the folder if it is still empty, for example after invalid input."""
+        """Remove the folder if it is still empty, for example because the input was invalid."""
         with suppress(OSError):
             if all(is_bookkeeping(entry) for entry in self.path.iterdir()):
                 for name in (LIST_NAME, LOCK_NAME):
@@ -201,19 +207,22 @@ class OutputFolder:
                 self.path.rmdir()
 
     def _checked(self) -> dict[str, tuple[str, ...]]:
-        """Return the listed files. Raises RunConflictError if this subcommand did not write the folder or its files."""
+        """Return the listed files.
+
+        Raises RunConflictError if this subcommand did not write the folder or one of its files.
+        """
         path = self.path
         if (path.exists() or path.is_symlink()) and not path.is_dir():
-            raise RunConflictError(f"{path}: this is a file. Choose another folder.")
+            raise RunConflictError(f"{path}: this is a file. Choose a folder.")
         entries = [p for p in path.iterdir() if not is_bookkeeping(p)] if path.is_dir() else []
         listed = self._listed()
         self._takes_all = self._overwrite or (listed is None and self._is_ours())
         others = [p for p in entries if not self._holds(p)] if listed is None else []
         if others and not self._takes_all:
             raise RunConflictError(
-                f"{path}: the folder contains {others[0].name}, and better {self._verb} did not write it. Choose "
-                "an empty or a new folder, or give --overwrite to keep other files and replace files of the "
-                "same names."
+                f"{path}: the folder contains {others[0].name}, which better {self._verb} did not write. Choose "
+                "an empty or a new folder, or give --overwrite to replace files with the same names and keep all "
+                "others."
             )
         known = listed or {}
         for name in known:
@@ -221,7 +230,7 @@ class OutputFolder:
         return known
 
     def _listed(self) -> dict[str, tuple[str, ...]] | None:
-        """Return the files that this subcommand has written here, or None without a list."""
+        """Return the files that this subcommand has written into the folder, or None if there is no list of them."""
         file = self.path / LIST_NAME
         if not file.is_file() or file.is_symlink():
             return None
@@ -234,7 +243,7 @@ class OutputFolder:
         return inside if found.by == self._verb else None
 
     def require_ours(self, path: Path) -> None:
-        """Raise RunConflictError if the file at a path in the folder must not be replaced."""
+        """Raise RunConflictError if the file at a path in the folder may not be replaced."""
         if path.absolute() != self.path / LIST_NAME:
             self._require_ours(path.absolute(), self._known)
 
@@ -245,7 +254,10 @@ class OutputFolder:
         )
 
     def note(self, path: Path, sha256: str) -> None:
-        """List a file that is about to be moved to its path. The digest of the replaced file stays listed, too."""
+        """List a file that is about to be moved to its path.
+
+        The digest of the file that is replaced stays in the list as well.
+        """
         name = path.absolute().relative_to(self.path).as_posix()
         if name == LIST_NAME:
             return
@@ -260,15 +272,15 @@ class OutputFolder:
 
 
 def _is_name(name: str) -> bool:
-    """Return whether a listed name is a valid file name."""
+    """Return whether a listed name is a valid file name inside the folder."""
     return name.isprintable() and not {"..", "/"} & set(Path(name).parts)
 
 
 def is_run(path: Path) -> bool:
-    """Return whether a folder entry is a run. A run has its own lock."""
+    """Return whether an entry of a folder is a run, which has a lock of its own."""
     return not path.is_symlink() and any((path / name).is_file() for name in ("run.json", LOCK_NAME))
 
 
 def is_bookkeeping(path: Path) -> bool:
-    """Return whether a folder entry is a lock, a file list or an unfinished file."""
+    """Return whether an entry of a folder is a lock, a list of files or an unfinished file."""
     return path.name in (LOCK_NAME, LIST_NAME) or is_part(path)

@@ -1,8 +1,8 @@
 """Protection against writing out of an output folder through a symbolic link.
 
-An untrusted run folder may contain a link to one of the user's files, which must not be overwritten. While this process
-has locked a folder (:class:`~betterbench.jobs.lock.RunLock`), every path that it writes there must still be inside the
-folder after all links are resolved.
+A run folder that is not trusted may contain a link to one of the user's files, which must not be overwritten. While
+this process has locked a folder (:class:`~betterbench.jobs.lock.RunLock`), every path that it writes there must
+therefore be inside the folder, even after all links are resolved.
 """
 
 from __future__ import annotations
@@ -20,30 +20,36 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """Claim of a command on a folder. It determines the files that may be replaced."""
+    """Claim of a command on an output folder.
+
+    The claim determines which files in the folder the command may replace.
+    """
 
     @property
     def thread(self) -> int:
-        """Thread that made the claim."""
+        """Id of the thread that made the claim."""
 
     def require_ours(self, path: Path) -> None:
-        """Raise RunConflictError if the file at a path must not be replaced."""
+        """Raise RunConflictError if the file at a path may not be replaced."""
 
     def note(self, path: Path, sha256: str) -> None:
-        """Note that a file is about to be moved to its path."""
+        """Record that a file is about to be moved to its path."""
 
 
 _GUARDED: dict[Path, list[FolderClaim | None]] = {}
-"""Folders locked by this process, with the claims on each."""
+"""Folders that this process has locked, with the claims on each of them."""
 
 
 def guard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Guard a folder, until :func:`unguard` is called as often as this function."""
+    """Guard a folder: files may be written into it, but not out of it through symbolic links.
+
+    The folder stays guarded until :func:`unguard` has been called as often as this function.
+    """
     _GUARDED.setdefault(folder, []).append(claim)
 
 
 def unguard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Undo a call of :func:`guard` with the same arguments. Does nothing without a guard."""
+    """Undo a call of :func:`guard` with the same arguments. Does nothing if the folder is not guarded."""
     claims = _GUARDED.get(folder, [])
     if claim in claims:
         claims.remove(claim)
@@ -57,14 +63,14 @@ def is_claimed_here(folder: Path) -> bool:
 
 
 def claim_of(path: Path) -> FolderClaim | None:
-    """Return the claim on the innermost guarded folder that contains a file."""
+    """Return the claim on the innermost guarded folder that contains a file, or None if there is none."""
     around = [folder for folder in tuple(_GUARDED) if path.absolute().is_relative_to(folder)]
     innermost = max(around, key=lambda folder: len(folder.parts), default=None)
     return None if innermost is None else next(filter(None, reversed(_GUARDED.get(innermost, []))), None)
 
 
 def require_inside(path: Path, folder: Path) -> None:
-    """Raise InvalidInputError, with the name of the link, if a path in a folder leads out of the folder."""
+    """Raise InvalidInputError, which names the link, if a path in a folder leads out of the folder."""
     top = os.path.realpath(folder)
     if Path(os.path.realpath(path)).is_relative_to(top):  # realpath does not fail even for link loops
         return
@@ -86,7 +92,7 @@ def require_guarded(path: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Let OSErrors name the file or folder given by the user instead of a lock file or temporary file."""
+    """Make OSErrors name the file or folder that the user gave, instead of a lock file or a temporary file."""
     try:
         yield
     except OSError as error:
@@ -95,13 +101,13 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def open_in_place(path: Path) -> int:
-    """Open or create a file for reading and writing in place, and return its descriptor.
+    """Open a file for reading and writing in place, or create it, and return its descriptor.
 
-    Journals and locks are modified in place, so a link with their name would let another file be changed.
+    Journals and locks are modified in place, so a link in their place would cause a different file to be changed.
 
     Raises:
-        InvalidInputError: If it is a symbolic link, is not a regular file, or has a second name (a hard link).
-        OSError: If it cannot be opened.
+        InvalidInputError: If the path is a symbolic link, is not a regular file, or has a second name (a hard link).
+        OSError: If the file cannot be opened.
     """
     require_guarded(path)
     try:
@@ -110,13 +116,13 @@ def open_in_place(path: Path) -> int:
         if error.errno == errno.ELOOP:
             raise InvalidInputError(str(path), "is a symbolic link", "Remove the link") from error
         if error.errno == errno.ENXIO:
-            raise InvalidInputError(str(path), "is not a regular file", "Move it away") from error
+            raise InvalidInputError(str(path), "is not a regular file", "Move it to a different folder") from error
         raise
     found = os.fstat(handle)
     if stat.S_ISREG(found.st_mode) and found.st_nlink < 2:
         return handle
     os.close(handle)
     if not stat.S_ISREG(found.st_mode):
-        raise InvalidInputError(str(path), "is not a regular file", "Move it away")
+        raise InvalidInputError(str(path), "is not a regular file", "Move it to a different folder")
     problem = "has a second name (a hard link), so another file would be changed too"
-    raise InvalidInputError(str(path), problem, "Replace it with a copy")
+    raise InvalidInputError(str(path), problem, "Replace the file with a copy of it")

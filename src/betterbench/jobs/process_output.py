@@ -1,4 +1,4 @@
-"""Output of a policy's process, forwarded to standard error without control characters and up to a limit."""
+"""Output of a policy process. It is forwarded to standard error up to a limit, without control characters."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import time
 from betterbench.errors import printable
 
 MAX_SHOWN_BYTES = 1 << 20
-"""Maximum amount of output to show per process [byte]."""
+"""Maximum amount of output that is shown per process [byte]."""
 
 _LONGEST_LINE = 2000
 _PIECE = 1 << 16
@@ -21,12 +21,13 @@ _DRAIN_S = 0.5
 
 
 class ProcessOutput:
-    """Pipe that replaces standard output and standard error of a process.
+    """Pipe that replaces the standard output and the standard error of a process.
 
-    The process does not inherit our standard error, because it could change the flags of that file or truncate it.
+    The child process does not inherit the standard error of this process, because it could then truncate that file or
+    change its flags.
 
     Attributes:
-        theirs: File descriptor of the pipe's end for the process.
+        theirs: File descriptor of the end of the pipe that the process gets.
     """
 
     def __init__(self) -> None:
@@ -65,9 +66,9 @@ class ProcessOutput:
             self._show(self._line)
 
     def _take(self, piece: bytes) -> None:
-        """Forward complete lines.
+        """Forward the complete lines.
 
-        Of a line that was overwritten repeatedly (a progress bar), only the last state is forwarded.
+        If a line was overwritten repeatedly, like a progress bar, only its last state is forwarded.
         """
         *lines, self._line = (self._line + piece).split(b"\n")
         self._line = self._line[-2 * _LONGEST_LINE :]

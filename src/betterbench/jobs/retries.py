@@ -1,4 +1,4 @@
-"""Bookkeeping of retries: remaining items, items whose workers died, and retry limits."""
+"""Bookkeeping of retries: remaining items, items whose worker died, and the limits of retries."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 from betterbench.errors import WorkerError
 
 MAX_DEATHS = 3
-"""Number of worker deaths after which an item is given up. After its first death, an item runs alone."""
+"""Number of worker deaths after which an item is given up. After its first worker death, an item is run alone."""
 
 MAX_DEATHS_IN_A_ROW = 12
 """Number of consecutive worker deaths without a finished item after which the job fails."""
@@ -18,14 +18,15 @@ Item = TypeVar("Item", bound=Hashable)
 
 
 class RetryLedger(Generic[Item]):
-    """Items that wait for a worker, and worker deaths so far.
+    """Items that wait for a worker, and the worker deaths so far.
 
-    The pool takes items from the ledger and reports finished items and dead workers. The items of a dead worker are
-    suspects. Each suspect is retried alone, so that an item that kills its worker does not affect other items.
+    The pool of workers takes items from the ledger, and reports finished items and dead workers. The items of a dead
+    worker become suspects. Each suspect is retried alone, so that an item that kills its worker does not affect other
+    items.
     """
 
     def __init__(self, items: Iterable[Item], *, workers: str, cure: str) -> None:
-        """Initially, all items wait. ``workers`` ("worker processes") and ``cure`` are used in messages."""
+        """Put all items in the queue. ``workers`` (such as "worker processes") and ``cure`` are used in messages."""
         self._workers, self._cure = workers, cure
         self._waiting = deque(items)
         self._suspects: deque[Item] = deque()
@@ -39,24 +40,24 @@ class RetryLedger(Generic[Item]):
 
     @property
     def suspects(self) -> int:
-        """Number of items that must run alone."""
+        """Number of suspects, i.e. items that must be run alone because their worker died."""
         return len(self._suspects)
 
     @property
     def left(self) -> int:
-        """Number of waiting items and suspects."""
+        """Number of waiting items and suspects together."""
         return len(self._waiting) + len(self._suspects)
 
     def take(self, count: int) -> list[Item]:
-        """Remove and return up to ``count`` waiting items for a worker."""
+        """Remove up to ``count`` items from the queue and return them, for one worker."""
         return [self._waiting.popleft() for _ in range(min(count, len(self._waiting)))]
 
     def take_suspect(self) -> Item:
-        """Remove and return a suspect. Its worker must not get another item until this one has ended."""
+        """Remove a suspect and return it. Its worker must not get another item until this one has ended."""
         return self._suspects.popleft()
 
     def put_back(self, items: Iterable[Item]) -> None:
-        """Return items to the front of the queue, if their worker ended for another reason."""
+        """Put items back at the front of the queue. Their worker has ended for a reason that is not related to them."""
         self._waiting.extendleft(reversed(list(items)))
 
     def item_ended(self) -> None:
@@ -64,7 +65,7 @@ class RetryLedger(Generic[Item]):
         self._in_a_row = 0
 
     def worker_died(self, items: Sequence[Item], how: str) -> list[Item]:
-        """Add the items of a dead worker to the suspects, and return the items to give up.
+        """Add the items of a dead worker to the suspects, and return those items that are given up.
 
         Raises WorkerError after too many consecutive deaths.
         """
@@ -79,5 +80,5 @@ class RetryLedger(Generic[Item]):
         return given_up
 
     def reason(self, how: str) -> str:
-        """Return the reason for giving up an item, with the exit of its last worker."""
+        """Return the reason why an item is given up. ``how`` describes how its last worker ended."""
         return f"{MAX_DEATHS} {self._workers} died while running it ({how}); run the same command again to retry it"

@@ -1,4 +1,4 @@
-"""Worker processes of a job: pipes, signals, thread counts, and termination with the parent process."""
+"""Worker processes of a job: pipes, signals, thread counts, and their end together with the parent process."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class SpawnedProcess:
     """Child process with a pipe. It ignores Ctrl-C, which the parent process handles.
 
     Attributes:
-        process: The process.
-        connection: Parent's end of the pipe.
+        process: Handle of the child process.
+        connection: The parent's end of the pipe.
     """
 
     def __init__(self, target: Callable[..., None], *args: object, name: str) -> None:
@@ -33,7 +33,7 @@ class SpawnedProcess:
         theirs.close()
 
     def end(self, within_s: float = 0.0) -> str:
-        """Close the pipe, kill the process after a time limit [s], and return a description of its exit."""
+        """Close the pipe, kill the process if it has not ended within the time limit [s], and describe how it ended."""
         self.connection.close()
         self.process.join(within_s)
         self.process.kill()
@@ -42,7 +42,7 @@ class SpawnedProcess:
 
 
 def exit_text(status: int | None) -> str:
-    """Describe the exit status of a process. It is negative for a signal."""
+    """Describe the exit status of a process. A negative status is the number of a signal."""
     if status is None or status >= 0:
         return f"exit status {status}"
     name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
@@ -51,7 +51,7 @@ def exit_text(status: int | None) -> str:
 
 @contextlib.contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C in this thread inside the context, and permanently in the processes started there."""
+    """Context manager that blocks Ctrl-C in this thread. Processes started inside it ignore Ctrl-C until they end."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -60,10 +60,10 @@ def interrupts_blocked() -> Iterator[None]:
 
 
 def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
-    """Limit a worker process to one thread per numerical library and renderer, and let it end with its parent.
+    """Limit the libraries in a worker process to one thread, and make the process end with its parent.
 
-    The log level is read from ``BETTERBENCH_LOG_LEVEL``, set by ``--log-level``. ``held`` contains folders locked by
-    the parent, into which nothing is written after their removal.
+    The log level is read from ``BETTERBENCH_LOG_LEVEL``, which ``--log-level`` sets. ``held`` contains the folders that
+    the parent has locked. If one of them is removed, nothing more is written into it.
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -76,7 +76,7 @@ def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process if the parent is killed, so that it does not write to the resumed run."""
+    """End this process as soon as the parent has ended, so that it does not write to a run that is resumed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -1,13 +1,13 @@
-"""Episode records and run folders: the privileged log on disk, readable without a simulator.
+"""Episode records and run folders: the privileged log on disk, which can be read without a simulator.
 
-- ``record``, ``metadata``, ``columns``, ``parquet``: the log of one episode and its file; ``builder`` creates it step
+- ``record``, ``metadata``, ``columns``, ``parquet``: the log of one episode and its file. ``builder`` creates it step
   by step.
-- ``run``, ``journal``, ``scene_archive``: a run's folder, its finished trials, and its compiled scenes.
-- ``demonstration``, ``segmenting``, ``twins``: data stored only with demonstrations.
+- ``run``, ``journal``, ``scene_archive``: the folder of a run, its finished trials, and its compiled scenes.
+- ``demonstration``, ``segmenting``, ``twins``: data that is stored only with demonstrations.
 - ``modalities``: files with images, depth, masks and boxes of recorded states.
 
-Each public name is imported from its module at first use: a process that renders modalities needs no tasks and no
-Parquet.
+Each public name is imported from its module when it is first used, because a process that renders modalities needs
+neither tasks nor Parquet.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,7 @@
-"""Parquet files of arrays with equal length: one column per array, with fixed-size lists for rows of numbers."""
+"""Parquet files that store arrays of equal length.
+
+Each array is one column. A row of a two-dimensional array is stored as a list of fixed size.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +19,16 @@ from betterbench.json_form import read_bounded
 from betterbench.records.parquet import COMPRESSION_LEVEL
 
 MAX_BYTES = 1 << 28
-"""Maximum size of a file to read [byte]."""
+"""Maximum size of a file that is read [byte]."""
 
 _KINDS = {"number": (pa.float64(), np.float64), "boolean": (pa.bool_(), np.bool_)}
 
 Column = tuple[str, int]
-"""Kind ("number" or "boolean") and width of a column; 0 for one value per row."""
+"""Kind ("number" or "boolean") and width of a column. The width is 0 if there is one value per row."""
 
 
 def array_bytes(columns: Mapping[str, Column], arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Encode arrays, each (rows,) or (rows, width), as a Parquet file (zstd); equal arrays give equal bytes."""
+    """Encode arrays, each (rows,) or (rows, width), as a Parquet file (zstd). Equal arrays give equal bytes."""
     schema = pa.schema([(name, _type(column)) for name, column in columns.items()])
     made = []
     for name, (kind, width) in columns.items():
@@ -38,20 +41,20 @@ def array_bytes(columns: Mapping[str, Column], arrays: Mapping[str, np.ndarray])
 
 
 def read_arrays(path: Path, columns: Mapping[str, Column], *, cure: str) -> dict[str, np.ndarray]:
-    """Read the arrays of a file by name, (rows,) or (rows, width); numbers may be NaN.
+    """Read the arrays in a file and return them by column name, each (rows,) or (rows, width). Numbers may be NaN.
 
     Raises:
-        RecordError: If the file cannot be read, or a column is missing, has another kind or has empty cells.
+        RecordError: If the file cannot be read, or if a column is missing, has an unexpected type or has empty cells.
     """
     raw = read_bounded(path, max_bytes=MAX_BYTES, cure=cure, raises=RecordError)
     try:
         table = pq.read_table(pa.BufferReader(raw))
     except (OSError, pa.ArrowException) as error:
-        raise RecordError(f"{path}: is not readable as Parquet ({one_line(error)}). {cure}.") from error
+        raise RecordError(f"{path}: the file is not readable as Parquet ({one_line(error)}). {cure}.") from error
     found = {}
     for name, column in columns.items():
         if name not in table.column_names:
-            raise RecordError(f"{path}: has no column {name!r}. {cure}.")
+            raise RecordError(f"{path}: the file has no column {name!r}. {cure}.")
         given = table.column(name)
         if given.type != _type(column) or given.null_count:
             wanted = "is not of type" if given.type != _type(column) else "has empty cells; expected"

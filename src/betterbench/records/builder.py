@@ -31,12 +31,12 @@ class RecordBuilder:
     :meth:`finish`, so appending takes only a few microseconds per control step.
 
     Raises:
-        InvalidInputError: If the metadata cannot be written as JSON or has another schema version.
+        InvalidInputError: If the metadata cannot be written as JSON or has a different schema version.
     """
 
     def __init__(self, metadata: RecordMetadata) -> None:
         if metadata.schema_version != SCHEMA_VERSION:
-            problem = f"{metadata.schema_version!r} cannot be written"
+            problem = f"version {metadata.schema_version!r} cannot be written"
             raise InvalidInputError("schema_version", problem, f"Use {SCHEMA_VERSION}")
         dump_json(metadata.to_json())
         self._metadata = metadata
@@ -55,12 +55,12 @@ class RecordBuilder:
 
     @property
     def states(self) -> tuple[WorldState, ...]:
-        """All states appended so far."""
+        """All states that have been appended so far."""
         return tuple(self._states)
 
     @property
     def actions(self) -> npt.NDArray[np.float64]:
-        """All actions appended so far, shape (number of rows - 1, dim)."""
+        """All actions that have been appended so far, (number of rows - 1, dim)."""
         size, end = self._no_action.nbytes, len(self._rows[0]) - self._no_action.nbytes if self._rows else 0
         asked = b"".join([row[end - size : end] for row in self._rows[1:]])
         return np.frombuffer(asked).reshape(-1, len(self._no_action))
@@ -75,7 +75,10 @@ class RecordBuilder:
         forbidden: bool = False,
         **given: npt.NDArray[Any] | None,
     ) -> None:
-        """Append one row with its relations; raise the errors of :meth:`append_state` and :meth:`append_truth`."""
+        """Append one row: a state, and whether each predicate and each subgoal holds in it.
+
+        Raises the errors of :meth:`append_state` and :meth:`append_truth`.
+        """
         self._check_truths(predicates, subgoals)
         self.append_state(state, **given)  # type: ignore[arg-type]
         self.append_truth(predicates=predicates, subgoals=subgoals, goal=goal, forbidden=forbidden)
@@ -93,9 +96,9 @@ class RecordBuilder:
     ) -> None:
         """Append one row: the state at reset, or the state after an action.
 
-        The arrays ``qpos`` (nq,), ``qvel`` (nv,), ``ctrl`` (nu,) and the activations ``act`` (na,) are copied;
-        activations are part of the physical state. ``action`` is the policy's action and ``applied`` the action after
-        clipping, both (dim,). They are None only at reset.
+        The arrays ``qpos`` (nq,), ``qvel`` (nv,), ``ctrl`` (nu,) and the activations ``act`` (na,) are copied. The
+        activations are part of the physical state. ``action`` is the policy's action and ``applied`` is the action
+        after clipping, both (dim,). They are None only at reset.
 
         Raises:
             InvalidInputError: If the step is out of order or an array changes its shape.
@@ -129,15 +132,19 @@ class RecordBuilder:
     def append_truth(
         self, *, predicates: Sequence[bool] = (), subgoals: Sequence[bool] = (), goal: bool, forbidden: bool = False
     ) -> None:
-        """Append the relations of the first row without relations, in metadata order.
+        """Append whether each predicate and each subgoal holds in the first row that lacks these values.
+
+        The values have the same order as in the metadata.
 
         Raises:
-            InvalidInputError: If a value is missing, or every row already has its relations.
+            InvalidInputError: If a value is missing, or if no row lacks these values.
         """
         self._check_truths(predicates, subgoals)
         if len(self._truths) >= len(self._states):
             problem = f"all {len(self._states)} rows already have their relations"
-            raise InvalidInputError("predicates, subgoals", problem, "Append a row before its relations")
+            raise InvalidInputError(
+                "predicates, subgoals", problem, "Append the next row before its predicates and subgoals"
+            )
         self._truths.append((tuple(predicates), tuple(subgoals), goal, forbidden))
 
     def finish(
@@ -149,11 +156,11 @@ class RecordBuilder:
         clipped_actions: int = 0,
         invalid_actions: int = 0,
     ) -> Record:
-        """Return the finished record; the arguments are those of :class:`Outcome`.
+        """Return the finished record. The arguments are passed to :class:`Outcome`.
 
         Raises:
-            InvalidInputError: If there are no rows, a row lacks its relations, a state does not list the scene's
-                objects, or the outcome contradicts itself.
+            InvalidInputError: If there are no rows, a row lacks the values of its predicates and subgoals, a state does
+                not list the objects of the scene, or the outcome contradicts itself.
         """
         outcome = Outcome(termination, bool(success), error, clipped_actions, invalid_actions)
         if not self._states:
@@ -162,7 +169,7 @@ class RecordBuilder:
         rows = len(self._states)
         if len(self._truths) != rows:
             problem = f"only {len(self._truths)} of {rows} rows have their relations"
-            raise InvalidInputError("predicates, subgoals", problem, "Append the relations of every row")
+            raise InvalidInputError("predicates, subgoals", problem, "Append the predicates and subgoals of every row")
         bodies, contacts = _collect_contacts(self._states)
         predicates, subgoals, goals, forbidden = zip(*self._truths, strict=True)
         shapes = (*self._shapes, self._no_action.shape, self._no_action.shape)
@@ -191,7 +198,7 @@ class RecordBuilder:
         )
 
     def _state_columns(self) -> dict[str, npt.NDArray[np.float64]]:
-        """Return the numeric columns of the states by name; all states must have the same columns."""
+        """Return the numeric columns of the states by name. All states must have the same columns."""
         states, n = self._states, len(self._info.objects)
         joints = len(states[0].joint_positions)
         sources: dict[str, tuple[str, tuple[int, ...]]] = {
@@ -214,61 +221,65 @@ class RecordBuilder:
             try:
                 columns[name] = _column(list(map(attrgetter(source), states)), shape)
             except (TypeError, ValueError) as error:
-                cure = f"Give {shape} numbers in every row"
+                cure = f"Give numbers of the shape {shape} in every row"
                 raise InvalidInputError(f"state.{source}", str(error), cure) from error
         return columns
 
     def _held(self) -> npt.NDArray[np.int16]:
-        """Return the index of the held object in every row, or -1."""
+        """Return the index of the held object in every row, or -1 if no object is held."""
         index = {o.name: i for i, o in enumerate(self._info.objects)}
         held = [-1 if s.held is None else index.get(s.held, -2) for s in self._states]
         if -2 in held:
             row = held.index(-2)
-            problem = f"{self._states[row].held!r} is not an object (row {row})"
+            problem = f"{self._states[row].held!r} is not an object of the scene (row {row})"
             raise InvalidInputError("state.held", problem, "Give the name of a scene object")
         return np.array(held, dtype=np.int16)
 
     def _check_scene(self, state: WorldState) -> None:
-        """Raise InvalidInputError if a state does not belong to the scene of the metadata."""
+        """Raise InvalidInputError if a state does not belong to the scene that the metadata describes."""
         if state.info != self._info:
             raise InvalidInputError(
-                "state.info", "differs from the scene of the metadata", "Use the same SceneInfo for both"
+                "state.info", "differs from the scene in the metadata", "Use the same SceneInfo for both"
             )
         self._info = state.info  # so that the next comparison is a fast identity check
 
     def _check_truths(self, predicates: Sequence[bool], subgoals: Sequence[bool]) -> None:
-        """Raise InvalidInputError if the number of truth values differs from the metadata."""
+        """Raise InvalidInputError if the number of truth values differs from that in the metadata."""
         if (len(predicates), len(subgoals)) != self._lengths:
-            problem = f"{len(predicates)} and {len(subgoals)} truth values"
+            problem = f"got {len(predicates)} predicates and {len(subgoals)} subgoals"
             cure = f"Give {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
             raise InvalidInputError("predicates, subgoals", problem, cure)
 
     def _attend(self, simulator: tuple[npt.NDArray[np.float64], ...]) -> None:
-        """Check the shapes of the simulator's arrays; raise InvalidInputError if a shape changes during the episode."""
+        """Check the shapes of the simulator's arrays.
+
+        Raises InvalidInputError if a shape changes during the episode.
+        """
         shapes = tuple(a.shape for a in simulator)
         for name, shape, known in zip(_SIMULATOR_ROWS, shapes, self._shapes or shapes, strict=True):
             if len(shape) != 1:
                 raise InvalidInputError(name, f"has the shape {shape}", "Give a flat array")
             if shape != known:
                 raise InvalidInputError(
-                    name, f"has the shape {shape}, expected {known}", "Keep the shape of the episode"
+                    name, f"has the shape {shape}, expected {known}", "Keep the same shape during an episode"
                 )
         self._shapes, self._simulator = shapes, simulator
         plain = all(a.dtype is _FLOAT64 and a.flags.c_contiguous for a in simulator)
         self._memory = tuple(a.data.cast("B") if a.size else b"" for a in simulator) if plain else ()
 
     def _refuse_actions(self, action: npt.NDArray[np.floating], applied: npt.NDArray[np.floating]) -> None:
-        """Raise InvalidInputError for the first action whose shape differs from the metadata."""
+        """Raise InvalidInputError for the first action whose shape differs from that in the metadata."""
         due = self._no_action.shape
         name, shape = ("action", action.shape) if action.shape != due else ("applied", applied.shape)
         raise InvalidInputError(name, f"has the shape {shape}, expected {due}", f"Give {due[0]} numbers")
 
 
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
-    """Return the values of all rows as an array (T, *shape). Raises ValueError for a wrong shape.
+    """Return the values of all rows as an array (T, *shape). Raises ValueError if a row has a wrong shape.
 
-    Nested values are flattened first, which takes a third of the time that NumPy needs to find their shape. A value
-    that is the same object as in the previous row, as for objects at rest, is flattened only once.
+    Nested values are flattened first, because NumPy would take three times as long to find out their shape. If a value
+    is the same Python object as in the row before, for example because the object is at rest, it is not flattened
+    again.
     """
     new = [0, *compress(range(1, len(values)), map(is_not, values[1:], values))]
     flat: Iterable[Any] = [values[i] for i in new]

@@ -13,18 +13,20 @@ import pyarrow as pa
 from betterbench.errors import RecordError
 
 Widths = Mapping[str, int]
-"""Numbers per row: ``nq``, ``nv``, ``nu``, ``joints``, ``action``, ``objects``, ``predicates``, ``subgoals``."""
+"""Number of values per row in each group: ``nq``, ``nv``, ``nu``, ``joints``, ``action``, ``objects``, ``predicates``,
+``subgoals``.
+"""
 
 WIDTH_NAMES = ("nq", "nv", "na", "nu", "joints", "action", "objects", "predicates", "subgoals")
 
 
 class Column(NamedTuple):
-    """One column of a record, named like its field and its Parquet column.
+    """Column of a record. The field of the record and the Parquet column have the same name.
 
     Attributes:
-        kind: Data type of each number.
-        width: Name of the width, or None for one number per row.
-        tail: Number of values per item of the width (3 for a position).
+        kind: Data type of each value.
+        width: Entry of ``WIDTH_NAMES`` that counts the items per row ("objects"), or None if there is one item per row.
+        tail: Number of values that make up an item (3 for a position).
     """
 
     name: str
@@ -71,7 +73,7 @@ COLUMNS: tuple[Column, ...] = (
 """All columns with a fixed number of values per row. Contacts are stored separately, because their number varies."""
 
 CONTACTS = "contacts"
-"""Name of the Parquet column with the contacts of each row."""
+"""Name of the Parquet column that contains the contacts of each row."""
 
 _NUMBERS = {"float64": pa.float64(), "bool": pa.bool_(), "int16": pa.int16()}
 _CONTACT_FIELDS = [
@@ -83,12 +85,13 @@ _CONTACT_FIELDS = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts:
-    """Contact pairs of all rows, concatenated.
+    """Contacts of all rows, concatenated.
 
     Attributes:
-        offsets: (T + 1,) int32; the pairs of row ``t`` are ``offsets[t]`` to ``offsets[t + 1]``.
-        bodies: (C, 2) int16 indices into the record's list of body names.
-        forces: (C,) normal forces [N].
+        offsets: Start of each row's contacts (T + 1,) int32. Row ``t`` has the contacts ``offsets[t]`` to ``offsets[t +
+            1]``.
+        bodies: Both bodies of each contact (C, 2) int16, as indices into the record's list of body names.
+        forces: Normal force of each contact (C,) [N].
     """
 
     offsets: npt.NDArray[np.int32]
@@ -97,7 +100,10 @@ class Contacts:
 
 
 def arrow_schema(widths: Widths) -> pa.Schema:
-    """Return the Parquet schema for given widths; columns of width zero are omitted."""
+    """Return the Parquet schema of a record, given the width of each group of columns.
+
+    Columns of width zero are omitted.
+    """
     fields = []
     for column in COLUMNS:
         number = _NUMBERS[column.kind]
@@ -113,7 +119,7 @@ def arrow_schema(widths: Widths) -> pa.Schema:
 
 
 def to_table(arrays: Mapping[str, npt.NDArray[np.generic]], contacts: Contacts, widths: Widths) -> pa.Table:
-    """Convert a record's columns to a Parquet table."""
+    """Convert the columns of a record to a Parquet table."""
     schema = arrow_schema(widths)
     parts: list[pa.Array] = []
     for field in schema:
@@ -136,7 +142,7 @@ def to_table(arrays: Mapping[str, npt.NDArray[np.generic]], contacts: Contacts, 
 
 
 def from_table(table: pa.Table, widths: Widths, bodies: int) -> tuple[dict[str, npt.NDArray[np.generic]], Contacts]:
-    """Convert a table with the schema ``arrow_schema(widths)`` to a record's columns by name, and its contacts.
+    """Convert a table with the schema ``arrow_schema(widths)``. Return the columns by name, and the contacts.
 
     Raises:
         RecordError: If an index is out of range.
@@ -157,7 +163,7 @@ def from_table(table: pa.Table, widths: Widths, bodies: int) -> tuple[dict[str, 
     pairs = np.stack([items.field(0).to_numpy(), items.field(1).to_numpy()], axis=1)
     held = arrays["held"].astype(np.int64)
     if pairs.size and (pairs.min() < 0 or pairs.max() >= bodies):
-        raise RecordError("a contact refers to a body that is not listed; record the trial again")
+        raise RecordError("a contact refers to a body that the record does not list; record the trial again")
     if held.min() < -1 or held.max() >= widths["objects"]:
         raise RecordError("the held object is not in the scene; record the trial again")
     return arrays, Contacts((offsets - offsets[0]).astype(np.int32), pairs, items.field(2).to_numpy())

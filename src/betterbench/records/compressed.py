@@ -1,4 +1,4 @@
-"""Compression of byte blocks that are read often and individually. LZ4 is used, because it decompresses fastest."""
+"""Compression of blocks of bytes that are read often and one by one. LZ4 is used because it decompresses fastest."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ _CODEC = pa.Codec("lz4_raw")
 
 
 def pack_block(data: bytes) -> bytes:
-    """Compress a block; the bytes are reproducible within one installation."""
+    """Compress a block. Within one installation, the same block always gives the same bytes."""
     found: bytes = _CODEC.compress(data, asbytes=True)
     return found
 
 
 def unpack_block(data: memoryview | bytes, size: int) -> memoryview:
-    """Decompress a block of ``size`` bytes. Raises RecordError if it is damaged."""
+    """Decompress a block that has ``size`` bytes. Raises RecordError if it is damaged."""
     try:
         return memoryview(_CODEC.decompress(data, size))
     except (pa.ArrowException, OSError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""Sources and licenses of the assets shown in runs' trials."""
+"""Sources and licenses of the assets that appear in the trials of runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LIBRARY_CREDIT = "betterbench procedural library, Apache-2.0"
 
 
 class CreditedObject(Protocol):
-    """Scene object with the origin of its asset; source and license are empty for the procedural library."""
+    """Scene object with the origin of its asset. Source and license are empty for the procedural library."""
 
     @property
     def asset(self) -> str:
@@ -21,11 +21,11 @@ class CreditedObject(Protocol):
 
     @property
     def source(self) -> str:
-        """Asset origin."""
+        """Source and author of the asset."""
 
     @property
     def license(self) -> str:
-        """Name of its license."""
+        """Name of the asset's license."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -34,6 +34,8 @@ class AssetCredit:
 
     Attributes:
         asset: Name and color of the asset ("my_mug-red").
+        source: Source and author of the asset.
+        license: Name of the asset's license.
     """
 
     asset: str
@@ -42,12 +44,12 @@ class AssetCredit:
 
     @property
     def text(self) -> str:
-        """Credit line."""
+        """Credit line for the asset."""
         return f"{self.asset}: {self.source}; license {self.license}"
 
 
 def credits_of(objects: Iterable[CreditedObject]) -> tuple[AssetCredit, ...]:
-    """Return the distinct credits of assets outside the procedural library, sorted."""
+    """Return the credits of all assets that are not from the procedural library, sorted and without duplicates."""
     found = {
         AssetCredit(each.asset.partition("#")[0], each.source, each.license or "unknown")
         for each in objects
@@ -57,13 +59,13 @@ def credits_of(objects: Iterable[CreditedObject]) -> tuple[AssetCredit, ...]:
 
 
 def credit_lines(objects: Sequence[CreditedObject]) -> tuple[str, ...]:
-    """Return one line for each asset with its own source, and one for all objects of the procedural library."""
+    """Return one credit line for each asset with a source, and one for all objects of the procedural library."""
     lines = [credit.text for credit in credits_of(objects)]
     return (*lines, LIBRARY_CREDIT) if any(not each.source for each in objects) else tuple(lines)
 
 
 def credits_of_runs(runs: Sequence[RunFolder]) -> tuple[str, ...]:
-    """Return the credit lines for a run's finished trials in scenes of our own.
+    """Return the credit lines for the finished trials of runs in betterbench's own scenes.
 
     Raises:
         RecordError: If a record cannot be read.

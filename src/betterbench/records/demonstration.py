@@ -1,4 +1,4 @@
-"""Demonstration metadata: demonstrator, and rows of each skill and subgoal."""
+"""Metadata of demonstrations: the demonstrator, and the rows that belong to each skill and subgoal."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ _Row = Annotated[int, Field(ge=0)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstrator:
-    """Source of a demonstration: an expert, a method or a person, with motion style and noise.
+    """Source of a demonstration: an expert, a method or a person, with its motion style and its action noise.
 
     Attributes:
         kind: Kind of demonstrator.
-        name: Expert name, the method or the person.
-        manner: Parameters of the motion style, by name with unit ("speed", "approach_height_m").
-        sources: Demonstrations from which this one was composed, "TASK/CONDITION/SEED", in order of use.
+        name: Name of the expert, the method or the person.
+        manner: Parameters of the motion style. Their names include the unit ("speed", "approach_height_m").
+        sources: Demonstrations from which this one was composed, as "TASK/CONDITION/SEED" in the order of use.
         action_noise: Standard deviation of the noise on the executed actions, in action units. With noise, the column
-            ``action`` contains the intended action, which is the label to learn, and ``applied`` the executed one.
-            Without noise, they differ only by clipping.
+            ``action`` contains the intended action, which a policy should learn, and ``applied`` contains the executed
+            action. Without noise, the two columns differ only by clipping.
     """
 
     kind: DemonstratorKind
@@ -42,30 +42,31 @@ class Demonstrator:
     action_noise: Annotated[float, Field(ge=0.0)] = 0.0
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for an unknown kind."""
+        """Raise InvalidInputError if the kind is unknown."""
         if self.kind not in get_args(DemonstratorKind):
             known = ", ".join(get_args(DemonstratorKind))
             raise InvalidInputError("demonstrator.kind", f"{self.kind!r} is unknown", f"Use one of {known}")
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the demonstrator in JSON form."""
         return {**asdict(self), "manner": dict(self.manner)}
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SkillWindow:
-    """Rows in which the gripper is near an object in order to pick, place or slide it.
+    """Rows of a record in which the gripper is near an object in order to pick, place or slide it.
 
     Attributes:
         kind: Kind of skill.
-        object: Object name; for a miss, the object picked next, or "".
+        object: Name of the object. If the gripper closed without grasping or moving an object (kind "miss"), it is the
+            object that is picked next, or "" if there is none.
         target: Target of the placement, or "" if no subgoal has this target.
-        relation: Relation to the target, or "" without a target.
-        region: Region of the target, or "" if it has only one.
+        relation: Relation to the target, or "" if there is no target.
+        region: Region of the target, or "" if the target has only one.
         start: First row.
         change: Row after the action that begins to close the gripper, or to open it for a placement.
-        stop: Row after the last one.
+        stop: Row after the last row.
     """
 
     kind: SkillKind
@@ -78,24 +79,28 @@ class SkillWindow:
     stop: _Row
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for an empty window or a change outside it."""
+        """Raise InvalidInputError if the window is empty or the gripper change is outside it."""
         if not self.start <= self.change < self.stop:
             problem = f"rows {self.start}, {self.change}, {self.stop} are not in order"
-            raise InvalidInputError(f"skill {self.kind}", problem, "Give start ≤ change < stop")
+            raise InvalidInputError(f"skill {self.kind}", problem, "Choose rows such that start ≤ change < stop")
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SubgoalSegment:
-    """Rows [start, stop) that serve one subgoal; the segments of a record are contiguous.
+    """Rows [start, stop) of a record in which the robot works toward one subgoal.
+
+    The segments of a record are contiguous.
 
     Attributes:
-        subgoal: Name of the subgoal that is done at the end of these rows; "" for rows after the last subgoal.
+        subgoal: Name of the subgoal that is done at the end of these rows, or "" for rows after the last subgoal.
         object: Name of the object that was placed or slid.
-        target: Target name.
+        target: Name of the target.
         relation: Relation of the subgoal.
-        region: Region of the target, or "" if it has only one.
-        skills: Skill windows within these rows, in order of time; rows between two windows are transit.
+        region: Region of the target, or "" if the target has only one.
+        start: First row.
+        stop: Row after the last row.
+        skills: Skill windows within these rows, in order of time. Between two windows, the arm is in transit.
     """
 
     subgoal: str
@@ -108,12 +113,14 @@ class SubgoalSegment:
     skills: tuple[SkillWindow, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for an empty segment."""
+        """Raise InvalidInputError if the segment is empty."""
         if not self.start < self.stop:
-            raise InvalidInputError("segment", f"rows {self.start} to {self.stop} are empty", "Give start < stop")
+            raise InvalidInputError(
+                "segment", f"rows {self.start} to {self.stop} are empty", "Choose rows such that start < stop"
+            )
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the segment in JSON form."""
         form = asdict(self)
         form["skills"] = [asdict(skill) for skill in self.skills]
         return form

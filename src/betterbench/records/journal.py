@@ -1,8 +1,8 @@
-"""Run journal with one line per finished trial. It alone determines how a run resumes.
+"""Journal of a run, with one line per finished trial. Resuming a run depends only on this file.
 
-Each line contains the SHA-256 of its record, the digest of its scene, and a hash link (the SHA-256 of the previous link
-and the line). Links reveal changed, missing or reordered lines. Journals of older versions lack the scene digest, or
-all three.
+Each line contains the SHA-256 of its record, the digest of its scene, and a link, which is the SHA-256 of the previous
+link and the line. The links reveal changed, missing and reordered lines. In journals of older versions, the lines lack
+the scene digest, or all three values.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from betterbench.json_form import read_form
 from betterbench.tasks.trial_id import TrialId
 
 TrialStatus = Literal["done", "error"]
-"""Status of a trial: "done" has a record; "error" failed outside the policy and is repeated on resuming."""
+"""Status of a trial: "done" has a record, "error" failed outside the policy and is repeated when the run is resumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,15 +28,16 @@ class JournalEntry:
     """Journal entry of one finished trial.
 
     Attributes:
-        condition: Condition name within the task ("train1", "L3").
+        condition: Name of the condition within the task ("train1", "L3").
         status: "done" if its record is on disk, "error" if the trial must be repeated.
-        message: Description of the failure, for "error".
-        wall: Wall-clock figures by name with their unit ("duration_s", "policy_latency_p50_s"); records contain none.
-        ground_truth: Ground truth that a faulty policy reports about its own episode, by name; it affects neither
+        message: Description of the failure, if the status is "error".
+        wall: Wall-clock measurements. Their names include the unit ("duration_s", "policy_latency_p50_s"). Records
+            contain no such measurements.
+        ground_truth: Ground truth that a faulty policy reports about its own episode, by name. It affects neither
             records nor verdicts.
-        record: SHA-256 of the record file, or None if there is no record or an older version wrote the line.
-        scene: Digest of the scene's files (:func:`~betterbench.records.scene_archive.scene_digest`), or None if there
-            is no record or an older version wrote the line.
+        record: SHA-256 of the record file. None if there is no record or an older version wrote the line.
+        scene: Digest of the scene's files (:func:`~betterbench.records.scene_archive.scene_digest`). None if there is
+            no record or an older version wrote the line.
     """
 
     task: str
@@ -52,7 +53,7 @@ class JournalEntry:
 
     @property
     def key(self) -> TrialId:
-        """The trial name within the run."""
+        """Id of the trial within the run."""
         return TrialId(self.task, self.condition, self.seed)
 
 
@@ -60,7 +61,7 @@ _Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
-    """JSON form of an entry. All fields are written; journals of older versions have no ground truth."""
+    """JSON form of an entry. All fields are written. Journals of older versions have no ground truth."""
 
     task: str
     condition: str
@@ -80,11 +81,11 @@ _LINE_CURE = "Restore the file from a copy, or evaluate into a new folder"
 
 
 class Journal(LineJournal):
-    """A run's journal (``journal.jsonl``), open for appending by one process at a time.
+    """Journal of a run (``journal.jsonl``), to which one process at a time can append.
 
     Raises:
-        RunConflictError: If another process appends to it.
-        RecordError: If a line is corrupt, or a trial is finished twice.
+        RunConflictError: If another process is appending to the journal.
+        RecordError: If a line is corrupt, or if two lines state that the same trial is finished.
     """
 
     def __init__(self, path: Path, *, renews: bool = False) -> None:
@@ -97,11 +98,11 @@ class Journal(LineJournal):
 
     @property
     def entries(self) -> tuple[JournalEntry, ...]:
-        """The last entry of every trial, in order of first appearance."""
+        """The last entry of every trial, in the order in which the trials first appear."""
         return tuple(self._entries.values())
 
     def entry(self, key: TrialId) -> JournalEntry | None:
-        """Return the last entry of a trial, or None."""
+        """Return the last entry of a trial, or None if it has none."""
         return self._entries.get(key)
 
     def is_done(self, key: TrialId) -> bool:
@@ -110,13 +111,13 @@ class Journal(LineJournal):
         return entry is not None and entry.status == "done"
 
     def append(self, entry: JournalEntry) -> None:
-        """Append a finished trial and force it to disk.
+        """Append a finished trial and sync the line to disk.
 
         Raises:
-            InvalidInputError: If a number is not finite or a field has the wrong type, so that the entry could not be
-                read back.
+            InvalidInputError: If a number is not finite or a field has a wrong type, so that the entry could not be
+                read again.
             RunConflictError: If the trial is already finished.
-            OSError: If the disk is full; the journal is then unchanged.
+            OSError: If the disk is full. The journal is then unchanged.
             ValueError: If the journal is closed.
         """
         if self.is_done(entry.key):
@@ -126,29 +127,30 @@ class Journal(LineJournal):
         self._append(entry)
 
     def reopen(self, key: TrialId, reason: str) -> None:
-        """Append a line that marks a finished trial without a usable record for repetition.
+        """Mark a finished trial as unfinished, so that it is repeated, because its record cannot be used.
 
-        Raises the same errors as :meth:`append`. Does nothing if the trial is not finished.
+        This appends a line with the status "error", or does nothing if the trial is not finished. Raises the same
+        errors as :meth:`append`.
         """
         if self.is_done(key):
             self._append(replace(self._entries[key], status="error", message=reason, wall={}, record=None, scene=None))
 
     def _append(self, entry: JournalEntry) -> None:
         form = asdict(entry)
-        read_form(_LINE, form, where="journal entry", cure="Leave out the field or give a value of its type")
+        read_form(_LINE, form, where="journal entry", cure="Omit the field, or give a value of its type")
         link = link_after(self._link, form)
         self._append_line({**form, "link": link})
         self._entries[entry.key], self._link = entry, link
 
 
 def read_journal(path: Path) -> tuple[JournalEntry, ...]:
-    """Read a journal without changing it, even while a run appends to it; an incomplete last line is ignored.
+    """Read a journal without changing it, even while a run appends to it. An incomplete last line is ignored.
 
     Returns:
-        The last entry of every trial, in order of first appearance.
+        The last entry of every trial, in the order in which the trials first appear.
 
     Raises:
-        RecordError: If a line is corrupt, or a trial is finished twice.
+        RecordError: If a line is corrupt, or if two lines state that the same trial is finished.
     """
     return tuple(_last_entries(path, complete_lines(path)[0])[0].values())
 
@@ -161,7 +163,7 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
     for number, line in enumerate(lines, start=1):
         where = f"{path}: line {number}"
         form = read_form(_LINE, line, where=f"{where} is corrupt", cure=_LINE_CURE, raises=RecordError)
-        # the link covers only the fields that existed in the version that wrote the line
+        # The link covers only the fields that existed in the version which wrote the line.
         fields = form.model_dump(exclude_unset=True)
         told = fields.pop("link", None)
         if told is not None or link:

@@ -1,4 +1,4 @@
-"""Metadata of a record: trial, versions, and the episode's outcome."""
+"""Metadata of a record: the trial, the versions, and the outcome of the episode."""
 
 from __future__ import annotations
 
@@ -15,13 +15,16 @@ from betterbench.records.demonstration import Demonstrator, SubgoalSegment
 from betterbench.tasks import Looks
 
 SCHEMA_VERSION = 1
-"""Version of the record's columns and metadata; increased when an older reader would misinterpret a newer file."""
+"""Version of the columns and metadata of a record.
+
+It is increased when an older reader would misinterpret a new file.
+"""
 
 Termination = Literal["success", "failure", "step_limit", "policy_error", "interrupted"]
-"""Reason for the end of an episode.
+"""Reason why an episode ended.
 
-In order: the goal was met (or doing nothing was right), the goal became unreachable, a forbidden interaction happened,
-the step limit was reached, the policy violated its protocol, or the operator stopped.
+In order: the goal was met (or doing nothing was correct), the goal could no longer be met or a forbidden interaction
+happened, the step limit was reached, the policy violated its protocol, the operator stopped the episode.
 """
 
 _Count = Annotated[int, Field(ge=0)]
@@ -32,13 +35,14 @@ TERMINATIONS: tuple[str, ...] = get_args(Termination)
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Episode outcome.
+    """Outcome of an episode.
 
     Attributes:
-        success: Whether the trial is a success, given its expected behavior.
+        termination: Reason why the episode ended.
+        success: Whether the trial is a success, given the behavior that is expected in it.
         error: Description of the error, for "policy_error" and "interrupted".
-        clipped_actions: Number of actions that were clipped to the action space's bounds.
-        invalid_actions: Number of answers that could not be executed.
+        clipped_actions: Number of actions that were clipped to the bounds of the action space.
+        invalid_actions: Number of replies of the policy that could not be executed.
     """
 
     termination: Termination
@@ -48,48 +52,52 @@ class Outcome:
     invalid_actions: int = 0
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for a contradictory outcome."""
+        """Raise InvalidInputError if the outcome contradicts itself."""
         if self.termination not in TERMINATIONS:
-            problem = f"{self.termination!r} is not a termination"
+            problem = f"{self.termination!r} is not a valid termination"
             raise InvalidInputError("termination", problem, f"Use one of {', '.join(TERMINATIONS)}")
         if self.success and self.termination in ("failure", "policy_error", "interrupted"):
             raise InvalidInputError(
-                "success", f"is True although the episode ended by {self.termination}", "Correct one of them"
+                "success",
+                f"is True although the episode ended by {self.termination}",
+                "Correct either the success or the termination",
             )
         for name in ("clipped_actions", "invalid_actions"):
             if getattr(self, name) < 0:
-                raise InvalidInputError(name, f"{getattr(self, name)} is negative", "Give a number of at least 0")
+                raise InvalidInputError(name, f"{getattr(self, name)} is negative", "Use a number ≥ 0")
 
 
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordMetadata:
-    """Metadata of an episode, fixed before the episode begins.
+    """Metadata of an episode, which is fixed before the episode begins.
 
     Attributes:
-        suite_version: Suite version, which also seeds its random streams.
-        condition: Condition name within the task ("train1", "L3").
-        variation: Variation name ("L3"), or None for a training condition.
-        axis: Variation axis, or None for a training condition.
-        base_condition: Training condition from which a variation is derived; the twin is the trial of that condition
-            with the same seed.
+        suite_version: Version of the suite. The random streams of the suite depend on it.
+        condition: Name of the condition within the task ("train1", "L3").
+        variation: Name of the variation ("L3"), or None for a training condition.
+        axis: Axis of the variation, or None for a training condition.
+        base_condition: Training condition from which a variation is derived. The variation's twin is the trial of this
+            condition with the same seed.
         interventions: The interventions as text, in order.
-        expected: Behavior of a correct policy ("succeed", "refuse", "stay_still").
+        expected: Behavior that is expected of a correct policy ("succeed", "refuse", "stay_still").
         action_components: Name of each number in an action.
         camera_preset: Name of the observation preset, or None if no image was rendered.
         render_quality: Name of the render preset, or None if no image was rendered.
-        engine: Versions that affect the numbers: simulator with version, renderer, model hash.
-        scene_hash: Name of the stored scene ``scenes/HASH.zip``.
-        looks: Appearance set of the run ("seen" or "unseen").
+        engine: Versions that affect the numbers: simulator with version, renderer, hash of the model.
+        scene_hash: Name under which the scene is stored (``scenes/HASH.zip``).
+        looks: Set of object variants and rooms that the run used ("seen" or "unseen").
         room: Name of the trial's room.
-        view_jitter: Offsets of cameras and key light; together with scene and state they determine the images.
+        view_jitter: Offsets of the cameras and the key light. Together with the scene and the state, these offsets
+            determine the images.
         robot_dynamics: Drawn dynamics of the robot by quantity, with one value per joint of the arm and the gripper.
-            "backlash" is in rad; all other quantities are factors of the model's values. Empty if the dynamics do not
-            vary.
+            "backlash" is in rad. All other quantities are factors applied to the model's values. Empty if the dynamics
+            do not vary.
         predicate_names: Meaning of each column in ``predicates``.
-        subgoal_names: Meaning of each column in ``subgoals``, in the instructed order.
-        demonstrator: Source of the demonstration; None for an evaluated policy's trial.
-        segments: The rows that serve each subgoal, derived from the states; only for demonstrations.
+        subgoal_names: Meaning of each column in ``subgoals``, in the order of the instruction.
+        demonstrator: Source of a demonstration, or None for the trial of an evaluated policy.
+        segments: Rows in which the robot works toward each subgoal, derived from the states. They exist only for
+            demonstrations.
     """
 
     task: str
@@ -124,9 +132,9 @@ class RecordMetadata:
     schema_version: int = SCHEMA_VERSION
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, without an empty ``robot_dynamics``.
+        """Return the metadata in JSON form.
 
-        Only demonstrations include the fields of demonstrations.
+        An empty ``robot_dynamics`` is omitted. The fields of demonstrations are included only for demonstrations.
         """
         form: dict[str, Any] = {}
         for f in fields(self):

@@ -1,4 +1,4 @@
-"""Runs that are shown together: each is given once, and has a unique display name."""
+"""Names of runs that are shown together. Each run is given once and gets a unique display name."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from betterbench.errors import InvalidInputError
 from betterbench.records.run import RunFolder
 
 BUILT_IN = re.compile(r"expert|noop|random|(expert|zoo|probe|replay|independent|learned):.*", re.IGNORECASE)
-"""Reserved names of built-in policies. A user's policy that declares a reserved name is shown by its address instead.
+"""Names that are reserved for built-in policies.
 
-The names are repeated here because reading records must not import the policy kinds; a test compares them.
+If a user's policy declares one of them, its address is shown instead. The names are repeated here because reading
+records must not import the policy kinds. A test compares them.
 """
 
 MOST_CHARACTERS = 80
-"""Maximum length of a run's name; longer names are truncated to keep pages and tables readable."""
+"""Maximum number of characters in the name of a run. Longer names are truncated to keep pages and tables readable."""
 
 
 def require_each_once(paths: Sequence[Path]) -> None:
@@ -26,18 +27,19 @@ def require_each_once(paths: Sequence[Path]) -> None:
     places = [os.path.realpath(path) for path in paths]
     twice = next((paths[i] for i, place in enumerate(places) if place in places[:i]), None)
     if twice is not None:
-        raise InvalidInputError("runs", f"{twice} is given twice", "Give every run once")
+        raise InvalidInputError("runs", f"{twice} is given twice", "Give every run only once")
 
 
 def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return a unique name for each run.
+    """Return a unique display name for each run.
 
-    Without ``given`` names, a run gets the declared name of its policy. Runs with the same name get the address of
-    their policy instead. If that is also shared, the run folder is added in parentheses.
+    If no names are ``given``, a run gets the name that its policy declares. Runs whose policies declare the same name
+    get the addresses of their policies instead. If these are the same too, the folder of the run is added in
+    parentheses.
 
     Raises:
-        InvalidInputError: If the number of given names differs from the number of runs, or a name is empty, too long or
-            repeated.
+        InvalidInputError: If the number of given names differs from the number of runs, or if a name is empty, too long
+            or repeated.
     """
     if given:
         return _checked(given, len(runs))
@@ -49,7 +51,10 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
 
 
 def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
-    """Make names unique by adding the run folder to equal names, and then a number if necessary."""
+    """Make the display names of runs unique.
+
+    If names are equal, the folder of the run is appended to each. If they are still equal, a number is appended.
+    """
     counts = Counter(names)
     named = [
         name if counts[name] == 1 else f"{name} ({Path(place).resolve().name if str(place) else number})"
@@ -60,14 +65,14 @@ def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str,
 
 
 def _declared(run: RunFolder) -> str:
-    """Return the declared name of a run's policy, or its address."""
+    """Return the name that a run's policy declares, or else the address of the policy."""
     policy, address = run.context.get("policy"), _shown(run.plan.get("policy", "policy"))
     name = _shown(policy.get("name")) if isinstance(policy, dict) else ""
     return address if not name or BUILT_IN.fullmatch(name) else name
 
 
 def _shown(name: object) -> str:
-    """Return an untrusted name as one line of bounded length, or an empty string for an invalid name."""
+    """Return an untrusted name as one line of limited length. The result is empty if the name is not a string."""
     line = "".join(c if c.isprintable() else " " for c in name).strip() if isinstance(name, str) else ""
     return line if len(line) <= MOST_CHARACTERS else f"{line[: MOST_CHARACTERS - 1]}…"
 

@@ -1,4 +1,4 @@
-"""Records on disk: one Parquet file each, with the metadata as JSON in its schema."""
+"""Record files: one Parquet file per record, with the metadata as JSON in its schema."""
 
 from __future__ import annotations
 
@@ -23,38 +23,40 @@ from betterbench.records.metadata import SCHEMA_VERSION, Outcome, RecordMetadata
 from betterbench.records.record import Record
 
 METADATA_KEY = b"betterbench"
-"""Key for the JSON document in the Parquet schema metadata."""
+"""Key of the JSON document in the metadata of the Parquet schema."""
 
 SEAL_KEY = b"betterbench.sha256"
-"""Key for the SHA-256 of the complete file, computed with the digest replaced by zeros."""
+"""Key of the SHA-256 of the whole file, which is computed with zeros in the place of the digest."""
 
 COMPRESSION_LEVEL = 1
-"""Compression level of zstd. The default level 3 makes an episode less than 1 % smaller and takes a fifth longer; level
-9 takes more than twice as long. Byte stream split for the arm's floats made 17 of 18 episodes larger, by 4 % in the
-median."""
+"""Compression level of zstd.
+
+With the default level 3, an episode is less than 1 % smaller and takes a fifth longer. Level 9 takes more than twice as
+long. Byte stream split for the floats of the arm made 17 of 18 episodes larger, by 4 % in the median.
+"""
 
 NO_DIGEST = b"0" * 64
 """Placeholder for the digest in a file that is not sealed yet."""
-# in the footer's compact Thrift encoding, a string value is preceded by its type (18) and its length 64 (40)
+# In the footer's compact Thrift encoding, a string value is preceded by its type (0x18) and its length 64 (0x40).
 _SEAL = re.compile(re.escape(SEAL_KEY) + rb"\x18\x40([0-9a-f]{64})")
 
 MAX_FILE_BYTES = 1 << 30
-"""Maximum size of a file to read [bytes]. A one-hour episode at 60 kB/s has 0.2 GiB."""
+"""Maximum size of a file that is read [byte]. An episode of one hour at 60 kB/s has 0.2 GiB."""
 
 MAX_UNPACKED_BYTES = 2 << 30
-"""Maximum total size of all columns after decompression [bytes]. One hour with 500 numbers per row has 0.3 GB."""
+"""Maximum total size of all columns after decompression [byte]. One hour with 500 numbers per row has 0.3 GB."""
 
 
 _CURE = "Record the trial again"
 
 AGAIN = "Repeat the command of the run to record the trial again"
-"""Remedy for a record of a run that cannot be read."""
+"""Remedy to suggest for a record of a run that cannot be read."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Document:
-    """JSON document in a record's Parquet schema: metadata, outcome, and column widths."""
+    """JSON document in the Parquet schema of a record: metadata, outcome, and widths of the columns."""
 
     metadata: RecordMetadata
     outcome: Outcome
@@ -62,7 +64,7 @@ class _Document:
     widths: dict[str, Annotated[int, Field(ge=0, le=100_000)]]
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for widths that are missing or contradict the metadata."""
+        """Raise InvalidInputError if widths are missing or contradict the metadata."""
         if set(self.widths) != set(WIDTH_NAMES):
             raise InvalidInputError("widths", f"are not {', '.join(WIDTH_NAMES)}", _CURE)
         told = {
@@ -110,7 +112,7 @@ class _TrialOnly(BaseModel, strict=True):
 
 
 class RecordBrief(BaseModel):
-    """Trial, assets and outcome of a record. They can be read without the columns."""
+    """Trial, assets and outcome of a record, which can be read without reading the columns."""
 
     metadata: _TrialOnly
     outcome: Outcome
@@ -118,14 +120,17 @@ class RecordBrief(BaseModel):
 
 _DOCUMENT, _VERSION, _BRIEF = TypeAdapter(_Document), TypeAdapter(_VersionOnly), TypeAdapter(RecordBrief)
 
-_PLACE = f"Give a record of a run, RUN/records/TASK/CONDITION/SEED.parquet. {AGAIN}"
+_PLACE = f"Give a record of a run (RUN/records/TASK/CONDITION/SEED.parquet). {AGAIN}"
 _WHOLE = f"Copy it again from an intact source. {AGAIN}"
-"""Remedy for a truncated or changed record. A resumed run moves such a record aside instead of deleting it."""
+"""Remedy to suggest for a truncated or changed record.
+
+A resumed run moves such a record aside instead of deleting it.
+"""
 _MAGIC = b"PAR1"
 
 
 def write_record(record: Record, path: Path) -> None:
-    """Write a record; the same record gives the same bytes on one installation.
+    """Write a record. Within one installation, the same record gives the same bytes.
 
     An existing file is replaced atomically. Raises OSError if the path is not writable.
     """
@@ -156,26 +161,26 @@ def record_bytes(record: Record) -> bytes:
 
 
 def seal(data: bytes) -> bytes:
-    """Insert the digest into a record file. Raises RecordError if the file has no placeholder."""
+    """Insert the digest into the bytes of a record file. Raises RecordError if they contain no placeholder."""
     start, end = _seal_span(data)
     blank = data[:start] + NO_DIGEST + data[end:]
     return data[:start] + hashlib.sha256(blank).hexdigest().encode("ascii") + data[end:]
 
 
 def _seal_span(data: bytes) -> tuple[int, int]:
-    """Return the byte range of the digest in the file. Raises RecordError unless the digest occurs exactly once."""
+    """Return the byte range of the digest in a file. Raises RecordError unless the digest occurs exactly once."""
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
-        raise RecordError(f"is damaged or not a record. {_PLACE}")
+        raise RecordError(f"the file is damaged or not a record. {_PLACE}")
     return spans[0]
 
 
 def read_record(path: Path, *, digest: str | None = None) -> Record:
-    """Read a record exactly as it was written; the file may come from an untrusted source.
+    """Read a record exactly as it was written. The file may come from an untrusted source.
 
     Raises:
-        RecordError: If the file is missing, damaged, not a record, too large, of another schema version, or does not
-            have the given ``digest`` (SHA-256).
+        RecordError: If the file is missing, damaged, not a record, too large or of a different schema version, or if
+            its SHA-256 is not ``digest``.
     """
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
         document = read_form(_DOCUMENT, _document_bytes(file), where="metadata", cure=_CURE, sealed=True)
@@ -186,26 +191,26 @@ def read_record(path: Path, *, digest: str | None = None) -> Record:
 
 
 def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
-    """Read only the outcome of a record's episode. This is faster than reading the record.
+    """Read only the outcome of a record. This is faster than reading the whole record.
 
     Raises:
-        RecordError: The errors of :func:`read_record`, but with fewer checks.
+        RecordError: In most of the cases in which :func:`read_record` raises it. This function makes fewer checks.
     """
     return read_brief(path, digest=digest).outcome
 
 
 def read_brief(path: Path, *, digest: str | None = None) -> RecordBrief:
-    """Read the trial and the outcome of a record; raise the errors of :func:`read_outcome`."""
+    """Read only the trial, the assets and the outcome of a record. Raises the same errors as :func:`read_outcome`."""
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
         return read_form(_BRIEF, _document_bytes(file), where="metadata", cure=_CURE, sealed=True)
 
 
 def _intact(path: Path, digest: str | None) -> bytes:
-    """Return the content of a record file. Raises RecordError if it is too large, damaged, or has another digest."""
+    """Return the content of a record file. Raises RecordError if it is too large, damaged, or has a wrong digest."""
     data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure=_PLACE, raises=RecordError)
     if not data.endswith(_MAGIC) and (digest is not None or data.startswith(_MAGIC)):
-        raise RecordError(f"is damaged (its end is missing). {_WHOLE}")
-    # the Parquet reader is native code that may crash on damaged files, so check the digest first
+        raise RecordError(f"the record is damaged (its end is missing). {_WHOLE}")
+    # The Parquet reader is native code that may crash on damaged files, so the digest is checked first.
     try:
         intact = seal(data) == data
     except RecordError:
@@ -213,9 +218,9 @@ def _intact(path: Path, digest: str | None) -> bytes:
             raise
         intact = False
     if not intact:
-        raise RecordError(f"is damaged (its digest does not match). {_WHOLE}")
+        raise RecordError(f"the record is damaged (its digest does not match). {_WHOLE}")
     if digest is not None and hashlib.sha256(data).hexdigest() != digest:
-        raise RecordError(f"is not the record that the journal lists for this trial. {_WHOLE}")
+        raise RecordError(f"this is not the record that the journal lists for this trial. {_WHOLE}")
     return data
 
 
@@ -231,7 +236,7 @@ def _reading(path: Path) -> Iterator[None]:
         raise RecordError(f"{path}: {text}.") from error
     except Exception as error:  # native code may raise any exception for a damaged file
         said = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise RecordError(f"{path}: is damaged or not a record ({said}). {AGAIN}.") from error
+        raise RecordError(f"{path}: the file is damaged or not a record ({said}). {AGAIN}.") from error
 
 
 def _document_bytes(file: pq.ParquetFile) -> bytes:
@@ -239,31 +244,32 @@ def _document_bytes(file: pq.ParquetFile) -> bytes:
     raw = (file.schema_arrow.metadata or {}).get(METADATA_KEY)
     if not isinstance(raw, bytes):
         raise RecordError(
-            "is a Parquet file but not a record: it lacks the metadata 'betterbench'; choose a file of a run"
+            "this is a Parquet file but not a record, because it lacks the metadata 'betterbench'; choose a file of a "
+            "run"
         )
     version = read_form(_VERSION, raw, where="metadata", cure=_CURE, sealed=True).metadata.schema_version
     if version != SCHEMA_VERSION:
         raise RecordError(
-            f"has schema version {version}, but this version of betterbench reads {SCHEMA_VERSION}; "
+            f"the record has schema version {version}, but this version of betterbench reads {SCHEMA_VERSION}; "
             "read it with the version that wrote it, or record the trial again"
         )
     return raw
 
 
 def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
-    """Raise RecordError if columns differ from the metadata, or the file has no rows or is too large."""
+    """Raise RecordError if the columns do not match the metadata, or if the file has no rows or is too large."""
     actual = file.schema_arrow
     if not actual.equals(expected):
         names = sorted(set(expected.names) ^ set(actual.names)) or [
             field.name for field in expected if not field.equals(actual.field(field.name))
         ]
         raise RecordError(
-            f"its columns ({', '.join(names[:5]) or 'their order'}) do not match its metadata; record the trial again"
+            f"the columns ({', '.join(names[:5]) or 'their order'}) do not match the metadata; record the trial again"
         )
     if file.metadata.num_rows < 1:
-        raise RecordError("has no rows; record the trial again")
-    # do not read the metadata of single columns: pyarrow 26 aborts the process on some malformed files
+        raise RecordError("the record has no rows; record the trial again")
+    # The metadata of single columns are not read, because pyarrow 26 aborts the process on some malformed files.
     rows, per_row = file.metadata.num_rows, sum(getattr(field.type, "list_size", 1) for field in expected)
     groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
     if max(sum(group.total_byte_size for group in groups), rows * per_row * 8) > MAX_UNPACKED_BYTES:
-        raise RecordError(f"unpacks to more than {MAX_UNPACKED_BYTES} bytes; this is not a record")
+        raise RecordError(f"the file unpacks to more than {MAX_UNPACKED_BYTES} bytes, so it is not a record")

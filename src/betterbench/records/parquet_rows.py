@@ -1,4 +1,4 @@
-"""Reader for Parquet files written by other programs. It loads large cells on demand."""
+"""Reader of Parquet files that other programs have written. The reader loads large cells only when they are needed."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ _CURE = "Download the file again"
 
 
 class ParquetRows:
-    """Parquet file written by another program; several threads may read it.
+    """Parquet file that another program has written. Several threads may read it.
 
-    Only one row group of one column is held in memory, so that files with embedded images can be larger than memory.
+    Only one row group of one column is held in memory, so that files with embedded images can be larger than the
+    memory.
     """
 
     def __init__(self, path: Path) -> None:
-        """Open a file; raise InvalidInputError if it is not a readable Parquet file."""
+        """Open a file. Raises InvalidInputError if it is not a readable Parquet file."""
         self._path, self._lock = path, threading.Lock()
         try:
             self._file = pq.ParquetFile(path)
@@ -46,7 +47,7 @@ class ParquetRows:
         return int(self._file.metadata.num_rows)
 
     def rows(self, columns: Sequence[str]) -> list[dict[str, Any]]:
-        """Return all rows with some columns; raise InvalidInputError if the file is damaged."""
+        """Return all rows with the given columns. Raises InvalidInputError if the file is damaged."""
         with self._lock:
             try:
                 rows: list[dict[str, Any]] = self._file.read(columns=list(columns)).to_pylist()
@@ -55,7 +56,7 @@ class ParquetRows:
         return rows
 
     def cell(self, row: int, column: str) -> Any:  # noqa: ANN401 - any value of Parquet
-        """Return one cell; raise InvalidInputError if the file is damaged."""
+        """Return one cell. Raises InvalidInputError if the file is damaged."""
         group = bisect.bisect_right(self._ends, row)
         with self._lock:
             if self._held != (group, column):

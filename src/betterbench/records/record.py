@@ -1,4 +1,4 @@
-"""Record: the privileged log of one episode, from which it can be judged again without a simulator."""
+"""Record: the privileged log of one episode. With it, the episode can be judged again without a simulator."""
 
 from __future__ import annotations
 
@@ -18,40 +18,43 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 _BLOCK_ROWS = 256
-"""Number of rows converted to states at once, a compromise between speed and memory."""
+"""Number of rows that are converted to states at once. It is a compromise between speed and memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
     """Privileged log of one episode.
 
-    Row 0 is the state at reset, row ``t`` the state after action ``t``. ``T`` is the number of rows, ``n`` the number
-    of objects. All poses are in the world frame; the arrays are read-only.
+    Row 0 is the state at reset, and row ``t`` is the state after action ``t``. ``T`` is the number of rows and ``n``
+    the number of objects. All poses are in the world frame. The arrays are read-only.
 
     Attributes:
-        qpos: (T, nq) generalized positions of the simulator.
-        qvel: (T, nv) generalized velocities of the simulator.
-        act: (T, na) actuator activations: the joint references that the servos integrate.
-        ctrl: (T, nu) actuator commands.
-        action: (T, dim) policy action; NaN in row 0.
-        applied: (T, dim) action after clipping; NaN in row 0.
-        ee_position: (T, 3) tool center point [m].
-        ee_quaternion: (T, 4) rotation of the tool (w, x, y, z).
-        commanded_position: (T, 3) commanded tool center point [m].
-        commanded_quaternion: (T, 4) commanded rotation of the tool (w, x, y, z).
-        finger_width: (T,) distance of the finger pads [m].
-        gripper_command: (T,) last applied gripper command, -1 open to +1 closed.
-        joint_positions: (T, joints) arm joint angles [rad].
-        joint_velocities: (T, joints) arm joint velocities [rad/s].
-        object_positions: (T, n, 3) object positions [m].
-        object_quaternions: (T, n, 4) object rotations (w, x, y, z).
-        object_linear_speeds: (T, n) object speeds [m/s].
-        object_angular_speeds: (T, n) object angular speeds [rad/s].
-        held: (T,) index of the held object, or -1.
-        predicates: (T, p) whether each predicate in ``metadata.predicate_names`` holds.
-        subgoals: (T, g) whether each subgoal in ``metadata.subgoal_names`` holds.
-        forbidden: (T,) whether a forbidden event is happening.
-        contacts: Touching pairs of all rows.
+        bodies: Names of all bodies that occur in contacts.
+        time: Simulated time since reset (T,) [s].
+        qpos: Generalized positions of the simulator (T, nq).
+        qvel: Generalized velocities of the simulator (T, nv).
+        act: Actuator activations, which are the joint references that the servos integrate (T, na).
+        ctrl: Actuator commands (T, nu).
+        action: Action of the policy (T, dim). NaN in row 0.
+        applied: Action after clipping (T, dim). NaN in row 0.
+        ee_position: Tool center point (T, 3) [m].
+        ee_quaternion: Rotation of the tool (T, 4), as (w, x, y, z).
+        commanded_position: Commanded tool center point (T, 3) [m].
+        commanded_quaternion: Commanded rotation of the tool (T, 4), as (w, x, y, z).
+        finger_width: Distance between the finger pads (T,) [m].
+        gripper_command: Last applied gripper command (T,), from -1 (open) to +1 (closed).
+        joint_positions: Arm joint angles (T, joints) [rad].
+        joint_velocities: Arm joint velocities (T, joints) [rad/s].
+        object_positions: Object positions (T, n, 3) [m].
+        object_quaternions: Object rotations (T, n, 4), as (w, x, y, z).
+        object_linear_speeds: Object speeds (T, n) [m/s].
+        object_angular_speeds: Object angular speeds (T, n) [rad/s].
+        held: Index of the held object, or -1 (T,).
+        predicates: Whether each predicate in ``metadata.predicate_names`` holds (T, p).
+        subgoals: Whether each subgoal in ``metadata.subgoal_names`` holds (T, g).
+        goal: Whether the goal is met (T,).
+        forbidden: Whether a forbidden event is happening (T,).
+        contacts: Contacts of all rows.
     """
 
     metadata: RecordMetadata
@@ -93,12 +96,12 @@ class Record:
 
     @property
     def n_steps(self) -> int:
-        """Number of control steps taken."""
+        """Number of control steps that were taken."""
         return len(self) - 1
 
     @property
     def widths(self) -> dict[str, int]:
-        """Numbers per row of each variable-width group."""
+        """Widths of the record's columns, i.e. the numbers of values per row, by the names in ``WIDTH_NAMES``."""
         return {
             "nq": self.qpos.shape[1],
             "nv": self.qvel.shape[1],
@@ -116,7 +119,7 @@ class Record:
         return {column.name: getattr(self, column.name) for column in COLUMNS}
 
     def same_bits(self, other: Record) -> bool:
-        """Return whether two records are identical in all columns (bit for bit) and metadata."""
+        """Return whether two records are identical in their metadata and, bit for bit, in all columns."""
         if (self.metadata, self.outcome, self.bodies) != (other.metadata, other.outcome, other.bodies):
             return False
         mine, theirs = (
@@ -134,7 +137,7 @@ class Record:
         """
         rows = len(self)
         if not -rows <= row < rows:
-            msg = f"row {row} of a record with {rows} rows"
+            msg = f"row {row} does not exist in a record with {rows} rows"
             raise IndexError(msg)
         row %= rows
         return next(self._block(row, row + 1))
@@ -145,7 +148,7 @@ class Record:
             yield from self._block(start, min(start + _BLOCK_ROWS, len(self)))
 
     def _block(self, start: int, stop: int) -> Iterator[WorldState]:
-        """Yield the states of the rows from ``start`` to before ``stop``."""
+        """Yield the states of the rows from ``start`` to ``stop - 1``."""
         info, bodies = self.metadata.scene, self.bodies
         n = len(info.objects)
         held_names = [*(o.name for o in info.objects), None]  # index -1 (no object) selects None
@@ -196,7 +199,7 @@ def _tuples(values: FloatArray) -> list[Any]:
     """Return the last axis of an array as tuples of floats, in one flat list.
 
     Slicing one list of floats is several times faster than converting each small array into a tuple. The return type is
-    loose because the tuple length depends on the array.
+    loose because the length of the tuples depends on the array.
     """
     width = values.shape[-1]
     if width == 0:

@@ -1,4 +1,4 @@
-"""Run folder: paths of files, plan, lock and context."""
+"""Run folder: the paths of its files, its plan, its lock and its context."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from betterbench.tasks.worlds.facts import WorldFacts, facts_of_plan
 logger = logging.getLogger(__name__)
 
 RUN_SCHEMA_VERSION = 2
-"""Version of ``run.json`` and of the folder layout; version 1 had no checksum."""
+"""Version of ``run.json`` and of the layout of the folder. Version 1 had no checksum."""
 
 _MAX_RUN_JSON_BYTES = 64 * 1024 * 1024
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
@@ -55,7 +55,7 @@ _HASH = re.compile(r"[0-9a-f]{8,128}")
 
 @growing_form
 class _PolicyChange(TypedDict):
-    """Context entry for a run that was continued with another policy."""
+    """Context entry of a run that was continued with a different policy."""
 
     policy: dict[str, Any]
     trials_before: NotRequired[Annotated[int, Field(ge=0)]]
@@ -64,7 +64,7 @@ class _PolicyChange(TypedDict):
 
 @growing_form
 class _RunContext(TypedDict, total=False):
-    """Fields of a run's context that are read here; others are ignored."""
+    """Fields of a run's context that this module reads. All other fields are ignored."""
 
     policy: dict[str, Any]
     policy_changes: list[_PolicyChange]
@@ -87,8 +87,8 @@ _RUN_DOCUMENT = TypeAdapter(_RunDocument)
 class RunFolder:
     """Folder of one evaluation run.
 
-    ``plan`` defines the run, which can only be resumed with the same plan. ``context`` is further information that may
-    differ on resuming, such as the machine and the policy handshake.
+    ``plan`` defines the run, which can only be resumed with the same plan. ``context`` contains further information
+    that may be different when the run is resumed, such as the machine and the handshake of the policy.
     """
 
     path: Path
@@ -103,20 +103,22 @@ class RunFolder:
 
     @property
     def planned(self) -> tuple[TrialId, ...]:
-        """The plan's trials in order, or an empty tuple if the plan does not list them."""
+        """Trials of the plan in order. The sequence is empty if the plan does not list its trials."""
         return tuple(self._planned or ())
 
     @classmethod
     def start(cls, path: Path, plan: Mapping[str, Any], *, context: Mapping[str, Any] | None = None) -> RunFolder:
-        """Create a run, or resume the existing run if its plan is the same or a subset.
+        """Create a run, or resume the run in the folder if its plan is the same or contains fewer trials.
 
-        The folder is created if missing, and ``run.json`` is written first. A resumed run keeps the context of its
-        first start. A plan with more trials replaces the stored plan, and the context records the time.
+        The folder is created if it is missing, and ``run.json`` is written first. A resumed run keeps the context of
+        its first start. If the new plan contains more trials, it replaces the stored plan, and the context records the
+        time.
 
         Raises:
-            RunConflictError: If the folder contains a run with another plan or other files, or is being written to.
+            RunConflictError: If the folder contains other files or a run with a different plan, or if it is being
+                written to.
             RecordError: If ``run.json`` is corrupt.
-            InvalidInputError: If plan or context is not JSON.
+            InvalidInputError: If the plan or the context cannot be written as JSON.
         """
         path = path.absolute()
         wanted = _plain({"plan": dict(plan), "context": dict(context or {})})
@@ -134,8 +136,8 @@ class RunFolder:
             stored, fewer = (len(plan["trials"]) for plan in (existing.plan, wanted["plan"]))
             raise RunConflictError(
                 f"{path}: the run in this folder has {stored} trials, but this command requests only {fewer} of them. "
-                "Give as many trials, tasks and variations to resume it, or more to extend it, or choose another "
-                "folder."
+                "Request the same trials, tasks and variations to resume it, or more to extend it, or choose a "
+                "different folder."
             )
         require_same(path, existing.plan, wanted["plan"], "run", where="plan")
         _copy_task_files(path, existing.plan)
@@ -146,8 +148,8 @@ class RunFolder:
         """Open an existing run for reading.
 
         Raises:
-            RecordError: If the folder contains no run, the run is corrupt or of another version, or its tasks need a
-                user's file that is not loaded.
+            RecordError: If the folder contains no run, if the run is corrupt or of a different version, or if its tasks
+                need a user's file that is not loaded.
         """
         try:
             holds_run = (path / "run.json").is_file()
@@ -155,17 +157,18 @@ class RunFolder:
             raise RecordError(f"{one_line(path)}: {error.strerror}. Give the --out folder of the run.") from error
         if not holds_run:
             inside = sorted(str(path / found.parent.name) for found in path.glob("*/run.json"))
-            cure = f"Give one of its runs: {', '.join(inside)}" if inside else "Give the --out folder of a run"
+            cure = f"Give a run inside it: {', '.join(inside)}" if inside else "Give the --out folder of a run"
             raise RecordError(f"{path}: contains no run (no run.json). {cure}.")
-        cure = "Restore it, or start the run in a new folder; read a run of another version with that version"
+        cure = "Restore it, or start the run in a new folder. Read a run of another version with that version"
         data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure, raises=RecordError)
         where = str(path / "run.json")
         form = open_seal(data, where=where, cure=cure, raises=RecordError, since=("schema_version", 2))
         if "plan" not in form and isinstance(form.get("kind"), str):
             kind = one_line(form["kind"], most=60)
             raise RecordError(
-                f"{path}: contains a {kind} instead of trials of a policy. Give a run of better eval; for a run of "
-                "better vlm, `better compare` shows the scores, and `better export --to lmms-eval` writes the answers."
+                f"{path}: the folder contains a {kind} instead of trials of a policy. Give a run of better eval; for a "
+                "run of better vlm, `better compare` shows the scores, and `better export --to lmms-eval` writes the "
+                "answers."
             )
         document = read_form(_RUN_DOCUMENT, form, where=where, cure=cure, raises=RecordError)
         require_origins(document.plan, path)
@@ -173,17 +176,17 @@ class RunFolder:
 
     @property
     def journal_path(self) -> Path:
-        """The file with one line per finished trial."""
+        """Path of the file with one line per finished trial."""
         return self.path / "journal.jsonl"
 
     @property
     def report_path(self) -> Path:
-        """The report folder; raises the errors of :meth:`inside`."""
+        """Path of the report folder. Raises the same errors as :meth:`inside`."""
         return self.inside("report")
 
     @property
     def world(self) -> WorldFacts:
-        """Properties of the world in which the trials were run.
+        """Properties of the world, i.e. the simulator and its scenes, in which the trials were run.
 
         Raises RecordError if the plan names an unknown world.
         """
@@ -199,12 +202,15 @@ class RunFolder:
 
         Raises:
             RunConflictError: If a process is writing to the run.
-            InvalidInputError: If a change is not valid JSON data.
+            InvalidInputError: If a change cannot be written as JSON.
         """
         return self._rewritten(self.plan, {**self.context, **changes})
 
     def restore(self) -> bool:
-        """Write ``run.json`` again, with a warning, if it was removed or changed since the run was opened."""
+        """Write ``run.json`` again, with a warning, if it was removed or changed after the run was opened.
+
+        Return whether this was necessary.
+        """
         path, content = self.path / "run.json", _run_json(self.plan, self.context)
         with contextlib.suppress(OSError, ValueError):
             unsealed = {"schema_version": 1, "plan": self.plan, "context": self.context}
@@ -215,7 +221,7 @@ class RunFolder:
         return True
 
     def _grown(self, plan: Mapping[str, Any]) -> RunFolder:
-        """Write a plan that extends the current one, and return the updated run."""
+        """Write a plan that extends the current plan, and return the updated run."""
         done = sum(entry.status == "done" for entry in self.entries())
         at_utc = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         step = {"at_utc": at_utc, "trials_before": len(self.plan["trials"]), "done_before": done}
@@ -232,11 +238,11 @@ class RunFolder:
     def journal(self, *, renews: bool = False) -> Journal:
         """Open the journal for appending. The folder is locked until the journal is closed.
 
-        With ``renews``, the journal can continue after the folder was removed or moved. The caller must then restore
-        the run and repeat the trials whose records are missing.
+        With ``renews``, the journal stays usable if the folder is removed or moved. In this case, the caller must
+        restore the run and repeat the trials whose records are missing.
 
         Raises:
-            RecordError: If the journal lists trials that are not planned. Other errors are the same as for
+            RecordError: If the journal lists trials that are not planned. For other errors, see
                 :class:`~betterbench.records.journal.Journal`.
         """
         journal = Journal(self.journal_path, renews=renews)
@@ -248,7 +254,7 @@ class RunFolder:
         return journal
 
     def entries(self) -> tuple[JournalEntry, ...]:
-        """Read the journal without locking the folder.
+        """Read the entries of the journal without locking the folder.
 
         Raises:
             RecordError: If the journal is corrupt or lists trials that are not planned.
@@ -259,11 +265,17 @@ class RunFolder:
         return entries
 
     def entry(self, trial: TrialId) -> JournalEntry | None:
-        """Return the last journal entry of a trial, or None; raises the same errors as :meth:`entries`."""
+        """Return the last journal entry of a trial, or None if it has none.
+
+        Raises the same errors as :meth:`entries`.
+        """
         return _known_entries(self.journal_path).get(trial)
 
     def record_digest(self, entry: JournalEntry) -> str:
-        """Return the SHA-256 of a finished trial's record, or None for journals of older versions."""
+        """Return the SHA-256 of a finished trial's record.
+
+        If an older version wrote the journal, the file is hashed.
+        """
         return entry.record or file_digest(self.record_path(entry.task, entry.condition, entry.seed))
 
     def _say_unlisted(self, entries: tuple[JournalEntry, ...]) -> None:
@@ -276,15 +288,15 @@ class RunFolder:
         unlisted = [t for t in self._planned or () if t not in listed and self.record_path(*astuple(t)).exists()]
         if unlisted:
             logger.warning(
-                "%s: does not list %d existing records, of %s and others: it was truncated, or the run was killed. "
-                "These records are ignored; repeat the command of the run to repeat their trials",
+                "%s: the journal does not list %d existing records (%s and others). It was truncated, or the run was "
+                "killed. These records are ignored; repeat the command of the run to repeat their trials",
                 self.journal_path,
                 len(unlisted),
                 one_line(unlisted[0]),
             )
 
     def _check_entries(self, entries: tuple[JournalEntry, ...]) -> None:
-        """Raise RecordError if the journal lists a trial outside the plan."""
+        """Raise RecordError if the journal lists a trial that is not planned."""
         planned = self._planned
         for entry in entries if planned is not None else ():
             key = TrialId(entry.task, entry.variation or entry.condition, entry.seed)
@@ -295,31 +307,31 @@ class RunFolder:
                 )
                 raise RecordError(
                     f"{self.journal_path}: {one_line(entry.key)} {problem}, so the journal or run.json belongs to "
-                    f"another run. Restore both from a copy, or evaluate into a new folder."
+                    f"a different run. Restore both from a copy, or evaluate into a new folder."
                 )
 
     def record_path(self, task: str, condition: str, seed: int) -> Path:
         """Return the path of a trial's record.
 
         Raises:
-            InvalidInputError: If a name could lead out of the folder or the seed is negative.
+            InvalidInputError: If a name would lead out of the folder, or if the seed is negative.
         """
         return self._inside("records", task, condition, f"{_seed(seed)}.parquet")
 
     def video_path(self, task: str, condition: str, seed: int, *, camera: str) -> Path:
-        """Return the path of a trial's video; see :meth:`record_path`."""
+        """Return the path of a trial's video. Raises the same errors as :meth:`record_path`."""
         return self._inside("videos", task, condition, f"{_seed(seed)}_{_safe_name('camera', camera)}.mp4")
 
     def scene_path(self, scene_hash: str) -> Path:
-        """Return the path of a stored scene. Raises InvalidInputError for a hash that is not lower-case hexadecimal."""
+        """Return the path of a stored scene. Raises InvalidInputError if the hash is not lower-case hexadecimal."""
         if not _HASH.fullmatch(scene_hash):
             raise InvalidInputError(
-                "scene hash", f"{scene_hash!r} is not a hash", "Give a hash of 8 to 128 hexadecimal digits"
+                "scene hash", f"{scene_hash!r} is not a hash", "Use a hash of 8 to 128 hexadecimal digits"
             )
         return self._inside("scenes", f"{scene_hash}.zip")
 
     def write_record(self, record: Record) -> Path:
-        """Write a record to its path and return the path."""
+        """Write a record to its path in the folder, and return the path."""
         m = record.metadata
         path = self.record_path(m.task, m.condition, m.seed)
         write_record(record, path)
@@ -328,12 +340,12 @@ class RunFolder:
     def read_record(self, task: str, condition: str, seed: int, *, digest: str | None = None) -> Record:
         """Read the record of a trial.
 
-        ``digest`` is the expected digest of the file, for example from an earlier read, to detect that the run has
-        changed. By default, the digest in the journal is used.
+        ``digest`` is the expected digest of the file. A digest from an earlier read reveals whether the run has changed
+        since. By default, the digest in the journal is used.
 
         Raises:
-            RecordError: If the record is missing or unreadable, its bytes have changed, or its trial, policy or
-                action space is not that of the plan and the journal.
+            RecordError: If the record is missing or unreadable, if its bytes have changed, or if its trial, policy or
+                action space differs from the plan and the journal.
         """
         trial = TrialId(task, condition, seed)
         path = self.record_path(task, condition, seed)
@@ -342,9 +354,9 @@ class RunFolder:
         return record
 
     def read_brief(self, trial: TrialId, *, entry: JournalEntry | None = None) -> RecordBrief:
-        """Read only the trial and the outcome of a record, which is fast. Raises the errors of :meth:`read_record`.
+        """Read only the trial, the assets and the outcome of a record. This is faster than reading the whole record.
 
-        If ``entry`` is given, the journal is not read.
+        Raises the same errors as :meth:`read_record`. If ``entry`` is given, the journal is not read.
         """
         path = self.record_path(trial.task, trial.condition, trial.seed)
         brief = read_brief(path, digest=self._digest(entry or self.entry(trial)))
@@ -352,11 +364,14 @@ class RunFolder:
         return brief
 
     def outcome(self, entry: JournalEntry) -> Outcome:
-        """Return the outcome of the trial in a journal entry; raise the errors of :meth:`read_record`."""
+        """Return the outcome of the trial in a journal entry. Raises the same errors as :meth:`read_record`."""
         return self.read_brief(entry.key, entry=entry).outcome
 
     def succeeded(self, trial: TrialId, entry: JournalEntry | None = None) -> bool:
-        """Return whether a trial succeeded, from its record; arguments and errors are those of :meth:`read_brief`."""
+        """Return whether a trial succeeded, according to its record.
+
+        The arguments and the errors are the same as for :meth:`read_brief`.
+        """
         return self.read_brief(trial, entry=entry).outcome.success
 
     @staticmethod
@@ -369,7 +384,7 @@ class RunFolder:
         if self._planned is not None:
             if trial not in self._planned:
                 raise RecordError(
-                    f"{path}: {one_line(trial)} is not planned in this run. Give a record of a planned trial."
+                    f"{path}: {one_line(trial)} is not planned in this run. Choose a record of a planned trial."
                 )
             wanted["variation"] = self._planned[trial].get("variation")
             wanted |= {name: self.plan[name] for name in ("policy", "action_space") if name in self.plan}
@@ -377,24 +392,24 @@ class RunFolder:
             there = getattr(found, name)
             if there != value:
                 raise RecordError(
-                    f"{path}: is the record of {one_line(f'{found.task}/{found.condition} seed {found.seed}')} of "
+                    f"{path}: this is the record of {one_line(f'{found.task}/{found.condition} seed {found.seed}')} of "
                     f"{one_line(found.policy)}: its {name} is {one_line(repr(there), most=80)} but the run plans "
                     f"{one_line(repr(value), most=80)}. {AGAIN}."
                 )
 
     def records(self) -> Iterator[Record]:
-        """Yield the records of finished trials in journal order.
+        """Yield the records of the finished trials, in the order of the journal.
 
-        Raises RecordError for an invalid record.
+        Raises RecordError if a record is invalid.
         """
         for entry in self.entries():
             if entry.status == "done":
                 yield self.read_record(entry.task, entry.condition, entry.seed)
 
     def set_aside(self, path: Path) -> Path | None:
-        """Move an unusable file to ``RUN/set-aside`` and return the new path, or None if the file does not exist.
+        """Move a file that cannot be used to ``RUN/set-aside``. Return its new path, or None if there is no file.
 
-        The file is not deleted, because it may be the user's only copy.
+        The file is not deleted, because it may be the only copy that the user has.
         """
         if not path.exists() and not path.is_symlink():
             return None
@@ -406,7 +421,7 @@ class RunFolder:
         return place
 
     def store_scene(self, scene_hash: str, files: Mapping[str, bytes]) -> Path:
-        """Store a scene once; raise the errors of :func:`~betterbench.records.scene_archive.write_scene`."""
+        """Store a scene once. Raises the same errors as :func:`~betterbench.records.scene_archive.write_scene`."""
         path = self.scene_path(scene_hash)
         if not path.exists():
             write_scene(path, files)
@@ -415,11 +430,11 @@ class RunFolder:
     def keep_scene(self, scene: StorableScene) -> str:
         """Store the scene of a trial unless it is already stored, and return its digest for the journal.
 
-        An empty file marks a scene that is stored elsewhere. A file without a scene is moved aside.
+        An empty file marks a scene that is stored elsewhere. A file that does not contain a scene is moved aside.
 
         Raises:
-            RunConflictError: If a different scene has the same name, from another version or another source.
-            InvalidInputError: The errors of :func:`~betterbench.records.scene_archive.write_scene`.
+            RunConflictError: If a different scene has the same name, because it comes from another version or source.
+            InvalidInputError: In the same cases as :func:`~betterbench.records.scene_archive.write_scene`.
         """
         name = scene.content_hash
         path = self.scene_path(name)
@@ -437,24 +452,24 @@ class RunFolder:
                 if there == digest:
                     return digest  # stored by an earlier version without a checksum
                 raise RunConflictError(
-                    f"{path}: is not the scene of this trial, although it has the same name. It comes from another "
-                    f"version or another source. Evaluate into a new folder, or move the file away if no finished "
-                    f"trial used it."
+                    f"{path}: this is not the scene of this trial, although it has the same name. It comes from a "
+                    f"different version or source. Evaluate into a new folder, or move the file away if no finished "
+                    f"trial has used it."
                 )
         write_scene(path, scene.files())
         return digest
 
     def load_scene(self, scene_hash: str, *, digest: str | None = None) -> dict[str, bytes]:
-        """Return the files of a stored scene by name, without writing to disk.
+        """Return the files of a stored scene by name, without writing them to disk.
 
         Raises the same errors as ``read_scene``.
         """
         return read_scene(self.scene_path(scene_hash), digest=digest)
 
     def scene_digest(self, trial: TrialId) -> str | None:
-        """Return the digest of a trial's scene from the journal.
+        """Return the digest of a trial's scene according to the journal.
 
-        Returns None, and logs one warning, for journals of earlier versions.
+        If an earlier version wrote the journal, return None and log one warning.
         """
         entry = self.entry(trial)
         if entry is None or entry.status != "done":
@@ -469,22 +484,22 @@ class RunFolder:
         return entry.scene
 
     def scene_of(self, record: RecordMetadata) -> dict[str, bytes]:
-        """Return the scene files of a recorded trial, verified against the journal.
+        """Return the scene files of a recorded trial, after verifying them against the journal.
 
-        Raises the errors of :func:`~betterbench.records.scene_archive.read_scene`.
+        Raises the same errors as :func:`~betterbench.records.scene_archive.read_scene`.
         """
         digest = self.scene_digest(TrialId(record.task, record.condition, record.seed))
         return self.load_scene(record.scene_hash, digest=digest)
 
     def _inside(self, top: str, *names: str) -> Path:
-        """Return a path below the folder. Raises InvalidInputError for a path that leads out of it."""
+        """Return a path below the folder. Raises InvalidInputError if the path leads out of the folder."""
         path = self.path / top
         for what, name in zip(("task", "condition", "file")[-len(names) :], names, strict=True):
             path /= _safe_name(what, name)
         return self.inside(*path.relative_to(self.path).parts)
 
     def inside(self, *names: str) -> Path:
-        """Return a path below the folder. Raises InvalidInputError if a link leads out of it."""
+        """Return a path below the folder. Raises InvalidInputError if a link leads out of the folder."""
         path = self.path.joinpath(*names)
         require_inside(path, self.path)
         return path
@@ -497,18 +512,21 @@ class RunFolder:
 
 
 _DIGESTS: dict[str, str] = {}
-"""Digests of the scenes that this process has used, by name."""
+"""Digests of the scenes that this process has used, by the scene's name."""
 
 _WITHOUT_SCENES: set[Path] = set()
-"""Runs whose missing scene digests have been reported."""
+"""Runs whose missing scene digests have already been reported."""
 
 _TOLD: set[tuple[Path, int]] = set()
-"""Runs that were checked for unlisted records, with the number of listed trials at that time."""
+"""Runs that have been checked for unlisted records, with the number of listed trials at that time."""
 
 
 @lru_cache(maxsize=8)
 def _entries_at(path: Path, size: int, changed_ns: int) -> dict[TrialId, JournalEntry]:
-    """Return a journal's entries by trial, cached by file size and time of the last change."""
+    """Return the entries of a journal by trial.
+
+    They are cached by the size of the file and the time of its last change.
+    """
     del size, changed_ns
     entries = {entry.key: entry for entry in read_journal(path)}
     say_lost_tail(path)
@@ -524,7 +542,7 @@ def _known_entries(path: Path) -> dict[TrialId, JournalEntry]:
 
 
 def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None:
-    """Return a plan's trials by their id, or None for a plan without a list of trials."""
+    """Return the trials of a plan by their id, or None if the plan does not list its trials."""
     listed = plan.get("trials")
     if not isinstance(listed, list):
         return None
@@ -541,7 +559,7 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
 
 
 def _plain(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return data as after a JSON round trip. Raises InvalidInputError for data that JSON cannot represent."""
+    """Return data as it is after a JSON round trip. Raises InvalidInputError if JSON cannot represent it."""
     found: dict[str, Any] = json.loads(dump_json(form))
     return found
 
@@ -567,34 +585,34 @@ def keep_copies(path: Path) -> None:
         if file.demonstrations is not None:
             measured = (path / COPIES / file.copy_name).with_suffix(COMPANION_SUFFIX)
             content = file.demonstrations.encode()
-            # when a data set is resumed, this file is not in its list of written files, so keep it
+            # When a data set is resumed, this file is not in its list of written files. An equal file is kept.
             if not measured.exists() or measured.read_bytes() != content:
                 write_durably(measured, content)
 
 
 def _safe_name(what: str, name: str) -> str:
-    """Return ``name`` unchanged if it is safe to use in a path; raise InvalidInputError otherwise."""
+    """Return ``name`` unchanged if it is safe to use in a path. Raises InvalidInputError otherwise."""
     if not _NAME.fullmatch(name):
-        problem = f"{name!r} cannot be the name of a file"
+        problem = f"{name!r} cannot be a file name"
         raise InvalidInputError(
-            what, problem, "Use up to 100 letters, digits, '_', '-' and '.', the first a letter or digit"
+            what, problem, "Use up to 100 letters, digits, '_', '-' and '.', and begin with a letter or digit"
         )
     return name
 
 
 def _seed(seed: int) -> int:
-    """Return ``seed`` unchanged; raise InvalidInputError if it is negative."""
+    """Return ``seed`` unchanged. Raises InvalidInputError if it is negative."""
     if seed < 0:
-        raise InvalidInputError("seed", f"{seed} is negative", "Give an integer ≥ 0")
+        raise InvalidInputError("seed", f"{seed} is negative", "Use an integer ≥ 0")
     return seed
 
 
 _GROWING = ("trials", "task_versions", "task_files")
-"""Plan fields that may grow when a run is extended without changing its planned trials."""
+"""Fields of a plan that may grow when a run is extended, while its planned trials stay the same."""
 
 
 def holds_more(plan: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Return whether a plan equals another plan except for additional trials."""
+    """Return whether a plan equals another plan except that it contains additional trials."""
     rest, others = ({k: v for k, v in p.items() if k not in _GROWING} for p in (plan, other))
     if dump_json(rest) != dump_json(others):
         return False

@@ -1,9 +1,9 @@
 """Scene archives: compiled scenes as reproducible zip files, which may come from an untrusted source.
 
-The zip file's comment contains a digest of the scene name and all scene files (:func:`scene_digest`). The digest is
-verified before any file is used, so that MuJoCo never loads a changed model or the archive of another scene. A run's
-journal also contains the digest of each trial's scene, which reveals an archive that was replaced together with its
-digest.
+The comment of the zip file contains a digest of the scene's name and all its files (:func:`scene_digest`). The digest
+is verified before any file is used, so that MuJoCo never loads a changed model or the archive of a different scene. The
+journal of a run also contains the digest of each trial's scene. It reveals an archive that was replaced together with
+its digest.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAX_SCENE_BYTES = 256 * 1024 * 1024
 """Maximum size of a stored scene after decompression [byte]."""
 
 MAX_SCENE_FILES = 10_000
-"""Maximum number of files of a stored scene."""
+"""Maximum number of files in a stored scene."""
 
 _LEVEL = 3
 """Compression level. It takes half as long as zlib's default level 6 (60 to 100 ms) and makes archives 5 % larger."""
@@ -35,31 +35,31 @@ _READ_BLOCK = 1 << 20
 _AGAIN = "Repeat the command of the run to store it again"
 
 _WRITTEN: dict[str, tuple[Path, str]] = {}
-"""Archives written by this process: path and SHA-256 of the file, by the digest of the scene."""
+"""Archives that this process has written: path and SHA-256 of the file, by the digest of the scene."""
 
 
 class StorableScene(Protocol):
-    """A compiled scene that can be stored with the records of its trials."""
+    """Compiled scene that can be stored with the records of its trials."""
 
     @property
     def content_hash(self) -> str:
-        """Name of the stored scene. It identifies the scene's files within one process."""
+        """Name under which the scene is stored. Within one process, it identifies the scene's files."""
 
     def files(self) -> dict[str, bytes]:
-        """Return the stored files: content by name."""
+        """Return the stored files of the scene by name."""
 
 
 def scene_digest(name: str, files: Mapping[str, bytes]) -> str:
-    """Return the SHA-256 over a scene's name and the names and contents of its files (hex, 64 characters)."""
+    """Return the SHA-256 of a scene's name and of the names and contents of its files (hex, 64 characters)."""
     lines = [f"{hashlib.sha256(files[file]).hexdigest()} {file}\n" for file in sorted(files)]
     return content_digest(name, "".join(lines).encode())
 
 
 def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
-    """Store a scene's files under its hash, ``HASH.zip``; the same files give the same bytes.
+    """Store the files of a scene as ``HASH.zip``. The same files always give the same bytes.
 
     Raises:
-        InvalidInputError: If a name could lead out of the archive's folder or the scene is too large.
+        InvalidInputError: If a name would lead out of the archive's folder, or if the scene is too large.
     """
     for name in files:
         problem = _member_problem(name)
@@ -90,10 +90,10 @@ def _archive(files: Mapping[str, bytes], digest: str) -> bytes:
 
 
 def _archive_of_another_run(digest: str) -> bytes | None:
-    """Return the bytes of an archive that this process wrote earlier, or None if the file is gone or was changed.
+    """Return an archive that this process wrote earlier for the same scene, or None if it is gone or was changed.
 
-    Several policies are evaluated on the same scenes. Reading an archive takes 1 ms of CPU time, creating it takes 34
-    ms.
+    This helps when several policies are evaluated on the same scenes: reading an archive takes 1 ms of CPU time,
+    whereas creating it takes 34 ms.
     """
     path, checksum = _WRITTEN.get(digest, (None, ""))
     if path is None:
@@ -120,12 +120,12 @@ def has_digest(path: Path, digest: str) -> bool:
 def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
     """Return the files of a stored scene by name, without writing them to disk.
 
-    If the ``digest`` of the journal is given, the files must match it. Archives written by an earlier version contain
-    no digest, which causes one warning per run unless the journal's digest is given.
+    ``digest`` is the digest in the journal. If it is given, the files must match it. An archive that an earlier version
+    wrote contains no digest. This causes one warning per run, unless the journal's digest is given.
 
     Raises:
-        RecordError: If the scene is missing, damaged, changed, too large, has another hash or belongs to another trial,
-            or a name could lead out of a folder.
+        RecordError: If the scene is missing, damaged, changed or too large, if it has a different hash or belongs to a
+            different trial, or if a name would lead out of a folder.
     """
     try:
         data = read_bounded(path, max_bytes=MAX_SCENE_BYTES, cure=_AGAIN, raises=RecordError)
@@ -137,13 +137,13 @@ def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
         raise
     except Exception as error:  # decompressors may raise any exception for a damaged archive
         said = one_line(error, most=200) or type(error).__name__
-        raise RecordError(f"{path}: is damaged ({said}). {_AGAIN}.") from error
+        raise RecordError(f"{path}: the file is damaged ({said}). {_AGAIN}.") from error
     found = scene_digest(path.stem, files)
     if seal and seal != _seal(found):
-        problem = "its digest does not match: it was changed after it was written, or belongs to another scene"
+        problem = "its digest does not match: the file was changed after it was written, or belongs to another scene"
         raise RecordError(f"{path}: {problem}. {_AGAIN}.")
     if digest is not None and found != digest:
-        problem = "is not the scene of the trial: its digest differs from the digest in the journal"
+        problem = "this is not the scene of the trial: its digest differs from the digest in the journal"
         raise RecordError(f"{path}: {problem}. {_AGAIN}.")
     if not seal and digest is None:
         say_unsealed(str(path.parent))
@@ -151,12 +151,12 @@ def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
 
 
 def _seal(digest: str) -> bytes:
-    """Return the comment of an archive."""
+    """Return the comment of an archive with the given digest."""
     return _SEAL_MARK + digest.encode()
 
 
 def _member_problem(name: str) -> str | None:
-    """Return the reason why a name is not allowed in an archive, or None."""
+    """Return the reason why a name is not allowed in an archive, or None if it is allowed."""
     if not name or len(name) > 200 or any(ord(c) < 32 for c in name) or "\\" in name or ":" in name:
         return "is not a portable file name"
     path = PurePosixPath(name)
@@ -166,9 +166,11 @@ def _member_problem(name: str) -> str | None:
 
 
 def _read_members(path: Path, archive: zipfile.ZipFile) -> dict[str, bytes]:
-    """Return the content of an archive within the limits. Raises RecordError for unsafe or repeated names."""
+    """Return the files in an archive, within the limits. Raises RecordError if a name is unsafe or repeated."""
     members = archive.infolist()
-    too_large = RecordError(f"{path}: unpacks to more than {MAX_SCENE_BYTES} bytes. This is not a scene of a run.")
+    too_large = RecordError(
+        f"{path}: the file unpacks to more than {MAX_SCENE_BYTES} bytes. This is not a scene of a run."
+    )
     if len(members) > MAX_SCENE_FILES or sum(m.file_size for m in members) > MAX_SCENE_BYTES:
         raise too_large
     files: dict[str, bytes] = {}

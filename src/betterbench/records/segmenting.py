@@ -1,9 +1,9 @@
-"""Segmentation of records into subgoals, based only on the states.
+"""Segmentation of records into subgoals and skills. It uses only the recorded states.
 
 A skill lasts from the action that closes the gripper to the action that opens it. If an object was held in between, the
-skill is a pick and place; if a drawer moved, a slide; otherwise, a miss. A skill's window begins when the tool comes
-within :data:`NEAR_M` of the position of the gripper change, and ends when the tool has moved farther away. A segment
-ends with the skill that achieves its subgoal.
+skill is a pick and place. If a drawer moved, it is a slide. Otherwise, it is a miss. The window of a skill begins when
+the tool comes within :data:`NEAR_M` of the position where the gripper closes or opens, and ends when the tool has moved
+away from it. A segment ends with the skill that achieves its subgoal.
 """
 
 from __future__ import annotations
@@ -19,20 +19,29 @@ from betterbench.tasks import Condition, Subgoal
 from betterbench.tasks.relations import relation
 
 NEAR_M = 0.20
-"""Distance from the position of the gripper change at which a window begins [m], longer than any straight approach."""
+"""Distance from the position of the gripper change at which a window begins [m].
+
+It is longer than any straight approach.
+"""
 LIFTED_M = 0.06
-"""Distance from that position at which a pick window ends [m]: the object is lifted and clear of its support."""
+"""Distance from the position of the gripper change at which the window of a pick ends [m].
+
+The object is then lifted and clear of its support.
+"""
 LEFT_M = 0.10
-"""Distance from that position at which placement and slide windows end [m]."""
+"""Distance from the position of the gripper change at which the window of a placement or a slide ends [m]."""
 HELD_ROWS = 3
-"""Minimum number of rows for which a picked object is held."""
+"""Minimum number of rows for which an object must be held to count as picked."""
 SLID_M = 0.005
-"""Minimum motion of a drawer to count as a slide [m], equal to the largest gap of a closed drawer."""
+"""Minimum motion of a drawer that counts as a slide [m]. It equals the largest gap of a closed drawer."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Closure:
-    """Rows [closed, opened) in which the gripper is commanded to close, with the affected object and the effect."""
+    """Rows [closed, opened) in which the gripper is commanded to close.
+
+    The class also contains the kind of effect (pick, slide or miss) and the affected object.
+    """
 
     closed: int
     opened: int
@@ -41,11 +50,11 @@ class _Closure:
 
 
 def subgoal_segments(record: Record, condition: Condition) -> tuple[SubgoalSegment, ...]:
-    """Return the segments of an episode. They cover all rows. The result is empty if the gripper never closed.
+    """Return the segments of an episode. They cover all rows. If the gripper never closed, there are none.
 
     Args:
-        record: The episode record.
-        condition: Episode condition.
+        record: Record of the episode.
+        condition: Condition of the episode.
     """
     found = list(_closures(record))
     if not found:
@@ -76,7 +85,7 @@ def _segment(goal: Subgoal, name: str, start: int, stop: int, skills: list[Skill
 
 
 def _closures(record: Record) -> Iterator[_Closure]:
-    """Yield each interval from a gripper closing to the next opening, with its effect."""
+    """Yield each interval from a closing of the gripper to the next opening, together with its effect."""
     closed = record.gripper_command > 0.0
     edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1
     starts = [int(e) for e in edges if closed[e]]
@@ -99,13 +108,13 @@ def _closures(record: Record) -> Iterator[_Closure]:
 
 
 def _travel(record: Record, index: int, start: int, stop: int) -> float:
-    """Return the distance of an object between two rows [m]."""
+    """Return the distance between an object's positions in two rows [m]."""
     positions = record.object_positions
     return float(np.linalg.norm(positions[stop, index] - positions[start, index]))
 
 
 def _served(record: Record, condition: Condition, closure: _Closure, row: int, credited: set[int]) -> Subgoal | None:
-    """Return the subgoal that a closure has newly achieved at a row, or None."""
+    """Return the subgoal that a gripper closure has newly achieved in a row of the record, or None if there is none."""
     if closure.kind == "miss" or closure.opened >= len(record):
         return None
     state = record.state(row)
@@ -122,7 +131,7 @@ def _served(record: Record, condition: Condition, closure: _Closure, row: int, c
 def _windows(
     record: Record, closure: _Closure, served: Subgoal | None, free_from: int, until: int, *, next_object: str
 ) -> Iterator[SkillWindow]:
-    """Yield the skill windows of one closure between two rows: a pick and its placement, a slide, or a miss."""
+    """Yield the skill windows of one gripper closure: a pick and its placement, a slide, or a miss."""
     start = _begin(record, closure.closed, free_from)
     place = ("", "", "") if served is None else (served.target, served.relation, served.region)
     if closure.kind == "miss":
@@ -143,19 +152,25 @@ def _windows(
 
 
 def _begin(record: Record, change: int, earliest: int) -> int:
-    """Return the first row, not before ``earliest``, from which the tool stays near the position of a change."""
+    """Return the first row from which the tool stays near its position in the row ``change``.
+
+    The result is not before ``earliest``.
+    """
     away = np.flatnonzero(_distances(record, earliest, change, change) >= NEAR_M)
     return min(earliest, change) if not len(away) else earliest + int(away[-1]) + 1
 
 
 def _end(record: Record, change: int, away_m: float, latest: int) -> int:
-    """Return the row after the tool first is far from a change's position, at most ``latest``."""
+    """Return the row after the tool has first moved ``away_m`` from its position in the row ``change``.
+
+    The result is at most ``latest``.
+    """
     row = min(change, len(record) - 1)
     away = np.flatnonzero(_distances(record, row, latest, row) >= away_m)
     return min(row + int(away[0]) + 1, latest) if len(away) else latest
 
 
 def _distances(record: Record, start: int, stop: int, row: int) -> np.ndarray:
-    """Return the distances of the tool in rows ``start`` to ``stop`` from its position in another row [m]."""
+    """Return the distances [m] of the tool from its position in ``row``, for the rows ``start`` to ``stop``."""
     found: np.ndarray = np.linalg.norm(record.ee_position[start:stop] - record.ee_position[row], axis=1)
     return found

@@ -24,12 +24,12 @@ _KINDS = {
 def table_bytes(
     columns: Mapping[str, str], rows: Sequence[Mapping[str, PlainCell]], metadata: Mapping[str, str]
 ) -> bytes:
-    """Encode rows as a Parquet file (zstd); equal rows give equal bytes on one installation.
+    """Encode rows as a Parquet file (zstd). Within one installation, equal rows give equal bytes.
 
     Args:
-        columns: Kind of each column by name: "text", "integer", "number", "texts" or "integers"; any cell may be None.
-        rows: The rows; missing cells are None.
-        metadata: Strings for the metadata of the file's schema.
+        columns: Kind of each column by name: "text", "integer", "number", "texts" or "integers". Any cell may be None.
+        rows: Rows to encode. Missing cells are None.
+        metadata: Strings to store in the metadata of the file's schema.
     """
     schema = pa.schema([(name, _KINDS[kind]) for name, kind in columns.items()], metadata=dict(metadata))
     arrays = [pa.array([row.get(name) for row in rows], type=_KINDS[kind]) for name, kind in columns.items()]

@@ -1,4 +1,4 @@
-"""Twin demonstrations in a run: pairs of records that are identical until their instructions take effect."""
+"""Twin demonstrations in a run: pairs of records that are identical until their different instructions take effect."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.tasks.trial_id import TrialId
 PAIRS_FILE = "pairs.jsonl"
 """Name of the file in a run of demonstrations that lists its pairs, one per line."""
 _MAX_BYTES = 256 * 1024 * 1024
-_CURE = "Repeat the command of the demonstrations, which writes this list again from the records"
+_CURE = "Repeat the command of the demonstrations. It writes this list again from the records"
 
 _Rows = Annotated[int, Field(ge=1)]
 
@@ -25,15 +25,16 @@ _Rows = Annotated[int, Field(ge=1)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TwinPair:
-    """Two demonstrations from the same initial state with different instructions.
+    """Two demonstrations that start from the same state and have different instructions.
 
     Attributes:
         pair: Id of the pair, "TASK/SEED/CONDITION+CONDITION".
-        task: Common task.
-        seed: Common seed.
+        task: Task of both demonstrations.
+        seed: Seed of both demonstrations.
         conditions: The two conditions.
         instructions: The two instructions, which differ.
-        shared_rows: Number of initial rows that are identical in both: the state at reset and after each shared action.
+        shared_rows: Number of rows at the beginning that are identical in both: the state at reset, and the state after
+            each shared action.
         rows: Number of rows of each record.
     """
 
@@ -47,7 +48,7 @@ class TwinPair:
 
     @property
     def trials(self) -> tuple[TrialId, TrialId]:
-        """The two trials."""
+        """The trials of the two demonstrations."""
         a, b = self.conditions
         return TrialId(self.task, a, self.seed), TrialId(self.task, b, self.seed)
 
@@ -56,13 +57,13 @@ _FORM = TypeAdapter(TwinPair)
 
 
 def pairs_bytes(pairs: Iterable[TwinPair]) -> bytes:
-    """Return the file that lists pairs, one per line, with a checksum in the last line."""
+    """Return the content of the file that lists the pairs, one per line, with a checksum in the last line."""
     lines = "".join(json_text(asdict(pair)) + "\n" for pair in pairs).encode()
     return sealed_lines(lines)
 
 
 def read_pairs(run: RunFolder) -> tuple[TwinPair, ...]:
-    """Return the pairs of a run, empty if it has no list. Raises RecordError if the list is corrupt."""
+    """Read the pairs of a run. If the run has no list, there are none. Raises RecordError if the list is corrupt."""
     path = run.path / PAIRS_FILE
     if not path.exists():
         return ()

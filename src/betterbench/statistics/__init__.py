@@ -1,7 +1,7 @@
 """Statistics for small numbers of trials: intervals, exact tests, corrections for multiple testing, and power.
 
-Every function raises an ``InvalidInputError`` that names the argument if counts are impossible, or a level, share or
-probability is out of range. Confidence levels and alpha are two-sided, strictly between 0 and 1.
+Functions raise an ``InvalidInputError`` that names the argument if counts are impossible or if a level, fraction or
+probability is out of range. Confidence levels and alpha are two-sided and strictly between 0 and 1.
 """
 
 from betterbench.statistics.agreement import AgreementTable

@@ -1,10 +1,10 @@
-"""Betting-based tests and intervals for a bounded mean, valid at any time and for any stopping rule.
+"""Tests and intervals for the mean of bounded values, based on betting. They stay valid whenever one stops observing.
 
-A bet against "the mean is at most m" starts with wealth 1, which is multiplied by ``1 + c (x - m) / (m - low)`` for
-every value ``x``. The stake ``c`` is between 0 and 1, so the wealth never becomes negative. If the mean is at most m,
-the expected wealth does not grow. By Ville's inequality it then reaches ``1 / alpha`` at any time with a probability of
-at most ``alpha``. The evidence is the mean wealth over many stakes. An interval contains every mean that the evidence
-does not refute (Waudby-Smith and Ramdas, Journal of the Royal Statistical Society B 86, 2024, 1-27).
+A bet against "the mean is at most m" starts with a wealth of 1. For every value ``x``, the wealth is multiplied by ``1
++ c (x - m) / (m - low)``. The stake ``c`` is between 0 and 1, so the wealth never becomes negative. If the mean is at
+most m, the expected wealth does not grow. By Ville's inequality, the probability that the wealth ever reaches ``1 /
+alpha`` is then at most ``alpha``. The evidence is the mean wealth over many stakes. The interval contains every mean
+that the evidence does not refute (Waudby-Smith and Ramdas, Journal of the Royal Statistical Society B 86, 2024, 1-27).
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ SIGNED: Span = (-1.0, 1.0)
 
 
 def evidence_above(values: Iterable[float], mean: float, *, span: Span = UNIT) -> float:
-    """Return the evidence (e-value) that the mean of bounded values exceeds a given mean."""
+    """Return the evidence (e-value) that the mean of bounded values is greater than ``mean``."""
     return _wealth(_counted(values, mean, span), lambda x: (x - mean) / (mean - span[0]))
 
 
 def evidence_below(values: Iterable[float], mean: float, *, span: Span = UNIT) -> float:
-    """Return the evidence (e-value) that the mean of bounded values is below a given mean."""
+    """Return the evidence (e-value) that the mean of bounded values is less than ``mean``."""
     return _wealth(_counted(values, mean, span), lambda x: (mean - x) / (span[1] - mean))
 
 
 def anytime_interval(values: Iterable[float], *, span: Span = UNIT, confidence: float = DEFAULT_CONFIDENCE) -> Interval:
-    """Return a confidence interval of the mean that is valid at any stopping time.
+    """Return a confidence interval of the mean that is valid no matter when one stops observing values.
 
     Args:
-        values: Observed values, each within the span; their order does not matter.
-        span: Smallest and largest possible value. Without values, the interval is the span.
+        values: Observed values, each within the span. Their order does not matter.
+        span: Smallest and largest possible value. If there are no values, the interval is the span.
         confidence: Two-sided confidence level.
     """
     check_fraction("confidence", confidence)
@@ -78,20 +78,20 @@ def _interval(seen: tuple[float, ...], span: Span, confidence: float) -> Interva
 
 
 def _counted(values: Iterable[float], mean: float, span: Span) -> Counter[float]:
-    """Return the count of each value; raise InvalidInputError if a value or the mean is outside the span."""
+    """Count how often each value occurs. Raises InvalidInputError if a value or the mean is outside the span."""
     counts = Counter(values)
     outside = [value for value in counts if not span[0] <= value <= span[1]]
     if outside:
         problem = f"{outside[0]!r} is not between {span[0]:g} and {span[1]:g}"
-        raise InvalidInputError("values", problem, "Give values within the span")
+        raise InvalidInputError("values", problem, "Use only values within the span")
     if not span[0] < mean < span[1]:
         problem = f"{mean!r} is not strictly between {span[0]:g} and {span[1]:g}"
-        raise InvalidInputError("mean", problem, "Give a mean within the span")
+        raise InvalidInputError("mean", problem, "Use a mean inside the span")
     return counts
 
 
 def _wealth(counts: Counter[float], gain: Callable[[float], float]) -> float:
-    """Return the mean wealth over all stakes; ``gain`` is a value's gain per unit of stake."""
+    """Return the mean wealth over all stakes. ``gain`` returns how much one unit of stake gains or loses at a value."""
     logs = np.zeros(_STAKES)
     for value, count in sorted(counts.items()):
         logs += count * np.log1p(_stakes() * gain(value))
@@ -100,7 +100,11 @@ def _wealth(counts: Counter[float], gain: Callable[[float], float]) -> float:
 
 @cache
 def _stakes() -> npt.NDArray[np.float64]:
-    """Return the stakes from 0 to 1: success probabilities above one half under the prior of Turner and Grünwald."""
+    """Return the stakes from 0 to 1.
+
+    A stake ``c`` stands for the success probability ``(1 + c) / 2``. The stakes are quantiles of Turner and Grünwald's
+    prior for this probability, in its half above 1/2.
+    """
     shares = 0.5 + (np.arange(_STAKES) + 0.5) / (2.0 * _STAKES)
     stakes = 2.0 * special.betaincinv(PRIOR_COUNT, PRIOR_COUNT, shares) - 1.0
     return np.minimum(np.asarray(stakes, dtype=np.float64), _LARGEST_STAKE)

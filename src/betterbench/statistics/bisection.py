@@ -1,15 +1,15 @@
-"""Bisection search for the last number at which a condition is true."""
+"""Bisection search for the last number at which a condition holds."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 _HALVINGS = 200
-"""Maximum number of halvings of the range, enough to reach two neighboring floats."""
+"""Maximum number of times that the range is halved. It is enough to reach two neighboring floats."""
 
 
 def last_held(held: Callable[[float], bool], inside: float, outside: float) -> float:
-    """Return the last number, from ``inside`` toward ``outside``, at which a condition is still true."""
+    """Return the last number from ``inside`` toward ``outside`` at which the condition ``held`` is still true."""
     for _ in range(_HALVINGS):
         middle = 0.5 * (inside + outside)
         inside, outside = (middle, outside) if held(middle) else (inside, middle)

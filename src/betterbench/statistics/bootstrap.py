@@ -1,4 +1,4 @@
-"""Stratified cluster bootstrap for paired differences between rates."""
+"""Stratified cluster bootstrap for differences between paired rates."""
 
 from __future__ import annotations
 
@@ -27,31 +27,31 @@ def paired_bootstrap(
     resamples: int = DEFAULT_RESAMPLES,
     confidence: float = DEFAULT_CONFIDENCE,
 ) -> Difference:
-    """Return the mean difference over pairs, with its percentile bootstrap interval.
+    """Return the mean difference of pairs of scores, with its percentile bootstrap interval.
 
-    Whole clusters are drawn with replacement, separately in each stratum. Use the task as the stratum to keep
-    the set of tasks fixed. Use the twin as the cluster if several variations share one twin, because such pairs are not
-    independent. The result does not depend on the order of the pairs.
+    In each stratum, whole clusters are drawn with replacement. To keep the set of tasks fixed, use the task as the
+    stratum. If several variations share one twin (the training trial with the same seed), use the twin as the cluster,
+    because such pairs are not independent. The result does not depend on the order of the pairs.
 
-    The interval has zero width if all pairs differ by the same amount. For few or unanimous pairs of successes use
-    :func:`~betterbench.statistics.difference.newcombe_paired_difference`.
+    If all pairs differ by the same amount, the interval has zero width. For successes with few pairs or pairs that all
+    agree, use :func:`~betterbench.statistics.difference.newcombe_paired_difference`.
 
     Args:
-        first: Score of the first member of each pair, shape (n,): 0 or 1 for success, or a fraction such as progress.
-        second: Score of the second of each pair, shape (n,).
+        first: Score of the first member of each pair (n,): 0 or 1 for success, or a fraction such as progress.
+        second: Score of the second member of each pair (n,).
         generator: Source of randomness.
-        strata: Name of each pair's stratum, shape (n,); one stratum if not given.
-        clusters: Name of each pair's cluster within its stratum, shape (n,); one cluster per pair if not given.
+        strata: Name of each pair's stratum (n,). By default, all pairs are in one stratum.
+        clusters: Name of each pair's cluster within its stratum (n,). By default, each pair is its own cluster.
         resamples: Number of bootstrap resamples.
         confidence: Two-sided confidence level, between 0 and 1.
 
     Returns:
-        ``mean(first - second)``; without pairs the value is None and the interval is [-1, 1].
+        The mean of ``first - second``. If there are no pairs, the value is None and the interval is [-1, 1].
     """
     check_fraction("confidence", confidence)
     if resamples < 1:
         raise InvalidInputError(
-            "resamples", f"{resamples} is not a valid number of resamples", "Give a number of at least 1, such as 10000"
+            "resamples", f"{resamples} is not a valid number of resamples", "Use a number ≥ 1, such as 10000"
         )
     scores = _paired_scores(first, second)
     n = len(scores)
@@ -85,10 +85,11 @@ def wider_paired_difference(
     clusters: Sequence[str],
     confidence: float = DEFAULT_CONFIDENCE,
 ) -> Difference:
-    """Return the difference over pairs (first succeeded, second succeeded), with the wider of two intervals.
+    """Return the difference between two success rates over the same pairs, with the wider of two intervals.
 
-    The bootstrap accounts for variations that share a twin, but its interval has zero width if all pairs agree.
-    Newcombe's interval always has a positive width. Strata and clusters are the same as in :func:`paired_bootstrap`.
+    Each pair is given as (first succeeded, second succeeded). The bootstrap accounts for variations that share a twin
+    (the training trial with the same seed), but its interval has zero width if all pairs agree. Newcombe's interval
+    always has a positive width. ``strata`` and ``clusters`` are used as in :func:`paired_bootstrap`.
     """
     drawn = paired_bootstrap(
         [float(first) for first, _ in outcomes],
@@ -104,7 +105,7 @@ def wider_paired_difference(
 
 
 def _paired_scores(first: Sequence[float], second: Sequence[float]) -> npt.NDArray[np.float64]:
-    """Return the differences between valid pairs of scores, shape (n,)."""
+    """Return the differences (n,) between the scores of the pairs, after checking all scores."""
     if len(first) != len(second):
         problem = f"{len(first)} first and {len(second)} second scores cannot be paired"
         raise InvalidInputError(
@@ -114,14 +115,16 @@ def _paired_scores(first: Sequence[float], second: Sequence[float]) -> npt.NDArr
     for where, side in (("first", first), ("second", second)):
         values = np.asarray(side, dtype=np.float64)
         if not bool(np.all((values >= 0.0) & (values <= 1.0))):
-            raise InvalidInputError(where, "a score is not between 0 and 1", "Give 0 or 1 for success, or a fraction")
+            raise InvalidInputError(
+                where, "a score is not between 0 and 1", "Use 0 or 1 for success, or a fraction between them"
+            )
         sides.append(values)
     difference: npt.NDArray[np.float64] = sides[0] - sides[1]
     return difference
 
 
 def _names(where: str, names: Sequence[str] | None, n: int) -> list[str]:
-    """Return the names as a list with one per pair, or an empty list if none are given."""
+    """Return the names as a list with one name per pair, or an empty list if no names are given."""
     if names is None:
         return []
     if len(names) != n:

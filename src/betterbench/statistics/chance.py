@@ -1,4 +1,4 @@
-"""Exact tests of a success count against guessing."""
+"""Exact tests of a number of successes against the number expected from guessing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.statistics.rate import Rate
 from betterbench.statistics.unpaired import binomial_probabilities
 
 _TIE = 1e-7
-"""Relative difference below which two outcomes are equally likely."""
+"""Relative difference below which two outcomes count as equally likely."""
 
 
 def chance_p(rate: Rate, *, chance: float) -> float:
@@ -22,11 +22,11 @@ def chance_p(rate: Rate, *, chance: float) -> float:
     observed one.
 
     Args:
-        rate: The measured rate.
-        chance: Rate of guessing, strictly between 0 and 1 (0.5 for a choice between two).
+        rate: Measured rate.
+        chance: Success rate of guessing, strictly between 0 and 1 (0.5 for a choice between two answers).
 
     Returns:
-        The p-value, 1.0 without trials.
+        The p-value, or 1.0 if there are no trials.
     """
     check_fraction("chance", chance)
     likely = binomial_probabilities(rate.n, chance)
@@ -34,27 +34,28 @@ def chance_p(rate: Rate, *, chance: float) -> float:
 
 
 def guessing_p(right: int, chances: Sequence[float]) -> float:
-    """Return the probability that guessing gives at least as many right answers (one-sided exact test).
+    """Return the probability that guessing gives at least ``right`` correct answers (one-sided exact test).
 
-    The number of right guesses with different chances has a Poisson binomial distribution, which is computed exactly.
+    The number of correct guesses has a Poisson binomial distribution, because each answer has its own chance of being
+    guessed. This distribution is computed exactly.
 
     Args:
-        right: Number of right answers.
-        chances: Probability of guessing each answer, shape (n,), between 0 and 1.
+        right: Number of correct answers.
+        chances: Probability of guessing each answer (n,), between 0 and 1.
 
     Returns:
-        The p-value, 1.0 without answers.
+        The p-value, or 1.0 if there are no answers.
 
     Raises:
-        InvalidInputError: If a chance is not a probability, or there are more right answers than answers.
+        InvalidInputError: If a chance is not a probability, or if there are more correct answers than answers.
     """
     if any(not 0.0 <= chance <= 1.0 for chance in chances):
-        raise InvalidInputError("chances", "a chance is not between 0 and 1", "Give probabilities")
+        raise InvalidInputError("chances", "a chance is not between 0 and 1", "Use probabilities from 0 to 1")
     if not 0 <= right <= len(chances):
         raise InvalidInputError(
             "right",
             f"{right} right answers of {len(chances)} are impossible",
-            "Give a number from 0 to the number of answers",
+            "Use a number from 0 to the number of answers",
         )
     likely = np.ones(1)
     for chance in chances:

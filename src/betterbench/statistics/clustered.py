@@ -1,4 +1,4 @@
-"""Mean and interval for scores in clusters, such as answers about the same image."""
+"""Mean of scores and its interval if the scores come in clusters, such as answers about the same image."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ class ClusteredMean:
     """Mean score with an interval that accounts for clusters.
 
     Attributes:
-        total: Sum of the scores, exact.
+        total: Exact sum of the scores.
         n: Number of scores.
         clusters: Number of clusters.
         low: Lower end of the interval of the mean.
-        high: Upper end of the interval.
+        high: Upper end of the interval of the mean.
     """
 
     total: Fraction
@@ -32,11 +32,11 @@ class ClusteredMean:
 
     @property
     def mean(self) -> Fraction | None:
-        """The exact mean, or None without scores."""
+        """Exact mean, or None if there are no scores."""
         return self.total / self.n if self.n else None
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the result in JSON form, with the mean as "value"."""
         value = None if self.mean is None else float(self.mean)
         return {**asdict(self), "total": float(self.total), "value": value}
 
@@ -53,18 +53,18 @@ def clustered_mean(
     1, n* is the number of clusters.
 
     Args:
-        scores: The scores, shape (n,).
-        clusters: Cluster of each score, shape (n,).
+        scores: Scores between 0 and 1 (n,).
+        clusters: Name of each score's cluster (n,).
         confidence: Two-sided confidence level.
 
     Raises:
-        InvalidInputError: If a score is not between 0 and 1, or the lengths differ.
+        InvalidInputError: If a score is not between 0 and 1, or if the lengths differ.
     """
     if len(scores) != len(clusters):
         problem = f"{len(clusters)} clusters for {len(scores)} scores"
         raise InvalidInputError("clusters", problem, "Give one cluster per score")
     if any(not 0 <= s <= 1 for s in scores):
-        raise InvalidInputError("scores", "a score is not between 0 and 1", "Give fractions")
+        raise InvalidInputError("scores", "a score is not between 0 and 1", "Use fractions from 0 to 1")
     n, z = len(scores), normal_quantile(confidence)
     members: dict[str, list[Fraction]] = {}
     for score, cluster in zip(scores, clusters, strict=True):

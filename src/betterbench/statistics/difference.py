@@ -1,4 +1,4 @@
-"""Differences between rates with intervals: two rates, or a novel condition and the mean of seen conditions."""
+"""Differences between rates with intervals, for example between a novel condition and the mean of seen conditions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ class Difference:
     """Difference between rates, with its interval.
 
     Attributes:
-        value: First minus second, as a fraction, or None if a side has no trials.
+        value: First rate minus second rate, as a fraction. None if one of the rates has no trials.
+        low: Lower end of the interval.
+        high: Upper end of the interval.
+        method: Method by which the interval was computed.
     """
 
     value: float | None
@@ -32,50 +35,51 @@ class Difference:
 
     @property
     def value_pp(self) -> float | None:
-        """The difference in percentage points."""
+        """Difference in percentage points, or None if there is no difference."""
         return None if self.value is None else self.value * POINTS
 
     @property
     def low_pp(self) -> float:
-        """Lower end in percentage points."""
+        """Lower end of the interval in percentage points."""
         return self.low * POINTS
 
     @property
     def high_pp(self) -> float:
-        """Upper end in percentage points."""
+        """Upper end of the interval in percentage points."""
         return self.high * POINTS
 
     @property
     def excludes_zero(self) -> bool:
-        """Whether the interval excludes "no difference"."""
+        """Whether the interval does not contain zero, i.e. excludes "no difference"."""
         return self.low > 0.0 or self.high < 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; value and interval ends are fractions."""
+        """Return the difference in JSON form. The value and the ends of the interval are fractions."""
         return asdict(self)
 
 
 def newcombe_difference(first: Rate, second: Rate, *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
-    """Return the difference of two independent rates with Newcombe's interval.
+    """Return the difference between two independent rates with Newcombe's interval.
 
     This is the hybrid score interval (method 10 of Newcombe, Statistics in Medicine 17, 1998, 873-890). It adds the
     distances from each rate to the ends of its Wilson interval in quadrature.
 
     Returns:
-        ``first - second``; if a side has no trials, the value is None and the interval is [-1, 1].
+        ``first - second``. If one of the rates has no trials, the value is None and the interval is [-1, 1].
     """
     return _contrast(((1.0, first), (-1.0, second)), confidence, "newcombe")
 
 
 def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
-    """Return ``SR(novel composition) - mean SR(seen compositions)``; read it with :attr:`Difference.value_pp`.
+    """Return the success rate of a novel composition minus the mean success rate of seen compositions.
 
-    The seen conditions have equal weight regardless of how many trials they have. The interval adds the distances to
-    the ends of the Wilson intervals in quadrature with the weights of the contrast (Zou and Donner, Statistics in
-    Medicine 27, 2008, 1693-1702). With one seen condition, it is Newcombe's interval.
+    The seen conditions have equal weights, however many trials they have. The interval adds the distances to the ends
+    of the Wilson intervals in quadrature, with the weights of the contrast (Zou and Donner, Statistics in Medicine 27,
+    2008, 1693-1702). With one seen condition, it is Newcombe's interval.
 
     Returns:
-        The difference; if a condition has no trials, the value is None and the interval is [-1, 1].
+        The difference (:attr:`Difference.value_pp` gives it in percentage points). If a condition has no trials, the
+        value is None and the interval is [-1, 1].
     """
     if not seen:
         raise InvalidInputError(
@@ -86,13 +90,12 @@ def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float =
 
 
 def mean_of_rates(rates: Sequence[Rate], *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
-    """Return the unweighted mean of independent rates, the usual average over the suites of a benchmark.
+    """Return the unweighted mean of independent rates, which is the usual average over the suites of a benchmark.
 
-    The interval adds the distances to the ends of the Wilson intervals in quadrature, as for
-    :func:`delta_success_rate`.
+    The interval adds the distances to the ends of the Wilson intervals in quadrature, as in :func:`delta_success_rate`.
 
     Returns:
-        The mean; if a rate has no trials, the value is None and the interval is [-1, 1].
+        The mean. If a rate has no trials, the value is None and the interval is [-1, 1].
     """
     if not rates:
         raise InvalidInputError("rates", "the list is empty", "Give at least one success rate")
@@ -100,14 +103,14 @@ def mean_of_rates(rates: Sequence[Rate], *, confidence: float = DEFAULT_CONFIDEN
 
 
 def newcombe_paired_difference(table: PairedTable, *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
-    """Return the difference of two rates measured on the same trials with Newcombe's interval for pairs.
+    """Return the difference between two rates measured on the same trials, with Newcombe's interval for pairs.
 
-    This is method 10 of Newcombe, Statistics in Medicine 17, 1998, 2635-2650: Wilson intervals in quadrature, reduced
-    by the correlation of the pairs. Unlike the bootstrap, it keeps a positive width if all pairs agree or all pairs
-    differ in the same direction.
+    This is method 10 of Newcombe, Statistics in Medicine 17, 1998, 2635-2650. It adds the distances to the ends of the
+    two Wilson intervals in quadrature, and reduces the sum according to the correlation of the pairs. Unlike the
+    bootstrap interval, it has a positive width even if all pairs agree or all pairs differ in the same direction.
 
     Returns:
-        ``first - second``; without pairs, the value is None and the interval is [-1, 1].
+        ``first - second``. If there are no pairs, the value is None and the interval is [-1, 1].
     """
     method = "newcombe paired"
     check_fraction("confidence", confidence)
@@ -130,12 +133,12 @@ def newcombe_paired_difference(table: PairedTable, *, confidence: float = DEFAUL
 
 
 def _correlated_length(x: float, y: float, phi: float) -> float:
-    """Return the length of the difference between two deviations with correlation ``phi`` (law of cosines)."""
+    """Return the length of the difference between two deviations whose correlation is ``phi`` (law of cosines)."""
     return math.sqrt(max(0.0, x * x - 2.0 * phi * x * y + y * y))
 
 
 def _contrast(terms: Sequence[tuple[float, Rate]], confidence: float, method: str) -> Difference:
-    """Return a weighted sum of independent rates, with their Wilson intervals added in quadrature."""
+    """Return a weighted sum of independent rates. Its interval adds their Wilson intervals in quadrature."""
     check_fraction("confidence", confidence)
     value = down = up = 0.0
     for weight, rate in terms:

@@ -1,4 +1,4 @@
-"""Sign-flip test for paired differences. Under the null hypothesis, the two sides of each pair are exchangeable."""
+"""Sign-flip test for paired differences. Its null hypothesis is that the two members of each pair are exchangeable."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from collections.abc import Sequence
 import numpy as np
 
 EXACT_UP_TO = 16
-"""Maximum number of pairs for which all flips are enumerated."""
+"""Largest number of pairs for which all combinations of signs are enumerated."""
 DRAWN = 99_999
 _SLACK = 1e-9
 _AT_ONCE = 10_000_000
-"""Number of signs multiplied at once, to bound the memory."""
+"""Number of signs that are multiplied at once, which limits the memory."""
 
 
 def sign_flip_p(differences: Sequence[float], *, generator: np.random.Generator) -> float:
     """Return the two-sided p-value of Fisher's randomization test for paired differences.
 
-    If neither side is better, each difference is equally likely with the opposite sign. The p-value is the share of all
-    sign combinations whose mean is at least as far from zero as the observed mean. It is exact for up to
-    :data:`EXACT_UP_TO` differences and estimated from random flips beyond. The smallest possible p-value of n pairs is
-    2 / 2**n.
+    If neither member of a pair is better, each difference is as likely as the same difference with the opposite sign.
+    The p-value is the fraction of all combinations of signs whose mean is at least as far from zero as the observed
+    mean. It is exact for up to :data:`EXACT_UP_TO` differences, and estimated from random combinations for more. The
+    smallest possible p-value of n pairs is 2 / 2**n.
 
     Returns:
-        The p-value; 1.0 if there are no differences.
+        The p-value, or 1.0 if there are no differences.
     """
     values = np.asarray(differences, dtype=np.float64)
     if not values.size or not values.any():

@@ -1,4 +1,4 @@
-"""Confidence intervals for one binomial rate."""
+"""Confidence intervals for a single binomial rate."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from betterbench.errors import InvalidInputError
 from betterbench.statistics import special
 
 IntervalMethod = Literal["wilson", "clopper_pearson"]
-"""Method used for a rate's interval."""
+"""Name of the method for the interval of a rate."""
 
 DEFAULT_CONFIDENCE = 0.95
-"""Default two-sided confidence level of all intervals."""
+"""Two-sided confidence level that all intervals have by default."""
 
 
 class Interval(NamedTuple):
-    """Closed interval of rates or of differences between rates."""
+    """Closed interval of rates, or of differences between rates."""
 
     low: float
     high: float
 
 
 def wilson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONFIDENCE) -> Interval:
-    """Return the score interval of Wilson (1927) without continuity correction.
+    """Return the score interval of Wilson (1927), without continuity correction.
 
-    It contains all rates ``p`` with ``|k/n - p| <= z sqrt(p (1 - p) / n)``. Its coverage is close to the confidence
-    level on average over ``p``, even for few trials, but may fall below it for single values of ``p``.
+    It contains all rates ``p`` with ``|k/n - p| <= z sqrt(p (1 - p) / n)``. Averaged over ``p``, its coverage is close
+    to the confidence level even for few trials. For single values of ``p``, it may be lower.
 
     Returns:
-        The interval, inside [0, 1].
+        The interval, which is inside [0, 1].
     """
     check_counts(k, n)
     z = normal_quantile(confidence)
@@ -46,8 +46,8 @@ def wilson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONFIDENCE) -
 def clopper_pearson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONFIDENCE) -> Interval:
     """Return the exact interval of Clopper and Pearson (1934).
 
-    It contains all rates that neither one-sided exact binomial test rejects at ``(1 - confidence) / 2``. Its coverage
-    is at least the confidence level for every true rate, so it is wider than Wilson's interval.
+    It contains all rates that neither of the one-sided exact binomial tests rejects at the level ``(1 - confidence) /
+    2``. Its coverage is at least the confidence level for every true rate, so it is wider than Wilson's interval.
     """
     check_counts(k, n)
     check_fraction("confidence", confidence)
@@ -60,18 +60,18 @@ def clopper_pearson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONF
 
 
 def normal_quantile(confidence: float) -> float:
-    """Return the half width of the central interval of a standard normal variable that has a given probability."""
+    """Return z such that a standard normal variable lies in [-z, z] with the given probability."""
     check_fraction("confidence", confidence)
     return float(special.ndtri(0.5 + confidence / 2.0))
 
 
 def check_counts(k: int, n: int, *, where: str = "rate") -> None:
-    """Raise InvalidInputError for impossible counts."""
+    """Raise InvalidInputError if the numbers of successes and trials are impossible."""
     if n < 0 or k < 0 or k > n:
-        raise InvalidInputError(where, f"{k} successes in {n} trials are impossible", "Give counts with 0 <= k <= n")
+        raise InvalidInputError(where, f"{k} successes in {n} trials are impossible", "Use counts with 0 <= k <= n")
 
 
 def check_fraction(where: str, value: float) -> None:
-    """Raise InvalidInputError for a level or probability that is not strictly between 0 and 1."""
+    """Raise InvalidInputError if a level or probability is not strictly between 0 and 1."""
     if not 0.0 < value < 1.0:
-        raise InvalidInputError(where, f"{value!r} is not strictly between 0 and 1", "Give a fraction such as 0.95")
+        raise InvalidInputError(where, f"{value!r} is not strictly between 0 and 1", "Use a fraction such as 0.95")

@@ -1,4 +1,4 @@
-"""Compact letter display of significant pairwise differences."""
+"""Compact letter display, which shows by letters which items differ significantly from each other."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ from betterbench.errors import InvalidInputError
 
 
 def compact_letters(different: Sequence[Sequence[bool]]) -> tuple[str, ...]:
-    """Return letters for each item such that two items share a letter if and only if they do not differ significantly.
+    """Assign letters to items such that two items share a letter if and only if they do not differ significantly.
 
     This is the insert-and-absorb algorithm (Piepho, Journal of Computational and Graphical Statistics 13, 2004,
-    456-466): all items begin with one letter. For every pair that differs, each shared letter is split into a letter
-    without the first item and a letter without the second. A letter is dropped if another letter covers all its items.
+    456-466). At first, all items have the same letter. For every pair that differs, each letter that both items share
+    is split into a letter without the first item and a letter without the second item. A letter is dropped if another
+    letter covers all its items.
 
     Args:
-        different: Whether items ``i`` and ``j`` differ significantly, shape (n, n), symmetric, False on the diagonal.
+        different: Whether items ``i`` and ``j`` differ significantly (n, n). Symmetric, with False on the diagonal.
 
-    Returns: One string per item, with its letters in alphabetical order. Letters are assigned in the order of the first
-        item that has them, so the first item always has "a". After "Z" comes "a1".
+    Returns:
+        One string per item, with its letters in alphabetical order. Letters are assigned in the order of the first item
+        that has them, so the first item always has "a". The letter after "Z" is "a1".
     """
     n = len(different)
     _check(different)
@@ -34,7 +36,7 @@ def compact_letters(different: Sequence[Sequence[bool]]) -> tuple[str, ...]:
 
 
 def _absorbed(groups: Sequence[frozenset[int]]) -> list[frozenset[int]]:
-    """Return the groups that are not subsets of another group."""
+    """Return the groups that are not subsets of another group, without duplicates."""
     distinct = list(dict.fromkeys(groups))
     return [g for g in distinct if not any(g < other for other in distinct)]
 
@@ -45,10 +47,10 @@ def _letter(number: int) -> str:
 
 
 def _check(different: Sequence[Sequence[bool]]) -> None:
-    """Raise InvalidInputError if the input is not a matrix of pairwise verdicts."""
+    """Raise InvalidInputError if the argument is not a symmetric matrix with False on its diagonal."""
     n = len(different)
     if any(len(row) != n for row in different):
-        raise InvalidInputError("different", "the matrix is not square", "Give one row and one column per item")
+        raise InvalidInputError("different", "the matrix is not square", "Give one row and one column for each item")
     for i in range(n):
         if different[i][i]:
             raise InvalidInputError(
@@ -57,4 +59,4 @@ def _check(different: Sequence[Sequence[bool]]) -> None:
         for j in range(i):
             if different[i][j] != different[j][i]:
                 problem = f"it differs from different[{j}][{i}]"
-                raise InvalidInputError(f"different[{i}][{j}]", problem, "Give a symmetric matrix")
+                raise InvalidInputError(f"different[{i}][{j}]", problem, "Use a symmetric matrix")

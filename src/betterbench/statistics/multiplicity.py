@@ -10,15 +10,15 @@ from betterbench.statistics.interval import check_fraction
 
 
 def holm(p_values: Sequence[float]) -> tuple[float, ...]:
-    """Return the p-values adjusted by the step-down procedure of Holm (1979).
+    """Return the p-values after adjustment by the step-down procedure of Holm (1979).
 
-    Rejecting all hypotheses with an adjusted p-value below ``alpha`` keeps the probability of any false rejection in
-    the family below ``alpha``, for any dependence among the tests. The ``i``-th smallest of ``m`` values is multiplied
-    by ``m - i + 1``; adjusted values keep the order of the original values and are at most 1.
+    If all hypotheses with an adjusted p-value below ``alpha`` are rejected, the probability of any false rejection in
+    the family is below ``alpha``, whatever the dependence among the tests. The ``i``-th smallest of ``m`` p-values is
+    multiplied by ``m - i + 1``. Adjusted values have the same order as the original values and are at most 1.
     """
     for i, p in enumerate(p_values):
         if not (math.isfinite(p) and 0.0 <= p <= 1.0):
-            raise InvalidInputError(f"p_values[{i}]", f"{p!r} is not a probability", "Give values from 0 to 1")
+            raise InvalidInputError(f"p_values[{i}]", f"{p!r} is not a probability", "Use values from 0 to 1")
     adjusted = [0.0] * len(p_values)
     running = 0.0
     for rank, i in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
@@ -28,23 +28,23 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
 
 
 def e_benjamini_hochberg(evidence: Sequence[float], *, level: float, hypotheses: int | None = None) -> frozenset[int]:
-    """Return the indices of the rejected null hypotheses, given the evidence (e-value) against each.
+    """Return the indices of the null hypotheses to reject, given the evidence (e-value) against each of them.
 
     The procedure of Wang and Ramdas (Journal of the Royal Statistical Society B 84, 2022, 822-852) rejects the ``k``
-    hypotheses with the most evidence, for the largest ``k`` at which each has at least ``m / (level k)``. The expected
-    share of true hypotheses among the rejected ones is at most ``level``, for any dependence and any stopping time. If
-    all ``m`` are true, this bounds the probability of any rejection.
+    hypotheses with the most evidence, for the largest ``k`` at which each of them has an e-value of at least ``m /
+    (level k)``. The expected fraction of true hypotheses among the rejected ones is at most ``level``, for any
+    dependence and any stopping time. If all ``m`` hypotheses are true, this bounds the probability of any rejection.
 
     Args:
-        evidence: One e-value per hypothesis that may be rejected.
+        evidence: One e-value for each hypothesis that may be rejected.
         level: Bound on the expected fraction of false rejections.
-        hypotheses: Number ``m`` of hypotheses, including those that may no longer be rejected; default: the number of
-            e-values.
+        hypotheses: Total number ``m`` of hypotheses, including those that can no longer be rejected. By default, it is
+            the number of e-values.
     """
     check_fraction("level", level)
     for i, value in enumerate(evidence):
         if not value >= 0.0:
-            raise InvalidInputError(f"evidence[{i}]", f"an e-value is at least 0, got {value!r}", "Give e-values")
+            raise InvalidInputError(f"evidence[{i}]", f"an e-value must be ≥ 0, got {value!r}", "Use e-values ≥ 0")
     m = len(evidence) if hypotheses is None else hypotheses
     ranked = sorted(range(len(evidence)), key=lambda i: -evidence[i])
     count = max((k for k, i in enumerate(ranked, 1) if evidence[i] >= m / (level * k)), default=0)

@@ -1,4 +1,4 @@
-"""Tests for paired trials: a trial and its counterfactual twin, or two policies on the same seeds."""
+"""Tests for paired trials, such as a trial and its counterfactual twin, or two policies on the same seeds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.statistics import special
 
 @dataclass(frozen=True, slots=True)
 class PairedTable:
-    """Counts of pairs by their four possible outcomes."""
+    """Number of pairs for each of the four possible outcomes of a pair."""
 
     both: int
     only_first: int
@@ -19,15 +19,15 @@ class PairedTable:
     neither: int
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for negative counts."""
+        """Raise InvalidInputError if a count is negative."""
         for name in ("both", "only_first", "only_second", "neither"):
             count = getattr(self, name)
             if count < 0:
-                raise InvalidInputError(name, f"{count} is not a valid number of pairs", "Give counts of at least 0")
+                raise InvalidInputError(name, f"{count} is not a valid number of pairs", "Use counts ≥ 0")
 
     @classmethod
     def from_outcomes(cls, outcomes: Iterable[tuple[bool, bool]]) -> PairedTable:
-        """Count pairs given as (first succeeded, second succeeded)."""
+        """Count the pairs. Each pair is given as (first succeeded, second succeeded)."""
         counts = [0, 0, 0, 0]
         for first, second in outcomes:
             counts[2 * (not first) + (not second)] += 1
@@ -40,21 +40,22 @@ class PairedTable:
 
 
 def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> float:
-    """Return the two-sided p-value of an exact test for pairs that share their first trial.
+    """Return the two-sided p-value of an exact test for pairs of which several may share the same first trial.
 
-    Under the null hypothesis, the shared first trial and the second trials of a group are exchangeable. The statistic
-    is the sum of first minus second outcomes over all pairs, and its distribution over all exchanges is computed
-    exactly. With one pair per group, this is McNemar's exact test.
+    Pairs with the same first trial form a group. Under the null hypothesis, the first trial of a group and its second
+    trials are exchangeable. The statistic is the sum of first minus second outcomes over all pairs. Its distribution
+    over all exchanges is computed exactly. With one pair per group, this is McNemar's exact test.
 
     Args:
-        outcomes: (first succeeded, second succeeded) of each pair.
+        outcomes: Outcome of each pair, as (first succeeded, second succeeded).
         shared: Name of each pair's first trial.
 
     Returns:
-        Twice the smaller tail, at most 1.
+        Twice the smaller tail probability, at most 1.
 
     Raises:
-        InvalidInputError: If the number of names differs from the number of pairs, or a first trial has two outcomes.
+        InvalidInputError: If the number of names differs from the number of pairs, or if the same first trial is given
+            with two different outcomes.
     """
     if len(outcomes) != len(shared):
         raise InvalidInputError("shared", f"{len(shared)} names for {len(outcomes)} pairs", "Give one name per pair")
@@ -63,14 +64,16 @@ def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> 
         known, seconds = groups.setdefault(name, (first, []))
         if known is not first:
             raise InvalidInputError(
-                "outcomes", f"{name} succeeded and failed", "Give the same outcome for every pair of a first trial"
+                "outcomes",
+                f"the first trial {name} has succeeded in one pair and failed in another",
+                "Use the same outcome of a first trial in all its pairs",
             )
         seconds.append(second)
     chances = {0: 1.0}
     observed = 0
     for first, seconds in groups.values():
         size, total = len(seconds) + 1, sum(seconds) + first
-        # Sum of first minus second: the first is one of `total` successes among `size` trials.
+        # Sum of first minus second outcomes. The first trial is one of `size` trials, of which `total` succeeded.
         steps = ((size - total, total / size), (-total, 1.0 - total / size))
         observed += steps[0][0] if first else steps[1][0]
         drawn: dict[int, float] = {}
@@ -89,11 +92,12 @@ def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> 
 def mcnemar_p(table: PairedTable) -> float:
     """Return the two-sided p-value of McNemar's exact test (1947).
 
-    If the two rates are equal, each discordant pair is equally likely to favor either side. The p-value is twice the
-    smaller tail of a binomial with probability 1/2, at most 1. Concordant pairs carry no information.
+    If the two rates are equal, each discordant pair is equally likely to favor the first or the second. The p-value is
+    twice the smaller tail of a binomial distribution with probability 1/2, at most 1. Concordant pairs carry no
+    information.
 
     Returns:
-        The p-value; 1.0 if no pair is discordant.
+        The p-value, or 1.0 if no pair is discordant.
     """
     discordant = table.only_first + table.only_second
     smaller = min(table.only_first, table.only_second)

@@ -18,12 +18,13 @@ from betterbench.statistics.interval import DEFAULT_CONFIDENCE, normal_quantile
 
 @dataclass(frozen=True, slots=True)
 class RankingArea:
-    """Probability that a positive case has a higher score than a negative one (area under the ROC curve).
+    """Probability that a positive case has a higher score than a negative case (area under the ROC curve).
 
     Attributes:
-        value: The area, 0.5 for a score without information; None if all cases are positive or all are negative.
+        value: The area, which is 0.5 for a score without information. None if all cases are positive or all are
+            negative.
         low: Lower end of the interval, in [0, 1].
-        high: Upper end.
+        high: Upper end of the interval, in [0, 1].
         positives: Number of positive cases.
         negatives: Number of negative cases.
     """
@@ -38,15 +39,16 @@ class RankingArea:
 def ranking_area(
     scores: Sequence[float], happened: Sequence[bool], *, confidence: float = DEFAULT_CONFIDENCE
 ) -> RankingArea:
-    """Return the area under the receiver operating characteristic (AUROC); ties count half.
+    """Return the area under the receiver operating characteristic (AUROC). Ties count half.
 
     The interval is Newcombe's score interval (Statistics in Medicine 25, 2006, 559-573, method 5). It contains all
     areas whose distance from the estimate is within the normal quantile, with Hanley and McNeil's variance at that
-    area. Its width is positive even if the ranking is perfect, and large if there are few positive or negative cases.
+    area. Its width is positive even if the ranking is perfect, and large if there are few positive or few negative
+    cases.
     """
     if len(scores) != len(happened):
         problem = f"{len(scores)} scores for {len(happened)} outcomes"
-        raise InvalidInputError("scores, happened", problem, "Give the same number of both")
+        raise InvalidInputError("scores, happened", problem, "Give one score and one outcome per case")
     quantile = normal_quantile(confidence)
     values, truth = np.asarray(scores, dtype=np.float64), np.asarray(happened, dtype=bool)
     yes, no = values[truth], values[~truth]
@@ -59,7 +61,7 @@ def ranking_area(
 
 
 def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
-    """Return the end of the confidence interval in the direction of ``end``."""
+    """Return the end of the confidence interval on the side of ``end``, which is 0 or 1."""
     more = 0.5 * (m + n) - 1.0
 
     def near(other: float) -> bool:
@@ -70,7 +72,7 @@ def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
 
 
 EXACT_RANKS_UP_TO = 8
-"""Maximum number of cases for which all orders are enumerated."""
+"""Largest number of cases for which all orders are enumerated."""
 _DRAWN_ORDERS = 99_999
 _RESAMPLES = 10_000
 _MOST_COMPARED = 1 << 20
@@ -83,10 +85,10 @@ class RankCorrelation:
     """Spearman's rank correlation between two quantities over the same cases.
 
     Attributes:
-        value: The correlation between -1 and 1; None if one of the quantities has only one value.
+        value: The correlation, between -1 and 1. None if one of the quantities is constant.
         low: Lower end of the interval.
-        high: Upper end.
-        p: Two-sided p-value of the permutation test; 1.0 without a value.
+        high: Upper end of the interval.
+        p: Two-sided p-value of the permutation test, or 1.0 if there is no correlation value.
         n: Number of cases.
     """
 
@@ -97,7 +99,7 @@ class RankCorrelation:
     n: int
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the correlation in JSON form."""
         return asdict(self)
 
 
@@ -108,20 +110,20 @@ def rank_correlation(
     generator: np.random.Generator,
     confidence: float = DEFAULT_CONFIDENCE,
 ) -> RankCorrelation:
-    """Return Spearman's rank correlation with a permutation test; equal values share their mean rank.
+    """Return Spearman's rank correlation with a permutation test. Equal values share their mean rank.
 
-    The test compares the observed correlation with those of all orders of the second quantity; it is exact for up to
-    :data:`EXACT_RANKS_UP_TO` cases and uses random orders beyond. The smallest possible p-value of n cases without ties
-    is 2 / n!, which is 0.083 for four and 0.017 for five cases.
+    The test compares the observed correlation with the correlations for all orders of the second quantity. It is exact
+    for up to :data:`EXACT_RANKS_UP_TO` cases and uses random orders for more. The smallest possible p-value of n cases
+    without ties is 2 / n!, which is 0.083 for four and 0.017 for five cases.
 
-    The interval is the wider of two: the percentile bootstrap over cases, and Fisher's transformation with the variance
-    of Bonett and Wright (Psychometrika 65, 2000, 23-28). The latter uses at most the correlation of a ranking with one
-    exchange of neighbors, so that the interval of a perfect ranking has a positive width. Three or fewer cases have the
-    interval [-1, 1].
+    The interval is the wider one of two: the percentile bootstrap over cases, and Fisher's transformation with the
+    variance of Bonett and Wright (Psychometrika 65, 2000, 23-28). The latter limits the correlation to that of a
+    ranking in which two neighbors are exchanged, so that the interval of a perfect ranking has a positive width. With
+    three or fewer cases, the interval is [-1, 1].
 
     Args:
-        first: Values of the first quantity, shape (n,).
-        second: Values of the second quantity, shape (n,).
+        first: Values of the first quantity (n,).
+        second: Values of the second quantity (n,).
         generator: Source of randomness.
         confidence: Two-sided confidence level.
 
@@ -130,10 +132,10 @@ def rank_correlation(
     """
     if len(first) != len(second):
         problem = f"{len(first)} values and {len(second)} values cannot be paired"
-        raise InvalidInputError("first, second", problem, "Give one of each per case")
+        raise InvalidInputError("first, second", problem, "Give one value of each quantity per case")
     x, y = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise InvalidInputError("first, second", "a value is not finite", "Give finite numbers")
+        raise InvalidInputError("first, second", "a value is not finite", "Use only finite numbers")
     quantile, n = normal_quantile(confidence), len(x)
     value = _spearman(x, y)
     if value is None:
@@ -152,7 +154,7 @@ def _spearman(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> float |
 
 
 def _centered_ranks(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the ranks along the last axis minus their mean; equal values share their mean rank."""
+    """Return the ranks of the values minus the mean rank. Equal values share their mean rank."""
     below = (values[..., None, :] < values[..., :, None]).sum(axis=-1)
     equal = (values[..., None, :] == values[..., :, None]).sum(axis=-1)
     ranks: npt.NDArray[np.float64] = below + 0.5 * (equal - 1) - 0.5 * (values.shape[-1] - 1)
@@ -172,8 +174,8 @@ def _order_p(
 
 
 def _transformed(value: float, n: int, quantile: float) -> tuple[float, float]:
-    """Return the interval from Fisher's transformation."""
-    largest = 1.0 - 12.0 / (n * (n * n - 1.0))  # correlation of a ranking with one exchange of neighbors
+    """Return the interval that results from Fisher's transformation."""
+    largest = 1.0 - 12.0 / (n * (n * n - 1.0))  # correlation of a ranking in which two neighbors are exchanged
     inner = max(-largest, min(largest, value))
     half = quantile * math.sqrt((1.0 + inner * inner / 2.0) / (n - 3.0))
     return math.tanh(math.atanh(inner) - half), math.tanh(math.atanh(inner) + half)
@@ -182,7 +184,7 @@ def _transformed(value: float, n: int, quantile: float) -> tuple[float, float]:
 def _resampled(
     x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], generator: np.random.Generator, confidence: float
 ) -> tuple[float, float]:
-    """Return the percentile bootstrap interval, without resamples in which a quantity is constant."""
+    """Return the percentile bootstrap interval. Resamples in which a quantity is constant are left out."""
     drawn = generator.integers(0, len(x), size=(_RESAMPLES, len(x)))
     found: list[float] = []
     for rows in np.array_split(drawn, math.ceil(_RESAMPLES * len(x) ** 2 / _MOST_COMPARED)):

@@ -21,11 +21,13 @@ _METHODS = {"wilson": wilson_interval, "clopper_pearson": clopper_pearson_interv
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """``k`` successes in ``n`` trials.
+    """Success rate: ``k`` successes in ``n`` trials.
 
     Attributes:
-        n: Number of trials. With 0 trials the value is None and the interval is [0, 1].
+        k: Number of successes.
+        n: Number of trials. With 0 trials, the value is None and the interval is [0, 1].
         method: Method of the interval: "wilson" (default) or "clopper_pearson" (guaranteed coverage).
+        confidence: Two-sided confidence level of the interval.
     """
 
     k: int
@@ -34,7 +36,7 @@ class Rate:
     confidence: float = DEFAULT_CONFIDENCE
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for impossible counts, unknown methods and impossible levels."""
+        """Raise InvalidInputError if the counts are impossible, the method is unknown or the level is out of range."""
         check_counts(self.k, self.n)
         check_fraction("confidence", self.confidence)
         if self.method not in _METHODS:
@@ -44,12 +46,12 @@ class Rate:
 
     @property
     def value(self) -> float | None:
-        """Fraction of successes, or None without trials."""
+        """Fraction of successes, or None if there are no trials."""
         return self.k / self.n if self.n else None
 
     @property
     def interval(self) -> Interval:
-        """The confidence interval of the underlying rate."""
+        """Confidence interval of the true rate."""
         return _METHODS[self.method](self.k, self.n, confidence=self.confidence)
 
     @property
@@ -63,5 +65,5 @@ class Rate:
         return self.interval.high
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, including the interval."""
+        """Return the rate in JSON form, including its value and its interval."""
         return {**asdict(self), "value": self.value, "low": self.low, "high": self.high}

@@ -1,4 +1,4 @@
-"""Ratio and difference of two independent differences, for the remaining part of a gap."""
+"""Ratio and difference of two independent differences, for example to tell how much of a gap remains."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _FARTHEST = 1e6
 def ratio_of(first: Difference, second: Difference) -> Difference | None:
     """Return ``first / second`` for two independent differences.
 
-    Returns None unless the interval of the second is above zero.
+    The result is None unless the whole interval of the second difference is above zero.
 
-    The interval contains each ratio ``r`` for which the interval of ``first - r * second`` contains zero. The latter
-    adds the distances to the ends of both intervals in quadrature, as Donner and Zou do (Statistical Methods in Medical
+    The interval contains each ratio ``r`` for which the interval of ``first - r * second`` contains zero. That interval
+    adds the distances to the ends of both intervals in quadrature, as in Donner and Zou (Statistical Methods in Medical
     Research 21, 2012, 347-359).
     """
     if first.value is None or second.value is None or second.low <= 0.0:
@@ -37,10 +37,11 @@ def ratio_of(first: Difference, second: Difference) -> Difference | None:
 
 
 def difference_of(first: Difference, second: Difference) -> Difference:
-    """Return ``first - second`` of two independent differences, with their intervals added in quadrature.
+    """Return ``first - second`` for two independent differences. Their intervals are added in quadrature.
 
     Returns:
-        The difference, in [-2, 2]; if one of the two has no trials, the value is None and the interval is [-2, 2].
+        The difference, in [-2, 2]. If one of the two has no value, the result has the value None and the interval [-2,
+        2].
     """
     method = "wilson in quadrature"
     if first.value is None or second.value is None:

@@ -1,4 +1,4 @@
-"""SciPy's special functions, imported on first use because workers do not need them."""
+"""SciPy's special functions. SciPy is imported when one of them is first used, because workers do not need it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["bdtr", "bdtrc", "bdtrik", "betaincinv", "gammaln", "ndtr", "ndtri", 
 
 
 def __getattr__(name: str) -> object:
-    """Return SciPy's function of that name."""
+    """Return SciPy's function with the given name."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module("scipy.special"), name)

@@ -1,4 +1,4 @@
-"""Psychometric threshold, which is the stimulus size at which answers become correct.
+"""Psychometric threshold: the stimulus size at which answers become correct.
 
 The model is the psychometric function with guessing and lapses (Wichmann and Hill, "The psychometric function: I.
 Fitting, sampling, and goodness of fit", Perception & Psychophysics 63, 2001):
@@ -7,16 +7,17 @@ Fitting, sampling, and goodness of fit", Perception & Psychophysics 63, 2001):
 
 The chance ``c`` of guessing an item is known. The fitted parameters are:
 
-- ``s``: the threshold, the size at which half of the items are read;
+- ``s``: the threshold, i.e. the size at which half of the items can be read;
 - ``b``: the slope;
-- ``g``: the share of unread items that are guessed, 0 for a model that gives no answer to these items;
-- ``k``: the knowledge of each kind of item, the share of readable items that are answered correctly without guessing.
+- ``g``: the fraction of unreadable items that are guessed, which is 0 for a model that does not answer these items;
+- ``k``: the knowledge, i.e. the fraction of readable items that are answered correctly without guessing, for each kind
+  of item.
 
-Because ``k`` belongs to a kind, kinds that are difficult at every size do not move the threshold.
+Because each kind has its own ``k``, kinds that are difficult at every size do not move the threshold.
 
-With several conditions, such as image resolutions, one function is fitted to all items. If the sizes explain all
-differences between conditions, measured and predicted scores drop equally from one condition to another. A larger
-measured drop is reported as a further loss.
+If there are several conditions, such as image resolutions, one function is fitted to all items. If the sizes explain
+all differences between the conditions, measured and predicted scores drop equally from one condition to another. A
+larger measured drop is reported as a further loss.
 """
 
 from __future__ import annotations
@@ -34,28 +35,38 @@ from betterbench.statistics.flips import sign_flip_p
 from betterbench.statistics.interval import DEFAULT_CONFIDENCE, check_fraction
 
 RESAMPLES = 100
-"""Default number of bootstrap resamples."""
+"""Number of bootstrap resamples by default."""
 LEAST_ITEMS, LEAST_CLUSTERS = 40, 8
-"""Minimum number of items, and minimum number of clusters, for a conclusion."""
+"""Minimum number of items and minimum number of clusters for a conclusion."""
 EDGE = 0.02
-"""Minimum share of items that must be smaller than the interval, and minimum share that must be larger. A threshold
-among the smallest or largest 2 % of the sizes is not bracketed by data."""
+"""Minimum fraction of items that must be smaller than the interval, and minimum fraction that must be larger.
+
+If the threshold is among the smallest or largest 2 % of the sizes, the data do not bracket it.
+"""
 _SLOPES = (2.0, 40.0)
-"""Range of the slope. At 40, F rises from 10 to 90 % within 11 % of the size, which is about a step."""
+"""Range of the slope. At 40, F rises from 10 to 90 % while the size grows by 11 %, which is almost a step."""
 _BINS = 100
-"""Sizes are rounded to 1/100 of their natural logarithm (1 %), so that equal items are counted together."""
+"""Number of size classes per unit of the natural logarithm (steps of 1 %).
+
+Sizes are rounded to these classes, so that equal items are counted together.
+"""
 _WIDER = 1.5
-"""Factor of the bootstrap's deviations of a further loss. The bootstrap underestimates them for sharp thresholds. On a
-set with 881 items in 34 clusters, the standard deviation over 14 simulations was 1.3 to 1.6 times that of the
-bootstrap."""
+"""Factor by which the bootstrap's deviations of a further loss are widened.
+
+The bootstrap underestimates them for sharp thresholds. On a set with 881 items in 34 clusters, the standard deviation
+over 14 simulations was 1.3 to 1.6 times that of the bootstrap.
+"""
 _LEAST_P = 0.005
-"""Minimum distance of probabilities from 0 and 1, so that a single lucky answer cannot determine the fit."""
+"""Minimum distance of probabilities from 0 and 1. It prevents a single lucky answer from determining the fit."""
 
 _PRECISION = {"maxiter": 100, "ftol": 1e-6, "gtol": 1e-4}
-"""Tolerance of a fit: the log-likelihood of a thousand items is exact to a thousandth."""
+"""Tolerances of a fit. With them, the log-likelihood of a thousand items is exact to a thousandth."""
 _RESOLUTION = 1 / 40
-"""Half width in log size within which a fit cannot locate a threshold; the interval is extended by it on both sides. It
-is the scale of the steepest F, which even a model with a sharp threshold has."""
+"""Half width in log size within which a fit cannot locate a threshold.
+
+The interval is extended by it on both sides. It is the scale of the steepest F, which even a model with a sharp
+threshold has.
+"""
 
 _Numbers = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
@@ -63,13 +74,13 @@ _Indices = npt.NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class FurtherLoss:
-    """Drop in mean score from the first condition to another one that the sizes do not explain.
+    """Drop in the mean score from the first condition to another one, beyond the drop that stimulus sizes explain.
 
     Attributes:
-        value: The loss, as a fraction; below 0 for a gain.
+        value: The loss as a fraction. It is negative if the score is higher than the sizes explain.
         low: Lower end of the interval.
         high: Upper end of the interval.
-        is_supported: Whether the interval excludes 0 after Bonferroni's correction over the conditions.
+        is_supported: Whether the interval excludes 0 after Bonferroni's correction for the number of conditions.
     """
 
     value: float
@@ -83,19 +94,19 @@ class Threshold:
     """Threshold of a stimulus with its interval.
 
     Attributes:
-        value: The threshold, in the unit of the sizes; None if it cannot be concluded.
+        value: The threshold in the unit of the sizes. None if the data do not allow a conclusion.
         low: Lower end of the interval.
         high: Upper end of the interval.
-        rises_from: Size at which a tenth of the items is read; below the threshold.
-        rises_to: Size at which nine tenths are read.
-        reason: Reason why no threshold can be inferred; empty if there is one.
+        rises_from: Size at which a tenth of the items can be read.
+        rises_to: Size at which nine tenths of the items can be read.
+        reason: Reason why there is no threshold. Empty if there is one.
         n: Number of items.
         clusters: Number of clusters.
         smallest: Smallest size.
         largest: Largest size.
-        guessing: Fitted share of unread items that are guessed.
-        knowledge: Fitted share of readable items that are answered without guessing, by kind.
-        further: Further loss by condition, without the first condition.
+        guessing: Fitted fraction of unreadable items that are guessed.
+        knowledge: Fitted fraction of readable items that are answered correctly without guessing, for each kind.
+        further: Further loss of each condition except the first.
     """
 
     value: float | None
@@ -113,21 +124,21 @@ class Threshold:
     further: Mapping[str, FurtherLoss] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; numbers without data are None."""
+        """Return the threshold in JSON form. Numbers for which there are no data are None."""
         form = asdict(self)
         return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in form.items()}
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Scored answer to one item, with the size of its stimulus.
+    """Score of the answer to one item, with the size of the item's stimulus.
 
     Attributes:
         size: Size of the stimulus, above 0.
         score: Score between 0 and 1.
-        chance: Probability of guessing the answer; 0 if it cannot be guessed.
-        kind: Kind of item; each kind has its own knowledge parameter.
-        cluster: Items with the same cluster are not independent.
+        chance: Probability of guessing the answer, or 0 if it cannot be guessed.
+        kind: Kind of the item. Each kind has its own knowledge parameter.
+        cluster: Name of a cluster. Items in the same cluster are not independent.
         condition: Condition under which the item was asked.
     """
 
@@ -148,28 +159,28 @@ def fit_threshold(
 ) -> Threshold:
     """Fit the size at which items can be read, by maximum likelihood with a bootstrap over clusters.
 
-    A threshold is reported only if three conditions hold. There are enough items and clusters. Scores rise with size,
-    by a two-sided sign-flip test of each cluster's covariance of score and log size within kinds, at level 1 -
-    confidence. The interval is within the range of item sizes.
+    A threshold is reported only if three conditions hold. First, there are enough items and clusters. Second, scores
+    rise with size: a two-sided sign-flip test of each cluster's covariance of score and log size within kinds is
+    significant at the level 1 - confidence. Third, the interval is within the range of the item sizes.
 
     Args:
-        readings: The items. The first one's condition is the reference of the further losses.
+        readings: Scores of the items. The condition of the first one is the reference for the further losses.
         generator: Source of randomness.
-        resamples: Number of bootstrap resamples of whole clusters; an item under several conditions must have one
-            cluster.
-        confidence: Two-sided confidence level. The further losses are supported at this level after Bonferroni's
-            correction over conditions.
+        resamples: Number of bootstrap resamples of whole clusters. An item that is asked under several conditions must
+            have the same cluster in all of them.
+        confidence: Two-sided confidence level. A further loss is supported at this level after Bonferroni's correction
+            for the number of conditions.
 
     Raises:
         InvalidInputError: If a size, score or chance is out of range.
     """
     check_fraction("confidence", confidence)
     if resamples < 1:
-        raise InvalidInputError("resamples", f"must be at least 1, got {resamples}", "Give 200 or more")
+        raise InvalidInputError("resamples", f"must be at least 1, got {resamples}", "Use 200 or more")
     for r in readings:
         if not (r.size > 0 and 0 <= r.score <= 1 and 0 <= r.chance < 1):
-            problem = f"size {r.size!r}, score {r.score!r}, chance {r.chance!r}"
-            raise InvalidInputError("readings", problem, "Give sizes above 0, and scores and chances from 0 to 1")
+            problem = f"a reading has the size {r.size!r}, the score {r.score!r} and the chance {r.chance!r}"
+            raise InvalidInputError("readings", problem, "Use sizes above 0, and scores and chances from 0 to 1")
     sizes = [r.size for r in readings]
     clusters = sorted({r.cluster for r in readings})
     nothing = Threshold(
@@ -212,7 +223,7 @@ def fit_threshold(
 def _judged(
     found: Threshold, readings: Sequence[Reading], generator: np.random.Generator, confidence: float
 ) -> Threshold:
-    """Check whether the data bracket a threshold, and return it or the reason why not."""
+    """Check whether the data bracket the threshold. If they do not, replace the threshold by the reason."""
     below, above = np.quantile([r.size for r in readings], (EDGE, 1 - EDGE))
     known = float(np.mean([found.knowledge[r.kind] for r in readings]))
     span = f"{found.smallest:.0f} to {found.largest:.0f}"
@@ -235,7 +246,7 @@ def _because(found: Threshold, reason: str) -> Threshold:
 
 
 def _trend(readings: Sequence[Reading], generator: np.random.Generator) -> tuple[float, float]:
-    """Return the covariance of score and log size within kinds and conditions, and its p-value by sign flips."""
+    """Return the covariance of score and log size within kinds and conditions, and its sign-flip p-value."""
     groups: dict[tuple[str, str], list[int]] = {}
     for i, r in enumerate(readings):
         groups.setdefault((r.kind, r.condition), []).append(i)
@@ -251,7 +262,7 @@ def _trend(readings: Sequence[Reading], generator: np.random.Generator) -> tuple
 
 
 def _further(cells: _Cells, value: _Numbers, drawn: _Numbers, confidence: float) -> dict[str, FurtherLoss]:
-    """Return the further loss of each condition except the first, given the losses in the resamples."""
+    """Return the further loss of each condition except the first. ``drawn`` contains the losses in the resamples."""
     found = {}
     tail = (1 - confidence) / 2
     for index, name in enumerate(cells.conditions[1:], start=1):
@@ -265,7 +276,7 @@ def _further(cells: _Cells, value: _Numbers, drawn: _Numbers, confidence: float)
 
 @dataclass(frozen=True)
 class _Cells:
-    """Items grouped by size, chance, kind and condition, so that the cost of a fit does not grow with their number."""
+    """Items grouped by size, chance, kind and condition, so that the time for a fit does not grow with their number."""
 
     x: _Numbers
     chance: _Numbers
@@ -300,7 +311,10 @@ class _Cells:
         return cls(logs, chance, kind, condition, kinds, conditions, clusters, items)
 
     def counts(self, weights: _Numbers) -> tuple[_Numbers, _Numbers]:
-        """Return the sum of scores and the number of items in each cell, given a weight per cluster."""
+        """Return the weighted sum of scores and number of items in each group.
+
+        ``weights`` has one entry per cluster.
+        """
         where, who, scores = self.of_item
         weight = weights[who]
         size = len(self.x)
@@ -309,7 +323,7 @@ class _Cells:
         return correct, total
 
     def further_losses(self, at: _Numbers, counts: tuple[_Numbers, _Numbers]) -> _Numbers:
-        """Return, per condition, the measured minus the predicted drop in mean score from the first condition."""
+        """Return how much more the mean score drops than predicted, from the first condition to each condition."""
         correct, total = counts
         size = len(self.conditions)
         left = np.bincount(self.condition, correct - total * self._rates(at)[0], size)
@@ -318,14 +332,17 @@ class _Cells:
         return np.asarray(mean[0] - mean, dtype=np.float64)
 
     def _rates(self, at: _Numbers) -> tuple[_Numbers, _Numbers, _Numbers]:
-        """Return the probability of a correct answer, F and k for each cell."""
+        """Return the probability of a correct answer, F and k for each group of items.
+
+        The module docstring defines F and k.
+        """
         read = 1 / (1 + np.exp(np.clip(-math.exp(at[1]) * (self.x - at[0]), -50, 50)))
         known = at[3:][self.kind]
         floor = at[2] * self.chance
         return floor + (1 - floor) * known * read, read, known
 
     def fit(self, counts: tuple[_Numbers, _Numbers], near: _Numbers | None = None) -> _Numbers:
-        """Return the maximum-likelihood log threshold, log slope, guessing share and knowledge."""
+        """Return the maximum-likelihood estimates of log threshold, log slope, guessing and knowledge."""
         from scipy.optimize import minimize  # noqa: PLC0415 - takes 0.2 s, which most commands do not need
 
         kinds = len(self.kinds)

@@ -1,4 +1,4 @@
-"""Exact tests for two independent rates."""
+"""Exact tests for the difference between two independent rates."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from betterbench.statistics import special
 from betterbench.statistics.rate import Rate
 
 _NUISANCE_POINTS = 257
-"""Number of values of the unknown common rate over which a p-value is maximized. They are evenly spaced in the arcsine
-of the square root of the rate, where the standard error is constant. Sixteen times as many values change no Barnard
-p-value of 20 trials per side by more than 0.00002.
+"""Number of values of the unknown common rate over which a p-value is maximized.
+
+They are evenly spaced in the arcsine of the square root of the rate, where the standard error is constant. With sixteen
+times as many values, no Barnard p-value of 20 trials per arm changes by more than 0.00002.
 """
 
 _TIE = 1e-9
@@ -22,12 +23,12 @@ def barnard_p(first: Rate, second: Rate) -> float:
     """Return the two-sided p-value of Barnard's exact unconditional test with the pooled score statistic.
 
     Unlike Fisher's test, it does not condition on the total number of successes, because the experiment does not fix
-    this number. It is therefore more powerful with few trials (Barnard 1947; Suissa and Shuster 1985).
+    this number. It is therefore more powerful when there are few trials (Barnard 1947; Suissa and Shuster 1985).
     ``scipy.stats.barnard_exact`` is not used because its search for the worst common rate stops at a local maximum for
     some tables (10/20 against 11/20).
 
     Returns:
-        The p-value; 1.0 if a side has no trials or all trials have the same outcome.
+        The p-value. It is 1.0 if one of the rates has no trials or all trials have the same outcome.
     """
     if _uninformative(first, second):
         return 1.0
@@ -42,7 +43,7 @@ def boschloo_p(first: Rate, second: Rate) -> float:
     two-sided value is twice the smaller one-sided value, at most 1.
 
     Returns:
-        The p-value; 1.0 if a side has no trials or all trials have the same outcome.
+        The p-value. It is 1.0 if one of the rates has no trials or all trials have the same outcome.
     """
     if _uninformative(first, second):
         return 1.0
@@ -57,10 +58,12 @@ def boschloo_p(first: Rate, second: Rate) -> float:
 
 
 def fisher_p(first: Rate, second: Rate) -> float:
-    """Return the two-sided p-value of Fisher's exact test, for comparison with published values.
+    """Return the two-sided p-value of Fisher's exact test.
+
+    The test is conservative. It is provided for comparison with published values.
 
     Returns:
-        The p-value; 1.0 if a side has no trials or all trials have the same outcome. The test is conservative.
+        The p-value. It is 1.0 if one of the rates has no trials or all trials have the same outcome.
     """
     if _uninformative(first, second):
         return 1.0
@@ -71,10 +74,10 @@ def fisher_p(first: Rate, second: Rate) -> float:
 
 
 def barnard_p_values(n: int) -> npt.NDArray[np.float64]:
-    """Return Barnard's p-value for every possible outcome of two arms with the same number of trials.
+    """Return Barnard's p-value for every possible outcome of two arms with ``n`` trials each.
 
     Returns:
-        Array of shape (n + 1, n + 1): the p-value of ``i`` successes in one arm against ``j`` in the other.
+        The p-values of ``i`` successes in one arm and ``j`` in the other, as an (n + 1, n + 1) array.
     """
     flat = _pooled_score(n, n).ravel()
     order = np.argsort(-flat, kind="stable")
@@ -92,7 +95,7 @@ def barnard_p_values(n: int) -> npt.NDArray[np.float64]:
 
 
 def binomial_probabilities(n: int, rate: float) -> npt.NDArray[np.float64]:
-    """Return the probabilities of 0 to ``n`` successes, shape (n + 1,)."""
+    """Return the probabilities of 0 to ``n`` successes as an (n + 1,) array."""
     k = np.arange(n + 1)
     log_ways = special.gammaln(n + 1) - special.gammaln(k + 1) - special.gammaln(n - k + 1)
     log_mass = log_ways + special.xlogy(k, rate) + special.xlog1py(n - k, -rate)
@@ -101,7 +104,7 @@ def binomial_probabilities(n: int, rate: float) -> npt.NDArray[np.float64]:
 
 
 def _pooled_score(n1: int, n2: int) -> npt.NDArray[np.float64]:
-    """Return the absolute pooled score statistic of every outcome of two arms, shape (n1 + 1, n2 + 1)."""
+    """Return the absolute pooled score statistic of every outcome of two arms, as an (n1 + 1, n2 + 1) array."""
     k1, k2 = np.arange(n1 + 1)[:, None], np.arange(n2 + 1)[None, :]
     gap = np.abs(k1 / n1 - k2 / n2)
     pooled = (k1 + k2) / (n1 + n2)
@@ -110,16 +113,19 @@ def _pooled_score(n1: int, n2: int) -> npt.NDArray[np.float64]:
 
 
 def _common_rates() -> npt.NDArray[np.float64]:
-    """Return the common rates to search, above 0 up to 1/2; larger rates follow by swapping successes and failures."""
+    """Return the common rates to search, from above 0 to 1/2.
+
+    Larger rates follow by swapping successes and failures.
+    """
     rates: npt.NDArray[np.float64] = np.sin(np.linspace(0.0, np.pi / 4.0, _NUISANCE_POINTS)[1:]) ** 2
     return rates
 
 
 def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
-    """Return the maximum probability of a set of outcomes over all success rates that both arms may have in common.
+    """Return the largest probability of a set of outcomes over all success rates that both arms may have in common.
 
     Returns:
-        The maximum over a grid of common rates, which is refined once around its best point.
+        The maximum over a grid of common rates. The grid is refined once around its best point.
     """
     n1, n2 = extreme.shape[0] - 1, extreme.shape[1] - 1
     members = extreme.astype(np.float64)
@@ -139,6 +145,6 @@ def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
 
 
 def _uninformative(first: Rate, second: Rate) -> bool:
-    """Return whether the rates cannot be distinguished, because an arm is empty or all trials have the same result."""
+    """Return whether the rates cannot be told apart, since an arm has no trials or all trials have the same outcome."""
     k, n = first.k + second.k, first.n + second.n
     return first.n == 0 or second.n == 0 or k in (0, n)

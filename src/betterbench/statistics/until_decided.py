@@ -1,12 +1,13 @@
-"""Sequential allocation of trials to test with few trials whether variations are solved less often than their twins.
+"""Sequential allocation of trials, to test with few trials whether variations are solved less often than their twins.
 
-A question is whether one condition (a variation) is solved less often than another (its twin) on the same seeds. All
-open questions get the same seeds, round by round. After every round, questions with a verdict get no more trials. The
-trials depend only on the outcomes, so replaying the rounds gives the trials that have been run and the next ones.
+A question is whether one condition (a variation) is solved less often than its twin (a training condition) on the same
+seeds. In each round, all open questions get the same further seeds. After every round, questions with a verdict get no
+more trials. Which trials are run depends only on the outcomes, so replaying the rounds gives the trials that have been
+run and the next ones.
 
-The drop in a question is the twin's rate minus the condition's rate. Two null hypotheses are tested on the pairs
-by :mod:`~betterbench.statistics.betting`: "the drop is at most 0" and "the drop is at least the margin". At most one of
-them is true. Each of the two families, over all questions, is corrected by
+The drop in a question is the twin's rate minus the condition's rate. Two null hypotheses are tested on the pairs by
+:mod:`~betterbench.statistics.betting`: "the drop is at most 0" and "the drop is at least the margin". At most one of
+them is true. Over all questions, each of the two families of hypotheses is corrected by
 :func:`~betterbench.statistics.multiplicity.e_benjamini_hochberg`.
 """
 
@@ -24,17 +25,19 @@ from betterbench.statistics.multiplicity import e_benjamini_hochberg
 from betterbench.statistics.power import DEFAULT_ALPHA
 
 DROP_MARGIN = 0.5
-"""Size of the drop that a "no drop" verdict excludes. It matches the power matrix, in which a policy fails a variation
-if it fails half of the trials. A smaller margin needs more trials: if no pair differs, 50 points take 5 pairs and 20
-points 15.
+"""Size of the drop that a "no drop" verdict excludes.
+
+It matches the power matrix, in which a policy fails a variation if it fails half of the trials. A smaller margin needs
+more trials: if no pair differs, a margin of 50 points takes 5 pairs and a margin of 20 points takes 15.
 """
 
 FIRST_PAIRS = 5
-"""Number of pairs in the first round: the smallest number after which unanimous pairs give a verdict."""
+"""Number of pairs in the first round. It is the smallest number after which pairs that all agree give a verdict."""
 
 TWIN_SHARE = 0.5
-"""Minimum share of pairs in which the twin must succeed; with a smaller share, a drop by the margin is hardly
-detectable.
+"""Minimum fraction of pairs in which the twin must succeed.
+
+If it succeeds less often, a drop by the margin can hardly be detected.
 """
 
 
@@ -44,26 +47,26 @@ class Verdict(StrEnum):
     DROP = "drop"
     """The condition is solved less often than its twin."""
     NO_DROP = "no_drop"
-    """The condition's rate is not lower by the margin or more."""
+    """The condition's rate is not lower than the twin's by the margin or more."""
     NOT_LEARNED = "not_learned"
-    """Like "no drop", but the twin fails in most pairs, so a drop is hardly detectable."""
+    """The same as "no drop", but the twin fails in most pairs, so a drop could hardly be detected."""
     OPEN = "open"
-    """The evidence is not sufficient for a verdict yet."""
+    """The evidence is not yet sufficient for a verdict."""
 
     @property
     def words(self) -> str:
-        """The verdict in words."""
+        """The verdict in words, such as "no drop"."""
         return self.value.replace("_", " ")
 
 
 @dataclass(frozen=True, slots=True)
 class StoppingRule:
-    """Rule by which a question is decided.
+    """Rule by which questions are decided.
 
     Attributes:
-        level: Bound on the expected share of wrong verdicts, separately among "drop" and "no drop" verdicts.
+        level: Bound on the expected fraction of wrong verdicts, separately for "drop" and for "no drop" verdicts.
         margin: Size of the drop that a "no drop" verdict excludes, as a fraction.
-        first: Number of pairs in the first round; every further round adds one pair.
+        first: Number of pairs in the first round. Every further round adds one pair.
     """
 
     level: float = DEFAULT_ALPHA
@@ -71,16 +74,16 @@ class StoppingRule:
     first: int = FIRST_PAIRS
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for a level, margin or first round out of range."""
+        """Raise InvalidInputError if the level, the margin or the first round is out of range."""
         check_fraction("level", self.level)
         check_fraction("margin", self.margin)
         if self.first < 1:
-            raise InvalidInputError("first", f"{self.first} is out of range", "It must be ≥ 1")
+            raise InvalidInputError("first", f"{self.first} is out of range", "Use a number ≥ 1")
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question whether a condition (by name) is solved less often than its twin."""
+    """Question whether a condition is solved less often than its twin. Both are given by name."""
 
     condition: str
     twin: str
@@ -88,12 +91,12 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Current answer to a question, with its verdict, counts and evidence.
+    """Current answer to a question: its verdict, its counts and its evidence.
 
     Attributes:
-        pairs: Pairs in the complete rounds during which the question was open.
-        solved: Pairs in which the condition was solved.
-        twin_solved: Pairs in which its twin was solved.
+        pairs: Number of pairs in the complete rounds during which the question was open.
+        solved: Number of pairs in which the condition was solved.
+        twin_solved: Number of pairs in which its twin was solved.
         drop: Evidence against "the drop is at most 0" (e-value).
         no_drop: Evidence against "the drop is at least the margin" (e-value).
     """
@@ -108,7 +111,7 @@ class Answer:
 
     @property
     def decided(self) -> bool:
-        """Whether the question gets no more trials."""
+        """Whether the question has a verdict and gets no more trials."""
         return self.verdict is not Verdict.OPEN
 
 
@@ -117,9 +120,9 @@ class Decisions:
     """State of all questions after the last complete round.
 
     Attributes:
-        answers: One answer per question, in the same order.
-        waiting: (condition, seed) for each trial in the current round without an outcome, including twins; empty at the
-            end.
+        answers: One answer per question, in the order of the questions.
+        waiting: Condition and seed of each trial of the current round whose outcome is missing, including twins. Empty
+            when all questions have been decided or all seeds have been used.
     """
 
     answers: tuple[Answer, ...]
@@ -131,12 +134,12 @@ class Decisions:
         return sum(a.decided for a in self.answers)
 
     def count(self, verdict: Verdict) -> int:
-        """Return the number of questions with a verdict."""
+        """Return the number of questions with the given verdict."""
         return sum(a.verdict is verdict for a in self.answers)
 
 
 Outcomes = Callable[[str, int], bool | None]
-"""Function that returns whether a condition was solved with a seed, or None if unknown."""
+"""Function that returns whether a condition was solved with a seed, or None if this is not known."""
 
 
 def decide(
@@ -150,11 +153,11 @@ def decide(
     """Replay the rounds of the questions up to the last known outcome.
 
     Args:
-        questions: The questions, each about a different condition. Several questions may share a twin's trials.
-        seeds: Seeds in the order in which they are run; their number is the maximum number of pairs per question.
-        outcome: Known outcomes of the trials.
-        rule: Rule by which a question is decided.
-        unasked: Conditions without a question, which run in the first round only.
+        questions: The questions, each about a different condition. Several questions may share the trials of one twin.
+        seeds: Seeds in the order in which they are run. Their number is the maximum number of pairs per question.
+        outcome: Function that returns the known outcomes of trials.
+        rule: Rule by which questions are decided.
+        unasked: Conditions without a question, which are run only in the first round.
     """
     answers = [Answer(q) for q in questions]
     done = 0
@@ -183,12 +186,12 @@ def _answer(question: Question, seeds: Sequence[int], outcome: Outcomes, rule: S
 
 @lru_cache(maxsize=4096)
 def _evidence(lost: int, kept: int, won: int, margin: float) -> tuple[float, float]:
-    """Return the evidence for a drop and for no drop.
+    """Return the evidence for a drop and the evidence for no drop.
 
     Args:
-        lost: Pairs in which only the twin succeeded.
-        kept: Pairs with the same outcome.
-        won: Pairs in which only the condition succeeded.
+        lost: Number of pairs in which only the twin succeeded.
+        kept: Number of pairs with equal outcomes.
+        won: Number of pairs in which only the condition succeeded.
         margin: Drop that "no drop" excludes, as a fraction.
     """
     values = [1.0] * lost + [0.0] * kept + [-1.0] * won
@@ -196,7 +199,7 @@ def _evidence(lost: int, kept: int, won: int, margin: float) -> tuple[float, flo
 
 
 def _judged(answers: Sequence[Answer], rule: StoppingRule) -> list[Answer]:
-    """Update the verdicts of open questions; decided questions keep their verdict."""
+    """Update the verdicts of the open questions. Questions that are decided keep their verdicts."""
     judged = list(answers)
     for family in ((Verdict.DROP,), (Verdict.NO_DROP, Verdict.NOT_LEARNED)):
         eligible = [i for i, a in enumerate(judged) if not a.decided or a.verdict in family]

@@ -1,4 +1,4 @@
-"""Formatting of numbers as text: counts with percentages, percentage points and p-values."""
+"""Numbers as text: counts with percentages, percentage points and p-values."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ MINUS = "\N{MINUS SIGN}"
 
 
 def counted(rate: Rate) -> str:
-    """Return a rate with its count: "45/60 (75.0 %)"."""
+    """Format a rate as a count and a percentage: "45/60 (75.0 %)"."""
     return f"{rate.k}/{rate.n} ({percent(rate.k, rate.n)} %)" if rate.n else "0/0"
 
 
 def minus(number: Decimal) -> str:
-    """Replace the hyphen of a negative decimal number by a typographic minus sign."""
+    """Format a decimal number with a typographic minus sign instead of a hyphen."""
     return str(number).replace("-", MINUS)
 
 
 def signed(number: Decimal) -> str:
-    """Format a decimal number with its sign; zero has none."""
+    """Format a decimal number with its sign. Zero has no sign."""
     return f"+{number}" if number > 0 else minus(number)
 
 
@@ -32,7 +32,7 @@ def points(value: float, digits: int = 1) -> str:
 
 
 def p_text(p_value: float | None) -> str:
-    """Format a p-value with two significant digits ("p = 0.26", "p < 0.001"); None gives an empty string."""
+    """Format a p-value with two significant digits ("p = 0.26", "p < 0.001"). None gives an empty string."""
     if p_value is None:
         return ""
     if p_value < 0.001:
@@ -46,5 +46,5 @@ def listed(items: Sequence[str]) -> str:
 
 
 def plural(count: int, one: str, many: str | None = None) -> str:
-    """Return "1 trial", "2 trials"."""
+    """Return the count with its noun: "1 trial", "2 trials"."""
     return f"{count} {one if count == 1 else many or one + 's'}"

@@ -94,7 +94,7 @@ def test_a_file_of_other_views_modalities_or_presets_is_named_and_drawn_again(
 ):
     right, wrong = place(folder, 0).read_bytes(), tmp_path / "wrong"
     for wanted, said in (
-        (Wanted((ViewSpec("front", 48, 32),), ("boxes",)), "shows another view (front:48x32)"),
+        (Wanted((ViewSpec("front", 48, 32),), ("boxes",)), "shows a different view (front:48x32)"),
         (Wanted((VIEW,), ("depth",)), "contains depth instead of boxes"),
         (Wanted((VIEW,), ("boxes",), "fast"), "was rendered with the preset fast instead of standard"),
     ):
@@ -128,7 +128,7 @@ def test_files_that_the_run_does_not_ask_for_are_named(folder, check):
     status, told = check()
     assert status == EXIT_BAD_INPUT
     where = f"fast_food/train1/7/{NAME} belongs to fast_food/train1/1 by reaching"
-    assert f"{where}, which is not a recorded trial or not a view of this folder" in told
+    assert f"{where}, but the trial is not recorded or the view is unknown" in told
     assert f"Move {place(folder, 1).with_name('notes.parquet')}; {place(folder, 7)} away." in told
     assert "To render" not in told
     assert check("--trial", "fast_food/train1/0")[0] == 0
@@ -158,7 +158,7 @@ def test_a_check_with_other_options_than_the_folder_has_is_refused(check):
     for words in (["--camera", "wrist:49x32"], ["--camera", VIEW.text, "--modality", "depth"]):
         status, told = check(*words)
         assert status == EXIT_BAD_INPUT
-        assert "contains another set of modalities" in told
+        assert "contains a different set of modalities" in told
     assert "fast_food/train1/77 is not recorded" in check("--trial", "fast_food/train1/77")[1]
 
 
@@ -201,5 +201,5 @@ def test_settings_bind_a_folder_as_soon_as_it_holds_a_file(folder, tmp_path):
     part.parent.mkdir(parents=True)
     part.write_bytes(b"half")
     for begun in (out, folder):
-        with pytest.raises(RunConflictError, match="contains another set of modalities"):
+        with pytest.raises(RunConflictError, match="contains a different set of modalities"):
             ModalityFolder(begun, Wanted((VIEW,), ("depth",)))

@@ -159,7 +159,7 @@ def test_a_damaged_record_is_one_line_and_the_others_are_done(recorded, tmp_path
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    with pytest.raises(RecordError, match=r"0\.parquet: is damaged") as problem:
+    with pytest.raises(RecordError, match=r"0\.parquet: the record is damaged") as problem:
         materialize_run(run, tmp_path / "out", Wanted((VIEWS[1],), ("boxes",)))
     assert "\n" not in str(problem.value)
     assert "more trials" not in str(problem.value)

@@ -167,7 +167,7 @@ def test_the_draw_of_a_factor_is_even_in_its_logarithm_and_each_quantity_has_its
 @pytest.mark.parametrize(
     ("quantity", "low", "high", "text"),
     [
-        ("joint_damping", 0.0, 2.0, r"the range 0 to 2 is not possible. Give 0.001 ≤ low ≤ high"),
+        ("joint_damping", 0.0, 2.0, r"the range 0 to 2 is not possible. Choose the range so that 0.001 ≤ low ≤ high"),
         ("backlash", 0.02, 0.01, r"the range 0.02 to 0.01 is not possible"),
         ("joint_damping", 1.0, math.inf, "not possible"),
         ("mass", 0.5, 2.0, "mass: the quantity is unknown. Use one of joint_damping, "),

@@ -176,7 +176,7 @@ def test_a_process_refuses_a_second_chain(plan_of):
     scene = _scene(world, processes, 0)
     scene.reset()
     start = scene.start()
-    with pytest.raises(process.WorldError, match="a chain needs a new process"):
+    with pytest.raises(process.WorldError, match="each chain needs a new process"):
         scene._process.start({"robot": start.robot.tolist(), "scene": start.scene.tolist(), "images": False})
     scene.close(well=False)
     processes.close()
@@ -187,7 +187,7 @@ def test_a_checkout_that_changes_during_a_run_costs_the_chains_that_follow(plan_
     monkeypatch.setenv("FAKE_COMMIT", "1" * 40)
     (entry,) = evaluate(plan, tmp_path / "run", workers=1, envs=1).entries()
     assert entry.status == "error"
-    assert f"calvin_env is {'1' * 40} in the simulator, and was {'0' * 40} when the run began" in entry.message
+    assert f"calvin_env is {'1' * 40} in the simulator, but it was {'0' * 40} when the run began" in entry.message
 
 
 def test_actions_are_applied_as_they_are_and_counted(plan_of, tmp_path):
@@ -226,7 +226,7 @@ def test_egl_is_used_where_it_starts(plan_of, command, monkeypatch, caplog, faul
     assert world.command == command
     assert world.versions["renderer"] == "TinyRenderer"
     assert said in caplog.text
-    assert "drawn by TinyRenderer because EGL" in caplog.text
+    assert "rendered by TinyRenderer because EGL" in caplog.text
     with pytest.raises(process.WorldError, match=said):
         plan_of(command=(*command[:-1], "egl"))
 
@@ -236,7 +236,7 @@ def test_renderers_are_not_mixed(plan_of, command, tmp_path):
     run = evaluate(egl, tmp_path / "egl", workers=1, envs=1)
     assert next(run.records()).metadata.engine["renderer"] == "EGL"
     assert run.plan["world"]["versions"]["renderer"] == "EGL"
-    with pytest.raises(RunConflictError, match='renderer is "EGL" there and "TinyRenderer" here'):
+    with pytest.raises(RunConflictError, match='renderer is "EGL" there but "TinyRenderer" here'):
         evaluate(tiny, tmp_path / "egl", workers=1, envs=1)
     evaluate(tiny, tmp_path / "tiny", workers=1, envs=1)
     with pytest.raises(RunConflictError, match="renderer"):

@@ -240,5 +240,5 @@ def test_a_checkout_that_cannot_play_scene_d_is_refused_with_the_reason(tmp_path
         _plan(checkout)
     module.write_text(text)
     shutil.rmtree(checkout / ".git")
-    with pytest.raises(WorldError, match=r"is not in a git repository.*clone it with git"):
+    with pytest.raises(WorldError, match=r"is not in a git repository.*Clone calvin_env with git"):
         _plan(checkout)

@@ -106,7 +106,7 @@ def test_a_plan_of_any_world_says_in_which_one_its_trials_are_run(fake_command):
     theirs = make_world_plan("noop", suite="libero_object", command=fake_command, tasks=["3"], trials=1)
     assert facts_of_plan(theirs.to_json(), where="here") is world_named("libero").facts
     assert isinstance(theirs.world, World)
-    with pytest.raises(UnknownNameError, match="option of LIBERO"):
+    with pytest.raises(UnknownNameError, match="LIBERO option"):
         make_world_plan("noop", suite="libero_object", command=fake_command, axes=("camera",))
 
 

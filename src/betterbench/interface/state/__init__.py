@@ -1,4 +1,4 @@
-"""Privileged state of a scene, hidden from evaluated policies."""
+"""Privileged state of a scene, which evaluated policies do not get."""
 
 from betterbench.interface.state.info import ObjectInfo, Region, SceneInfo, SlotInfo
 from betterbench.interface.state.seen import GRIPPER, Box, FrameView, SeenObject, in_runs, inner_pixel

@@ -1,4 +1,4 @@
-"""Constant part of an episode's privileged state: objects, their shapes, and table slots."""
+"""Part of an episode's privileged state that does not change: objects, their shapes, and slots on the table."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Named region of an object, a box or disc such as an opening, ring, handle or top surface.
+    """Named region of an object: a box or disc, such as an opening, ring, handle or top surface.
 
     Attributes:
         name: Kind of the region ("inside", "ring", "handle", "top").
         position: Center in the object frame [m].
-        half_size: Half extents along the region's own axes [m]. For a disc, the first two are its radius.
+        half_size: Half extents along the region's own axes [m]. For a disc, the first two are both equal to the radius.
         quaternion: Rotation of the region in the object frame (w, x, y, z).
     """
 
@@ -27,25 +27,27 @@ class Region:
 
     @property
     def pose(self) -> Pose:
-        """Pose ``T_object_region``."""
+        """Pose ``T_object_region`` of the region in the frame of its object."""
         return Pose(self.position, self.quaternion)
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectInfo:
-    """Constant properties of a scene object: kind, asset, appearance and size.
+    """Properties of a scene object that do not change: kind, asset, appearance and size.
 
     Attributes:
         name: Name in the scene ("burger_1"), which does not affect verdicts.
         kind: Noun for the object in instructions ("burger"). Objects of the same kind are interchangeable.
         asset: Identity of the asset ("burger#3").
         color: Color word ("red").
-        shape: Coarse shape ("round", "cylinder", "box"), which is compared if a similar object is grasped.
+        shape: Coarse shape ("round", "cylinder", "box"), by which the diagnosis tells whether a wrongly grasped object
+            resembles the requested one.
         role: "item", "distractor", "container" or "fixture".
-        size_m: Bounding box extents in the object frame [m], whose origin is the center of the bottom face.
-        slot: Name of the object's start slot, or None.
-        source: Source and author of the asset; empty for the procedural library.
-        license: License of the asset; empty for the procedural library.
+        size_m: Extents of the bounding box in the object frame [m]. The frame's origin is the center of the bottom
+            face.
+        slot: Name of the slot in which the object starts, or None.
+        source: Source and author of the asset. Empty for assets of the procedural library.
+        license: License of the asset. Empty for assets of the procedural library.
         keeps_upright: Whether the object, such as a drink, must not lie on its side in a container.
     """
 
@@ -66,7 +68,7 @@ class ObjectInfo:
     keeps_upright: bool = False
 
     def region(self, name: str) -> Region:
-        """Return a region by name. Raises UnknownNameError if it does not exist."""
+        """Return the region with the given name. Raises UnknownNameError if there is none."""
         for region in self.regions:  # twice as fast as find_named, and called at every control step
             if region.name == name:
                 return region
@@ -75,13 +77,13 @@ class ObjectInfo:
 
 @dataclass(frozen=True, slots=True)
 class SlotInfo:
-    """A named start position on the table.
+    """Slot: a named start position on the table.
 
     Attributes:
-        position: Center on the table [m], world frame.
+        position: Center on the table in the world frame [m].
         yaw: Nominal heading of an object in the slot [rad].
-        trained_kinds: Kinds of objects in this slot in the training distribution.
-        picked_kinds: Kinds of objects picked from this slot in the training distribution.
+        trained_kinds: Kinds of objects that stand in this slot in the training distribution.
+        picked_kinds: Kinds of objects that are picked from this slot in the training distribution.
     """
 
     name: str
@@ -93,12 +95,12 @@ class SlotInfo:
 
 @dataclass(frozen=True, slots=True)
 class SceneInfo:
-    """Constant part of a scene's privileged state.
+    """Part of a scene's privileged state that does not change during an episode.
 
     Attributes:
         objects: All objects, in the same order as in the states.
-        home_position: End-effector position at reset [m], world frame.
-        gripper_opening_m: Largest distance of the finger pads [m].
+        home_position: Position of the end effector at reset in the world frame [m].
+        gripper_opening_m: Largest distance between the finger pads [m].
     """
 
     objects: tuple[ObjectInfo, ...]
@@ -112,30 +114,33 @@ class SceneInfo:
         self._index.update({o.name: i for i, o in enumerate(self.objects)})
 
     def index(self, name: str) -> int:
-        """Return the index of an object in the lists of a state. Raises UnknownNameError if it does not exist."""
+        """Return the index of an object in the lists of a state.
+
+        Raises UnknownNameError if the object does not exist.
+        """
         try:
             return self._index[name]
         except KeyError:
             raise UnknownNameError("object", name, self._index) from None
 
     def object(self, name: str) -> ObjectInfo:
-        """Return an object by name."""
+        """Return the object with the given name."""
         return self.objects[self.index(name)]
 
     def __contains__(self, name: str) -> bool:
-        """Return whether the scene has an object of this name."""
+        """Return whether the scene has an object with this name."""
         return name in self._index
 
     def of_kind(self, kind: str) -> tuple[ObjectInfo, ...]:
-        """Return all objects of a kind named in an instruction."""
+        """Return all objects of a kind, such as "burger"."""
         return tuple(o for o in self.objects if o.kind == kind)
 
     def slot(self, name: str) -> SlotInfo:
-        """Return a slot by name."""
+        """Return the slot with the given name."""
         return find_named("slot", name, self.slots)
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the constant properties of the scene in JSON form."""
         objects = [{**_form(o), "regions": [_form(region) for region in o.regions]} for o in self.objects]
         for form in objects:
             if not form["source"]:  # empty for the procedural library
@@ -148,5 +153,5 @@ class SceneInfo:
 
 
 def _form(value: Region | ObjectInfo | SlotInfo | SceneInfo) -> dict[str, Any]:
-    """Return the fields of a dataclass by name. ``asdict`` takes ten times as long because it copies every number."""
+    """Return the fields of a dataclass by name. ``asdict`` takes ten times as long, because it copies every number."""
     return {f.name: getattr(value, f.name) for f in fields(value)}

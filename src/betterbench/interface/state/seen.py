@@ -1,4 +1,4 @@
-"""Visible objects in a camera image: visible fraction and image position, computed from a record and the model."""
+"""Objects that are visible in a camera image: their visible fraction and their position in the image."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose
 
 GRIPPER = "gripper"
-"""Name of the gripper (hand and fingers) in the list of objects."""
+"""Name of the gripper (hand and fingers) in the list of visible objects."""
 
 Box = tuple[int, int, int, int]
-"""Left, top, right and bottom edge of an image region [pixel]; the last column is ``right - 1``."""
+"""Left, top, right and bottom edge of an image region [pixel]. The last column of the region is ``right - 1``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,13 +20,13 @@ class SeenObject:
     """Visible part of one object in one image.
 
     Attributes:
-        box: The smallest box around all its visible pixels.
-        fraction: Visible pixels divided by the pixels that the object would have if nothing occluded it and the image
-            had no border, in [0, 1].
+        box: Smallest box around all visible pixels of the object.
+        fraction: Number of visible pixels, divided by the number of pixels that the object would have if nothing
+            occluded it and the image had no border, in [0, 1].
         pixels: Number of visible pixels.
-        centroid: Mean column and row of the object's visible pixels [pixel]. This point may be outside the object.
-        runs: Run-length encoding of the object's visible pixels, row by row: alternating lengths, beginning with pixels
-            outside the object.
+        centroid: Mean column and row of the visible pixels [pixel]. This point may be outside the object.
+        runs: Run-length encoding of the visible pixels, row by row: alternating lengths, beginning with pixels that do
+            not show the object.
     """
 
     box: Box
@@ -44,23 +44,23 @@ class SeenObject:
 
     @property
     def side(self) -> int:
-        """The shorter side of its box [pixel]."""
+        """Length of the shorter side of the object's box [pixel]."""
         left, top, right, bottom = self.box
         return min(right - left, bottom - top)
 
 
 @dataclass(frozen=True, slots=True)
 class FrameView:
-    """Image of a state, with its camera and visible objects.
+    """Camera parameters of an image, and the objects that are visible in the image.
 
     Attributes:
         camera: Camera name.
-        width: Columns of the image [pixel].
-        height: Rows of the image [pixel].
+        width: Number of columns of the image [pixel].
+        height: Number of rows of the image [pixel].
         T_world_camera: Camera pose in the OpenCV convention: x right in the image, y down, z forward.
-        focal: Focal length [pixel]; the optical axis goes through the center of the image.
-        objects: Visible objects by name in the scene; the gripper is :data:`GRIPPER`. Objects without visible pixels
-            are not listed.
+        focal: Focal length [pixel]. The optical axis goes through the center of the image.
+        objects: Visible objects by their name in the scene. The gripper is listed as :data:`GRIPPER`. Objects without
+            visible pixels are not listed.
     """
 
     camera: str
@@ -71,12 +71,12 @@ class FrameView:
     objects: Mapping[str, SeenObject]
 
     def depth_m(self, point: tuple[float, float, float]) -> float:
-        """Return the distance of a world point [m] from the camera along its optical axis [m]."""
+        """Return how far a point in the world frame [m] is from the camera, measured along the optical axis [m]."""
         return self.T_world_camera.inverse().apply(point)[2]
 
 
 def in_runs(runs: tuple[int, ...], width: int, x: int, y: int) -> bool:
-    """Return whether runs (see :class:`SeenObject`) cover the pixel at a column and row."""
+    """Return whether a run-length encoding (see :class:`SeenObject`) covers the pixel in column ``x`` and row ``y``."""
     if not 0 <= x < width or y < 0:
         return False
     at, end = y * width + x, 0
@@ -88,7 +88,10 @@ def in_runs(runs: tuple[int, ...], width: int, x: int, y: int) -> bool:
 
 
 def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
-    """Return the visible pixel nearest to the centroid. The centroid may be outside the object, as for a ring."""
+    """Return the visible pixel of an object that is nearest to its centroid.
+
+    The centroid itself may be outside the object, for example if the object is a ring.
+    """
     cx, cy = seen.centroid
     best: tuple[float, int, int] | None = None
     start = 0
@@ -106,7 +109,7 @@ def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
 
 
 def _rows(row: int, first: int, length: int, width: int) -> list[tuple[int, int, int]]:
-    """Split a run that may span several rows into triples of row, first and last column."""
+    """Split a run that may extend over several rows into triples of row, first column and last column."""
     parts = []
     while length > 0:
         here = min(length, width - first)

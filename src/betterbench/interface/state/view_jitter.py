@@ -1,4 +1,4 @@
-"""Offsets of a trial's cameras and key light from their nominal poses."""
+"""View jitter: small offsets of a trial's cameras and key light from their nominal poses."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from betterbench.json_form import strict_form
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CameraOffset:
-    """Camera pose in its nominal frame: x to the right of the image, y up, z toward the viewer.
+    """Offset of a camera, given in its nominal frame: x to the right of the image, y up, z toward the viewer.
 
     Attributes:
-        shift_m: Position of the camera [m].
-        turn_rad: Camera rotation as an axis-angle vector [rad].
+        shift_m: Shift of the camera [m].
+        turn_rad: Rotation of the camera as an axis-angle vector [rad].
     """
 
     shift_m: Vector
@@ -27,18 +27,18 @@ class CameraOffset:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewJitter:
-    """Jitter of cameras and light. It affects images in addition to model and state.
+    """Jitter of the cameras and the key light. Together with the model and the state, it determines the images.
 
     Attributes:
-        cameras: Offset per camera. Cameras that are not listed have their nominal pose.
-        key_light_turn_rad: Rotation of the key light's direction in the world frame as an axis-angle vector [rad].
+        cameras: Offset of each camera. Cameras that are not listed have their nominal pose.
+        key_light_turn_rad: Rotation of the key light's direction in the world frame, as an axis-angle vector [rad].
     """
 
     cameras: Mapping[str, CameraOffset] = field(default_factory=dict)
     key_light_turn_rad: Vector = (0.0, 0.0, 0.0)
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the jitter in JSON form."""
         cameras = {
             name: {"shift_m": list(offset.shift_m), "turn_rad": list(offset.turn_rad)}
             for name, offset in self.cameras.items()
@@ -47,4 +47,4 @@ class ViewJitter:
 
 
 NO_JITTER = ViewJitter()
-"""No jitter: all cameras and lights at their nominal poses."""
+"""Jitter that leaves all cameras and lights in their nominal poses."""

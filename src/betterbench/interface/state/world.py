@@ -1,4 +1,4 @@
-"""Time-varying part of the privileged state, with one value per control step."""
+"""Part of the privileged state that changes over time, with one value per control step."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from betterbench.interface.state.info import SceneInfo
 
 
 class Contact(NamedTuple):
-    """Pair of touching bodies, with the sum of the normal forces over all contact points [N].
+    """Pair of bodies in contact, and the sum of the normal forces at all their contact points [N].
 
-    A body is an object's name, "left_finger", "right_finger", "hand", "arm", "table" or "floor". This is a named tuple
-    for speed, because several are created at every control step.
+    Bodies are the names of objects, "left_finger", "right_finger", "hand", "arm", "table" and "floor". The class is a
+    named tuple for speed, because several contacts are created at every control step.
     """
 
     a: str
@@ -26,23 +26,23 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class WorldState:
-    """The privileged state at one control step.
+    """Privileged state at one control step.
 
     Objects are listed in the order of ``info.objects``. All values are in the world frame: positions [m], speeds [m/s]
     and angular speeds [rad/s].
 
     Attributes:
-        step: Number of control steps taken since reset.
+        step: Number of control steps since reset.
         time_s: Simulated time since reset [s].
-        quaternions: Object rotations (w, x, y, z).
-        ee_pose: Pose of the tool center point between the finger pads; z points along the approach.
+        quaternions: Rotations of the objects (w, x, y, z).
+        ee_pose: Pose of the tool center point between the finger pads. z points along the approach direction.
         commanded_pose: Commanded pose of the tool center point.
-        finger_width_m: Distance of the finger pads [m].
+        finger_width_m: Distance between the finger pads [m].
         gripper_command: Last applied gripper command, from -1 (open) to +1 (closed).
         joint_positions: Arm joint angles [rad].
         joint_velocities: Arm joint velocities [rad/s].
-        contacts: Contacts that involve the gripper or an object. If some objects must not be touched, all contacts of
-            the robot since the previous state are included.
+        contacts: Contacts that involve the gripper or an object. If the task forbids touching some objects, all
+            contacts of the robot since the previous state are included.
         held: Name of the object that both fingers touch and that nothing else supports, or None.
     """
 
@@ -63,23 +63,23 @@ class WorldState:
     held: str | None
 
     def pose(self, name: str) -> Pose:
-        """Return ``T_world_object`` of a named object."""
+        """Return the pose ``T_world_object`` of the object with the given name."""
         i = self.info.index(name)
         return Pose(self.positions[i], self.quaternions[i])
 
     def position(self, name: str) -> Vector:
-        """Return the position of a named object in the world [m].
+        """Return the position of an object in the world frame [m].
 
-        It is the center of the object's bottom face at rest.
+        The position refers to the origin of the object's frame, which is the center of its bottom face.
         """
         return self.positions[self.info.index(name)]
 
     def quaternion(self, name: str) -> Quaternion:
-        """Return the rotation of a named object in the world as (w, x, y, z)."""
+        """Return the rotation of an object in the world frame, as (w, x, y, z)."""
         return self.quaternions[self.info.index(name)]
 
     def touching(self, a: str, b: str) -> bool:
-        """Return whether two named bodies touch."""
+        """Return whether two bodies, given by their names, are in contact."""
         for first, second, _ in self.contacts:  # noqa: SIM110 - three times as fast as any()
             if (first == a and second == b) or (first == b and second == a):
                 return True
@@ -97,15 +97,15 @@ GRIPPER_BODIES = frozenset({"left_finger", "right_finger", "hand"})
 
 
 class PrivilegedPolicy(Protocol):
-    """Policy with access to the privileged state, such as the expert or a faulty policy."""
+    """Policy that gets the privileged state, such as the expert or a faulty policy."""
 
     @property
     def name(self) -> str:
-        """Policy address ("expert", "zoo:lexical")."""
+        """Address of the policy ("expert", "zoo:lexical")."""
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return one action in the ``ee_delta`` action space, shape (7,)."""
+        """Return one action (7,) in the action space ``ee_delta``."""
 
 
 AnyPolicy = Policy | PrivilegedPolicy
-"""Policy that gets observations, or policy that gets the privileged state."""
+"""Any policy, whether it gets observations or the privileged state."""

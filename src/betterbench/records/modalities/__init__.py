@@ -1,4 +1,4 @@
-"""Modality files: images, masks and boxes of recorded states, readable without a simulator."""
+"""Modality files: images, masks and boxes of recorded states, which can be read without a simulator."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Columns of a modality file: one row per record row."""
+"""Columns of a modality file. The file has one row for each row of the record."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from betterbench.records.modalities.spec import MODALITIES, ViewSpec
 
 
 class ViewColumn(NamedTuple):
-    """Column of a modality file: the shape of its values, and the data type.
+    """Column of a modality file: its name, the data type, and the shape of its values.
 
-    In Parquet, an image is a fixed number of bytes; all other values are numbers or fixed-length lists.
+    In Parquet, an image is a fixed number of bytes. All other values are numbers or lists of fixed length.
     """
 
     name: str
@@ -24,17 +24,17 @@ class ViewColumn(NamedTuple):
 
     @property
     def kind(self) -> np.dtype[np.generic]:
-        """Type of each number, little-endian."""
+        """Data type of each number, little-endian."""
         return np.dtype(self.number)
 
     @property
     def size(self) -> int:
-        """Numbers per row."""
+        """Number of values per row."""
         return int(np.prod(self.shape, dtype=np.int64))
 
     @property
     def row_bytes(self) -> int:
-        """Bytes per row."""
+        """Number of bytes per row."""
         return self.size * self.kind.itemsize
 
     def arrow_type(self) -> pa.DataType:
@@ -46,7 +46,7 @@ class ViewColumn(NamedTuple):
 
 
 def view_columns(view: ViewSpec, modalities: Collection[str], objects: int) -> tuple[ViewColumn, ...]:
-    """Return the non-empty columns of a view for a scene with a given number of objects."""
+    """Return the non-empty columns of a view, for a scene with the given number of objects."""
     image, n = (view.height, view.width), objects
     images = {
         "rgb": ViewColumn("rgb", "|u1", (*image, 3), is_image=True),
@@ -78,13 +78,13 @@ def view_columns(view: ViewSpec, modalities: Collection[str], objects: int) -> t
 
 
 CHUNK_BYTES = 24 * 2**20
-"""Maximum size of a row group before compression [bytes], unless one row is larger."""
+"""Maximum size of a row group before compression [byte], unless a single row is larger."""
 
 MAX_CHUNK_ROWS = 32
 
 
 def chunk_rows(columns: tuple[ViewColumn, ...]) -> int:
-    """Return the number of rows in a row group: 32, or fewer for large images."""
+    """Return the number of rows in a row group: 32, or fewer if the images are large."""
     return max(1, min(MAX_CHUNK_ROWS, CHUNK_BYTES // sum(column.row_bytes for column in columns)))
 
 
@@ -94,7 +94,7 @@ def view_schema(columns: tuple[ViewColumn, ...]) -> pa.Schema:
 
 
 def to_batch(columns: tuple[ViewColumn, ...], values: dict[str, np.ndarray]) -> pa.Table:
-    """Convert rows to a Parquet batch; each column is an array (rows, *shape) of its type."""
+    """Convert rows to a Parquet table. Each column is given as an array (rows, *shape)."""
     parts: list[pa.Array] = []
     schema = view_schema(columns)
     for column, field in zip(columns, schema, strict=True):
@@ -109,7 +109,7 @@ def to_batch(columns: tuple[ViewColumn, ...], values: dict[str, np.ndarray]) -> 
 
 
 def from_batch(columns: tuple[ViewColumn, ...], table: pa.Table) -> dict[str, np.ndarray]:
-    """Convert Parquet rows to columns by name, each an array (rows, *shape)."""
+    """Convert Parquet rows to columns by name, each as an array (rows, *shape)."""
     values: dict[str, np.ndarray] = {}
     for column in columns:
         if column.name not in table.schema.names:

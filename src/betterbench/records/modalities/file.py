@@ -1,7 +1,7 @@
-"""Modality files, written in row groups and read row by row.
+"""Modality files. They are written in row groups and read row by row.
 
 The footer contains the header, its own checksum, and the SHA-256 of each row group. All checksums are verified before
-the Parquet reader, which is native code, reads the bytes.
+the bytes are passed to the Parquet reader, which is native code.
 """
 
 from __future__ import annotations
@@ -36,29 +36,29 @@ from betterbench.records.modalities.header import HEADER, ViewHeader
 from betterbench.records.parquet import NO_DIGEST, SEAL_KEY, seal
 
 HEADER_KEY = b"betterbench.modalities"
-"""Key for the header's JSON in the Parquet schema metadata."""
+"""Key of the header's JSON in the metadata of the Parquet schema."""
 
 GROUPS_KEY = b"betterbench.groups"
-"""Key of a JSON list with the end of each row group [byte] and the SHA-256 of its bytes."""
+"""Key of a JSON list with the end of each row group [byte] and the SHA-256 of the group's bytes."""
 
 COMPRESSION_LEVEL = 1
-"""Compression level of zstd. All levels find the repetitions within a row group; higher levels only take longer."""
+"""Compression level of zstd. All levels find the repetitions within a row group, and higher levels only take longer."""
 
 _GROUPS = TypeAdapter(tuple[tuple[int, str], ...])
 
 AGAIN = "Run the same better materialize command again to recreate it"
-"""Remedy for a file that cannot be read."""
+"""Remedy to suggest for a file that cannot be read."""
 
 _MAX_HEADER_BYTES = 1 << 20
 _MAX_ROWS = 10_000_000
 _MAX_FOOTER_BYTES = 1 << 26
 _MAGIC = b"PAR1"
 _TAIL = 8
-"""Size of the end of a Parquet file [bytes]: footer length and magic number."""
+"""Size of the end of a Parquet file [byte], which consists of the footer's length and a magic number."""
 
 
 class _Sink(io.RawIOBase):
-    """Output stream that hashes each row group and writes the footer only when its checksum is known."""
+    """Output stream that hashes each row group. It writes the footer only when the footer's checksum is known."""
 
     def __init__(self, file: BinaryIO) -> None:
         super().__init__()
@@ -96,7 +96,7 @@ class _Sink(io.RawIOBase):
 class ModalityWriter:
     """Writer of a modality file. The file is moved to its path only when it is complete.
 
-    As a context manager, it removes an incomplete file. Equal rows give equal bytes on one installation. Raises OSError
+    The context manager removes an incomplete file. Within one installation, equal rows give equal bytes. Raises OSError
     if the disk is full or not writable.
     """
 
@@ -118,7 +118,7 @@ class ModalityWriter:
         )
 
     def append(self, values: dict[str, np.ndarray]) -> None:
-        """Append the values of one row by column; the column ``row`` is counted automatically."""
+        """Append one row, given as the value of each column by name. The column ``row`` is filled automatically."""
         self._kept.append({**values, "row": np.array(self._rows, np.int32)})
         self._rows += 1
         if len(self._kept) == self._chunk:
@@ -136,7 +136,7 @@ class ModalityWriter:
         self._file.__exit__(kind, error, trace)
 
     def finish(self, header: ViewHeader) -> Path:
-        """Write the header, force the file to disk, move it to its path and return the path."""
+        """Write the header, sync the file to disk, move it to its path and return the path."""
         self._flush()
         told = {
             HEADER_KEY: dump_json(HEADER.dump_python(header, mode="json")),
@@ -159,10 +159,10 @@ class ModalityWriter:
 
 
 class ModalityFile:
-    """Modality file, open for reading individual rows; a context manager.
+    """Modality file that is open for reading individual rows. It is a context manager.
 
     Raises:
-        RecordError: If the file is missing, damaged, of another version, or does not match its header.
+        RecordError: If the file is missing, damaged, of a different version, or does not match its header.
     """
 
     def __init__(self, path: Path) -> None:
@@ -198,16 +198,16 @@ class ModalityFile:
         self.close()
 
     def read(self, row: int, columns: Sequence[str] | None = None) -> dict[str, np.ndarray]:
-        """Read one row and return its values by column, for all or some columns; arrays are read-only.
+        """Read one row and return the values of all columns, or only of the given ones. The arrays are read-only.
 
-        The row group is read completely and cached for neighboring rows.
+        The whole row group is read and cached for neighboring rows.
 
         Raises:
             IndexError: If the row does not exist.
             RecordError: If the row is damaged or a column is missing.
         """
         if not 0 <= row < len(self):
-            msg = f"row {row} of a file with {len(self)} rows"
+            msg = f"row {row} does not exist in a file with {len(self)} rows"
             raise IndexError(msg)
         names = tuple(c.name for c in self.columns) if columns is None else tuple(columns)
         group, place = divmod(row, self._chunk)
@@ -216,18 +216,18 @@ class ModalityFile:
         return {name: values[place] for name, values in self._last[2].items()}
 
     def rows(self, columns: Sequence[str] | None = None) -> Iterator[dict[str, np.ndarray]]:
-        """Yield the values of every row; raises the same errors as :meth:`read`."""
+        """Yield the values of every row. Raises the same errors as :meth:`read`."""
         for row in range(len(self)):
             yield self.read(row, columns)
 
     def check(self) -> int:
-        """Read the complete file, verify all checksums, and return the number of rows."""
+        """Read the whole file, verify all checksums, and return the number of rows."""
         for group in range(self._file.metadata.num_row_groups):
             self._group(group, tuple(c.name for c in self.columns))
         return len(self)
 
     def close(self) -> None:
-        """Close the file; closing it twice is harmless."""
+        """Close the file. Closing it again does nothing."""
         self._last = None
         self._file.close()
         if self._source is not None:
@@ -239,7 +239,7 @@ class ModalityFile:
         missing = [name for name in names if name not in known]
         if missing:
             raise RecordError(
-                f"{self.path}: has no column {missing[0]!r}. It has {', '.join(known)}; materialize the missing "
+                f"{self.path}: has no column {missing[0]!r}. It has {', '.join(known)}. Materialize the missing "
                 "modalities too."
             )
         with _reading(self.path):
@@ -257,7 +257,10 @@ class ModalityFile:
         return os.pread(self._source, end - begin, begin)
 
     def _checked_footer(self) -> int:
-        """Return the offset of the verified footer [byte]. Raises RecordError if its checksum does not match."""
+        """Verify the checksum of the footer, and return the footer's offset [byte].
+
+        Raises RecordError if the checksum does not match.
+        """
         size = os.fstat(self._source or 0).st_size
         tail = self._bytes(max(0, size - _TAIL), size)
         length = int.from_bytes(tail[:4], "little")
@@ -276,7 +279,10 @@ class ModalityFile:
         return begin
 
     def _checked_groups(self, footer: int) -> tuple[tuple[int, str], ...]:
-        """Return the end and digest of each row group. Raises RecordError if they do not match the file."""
+        """Return the end offset [byte] and the digest of each row group.
+
+        Raises RecordError if they do not match the file.
+        """
         raw = (self._file.metadata.metadata or {}).get(GROUPS_KEY, b"")
         found = read_form(_GROUPS, raw, where=f"{self.path}: row groups", cure=AGAIN, raises=RecordError)
         ends = [0, *(end for end, _ in found)]
@@ -288,12 +294,12 @@ class ModalityFile:
         raw = (self._file.metadata.metadata or {}).get(HEADER_KEY)
         if not isinstance(raw, bytes) or len(raw) > _MAX_HEADER_BYTES:
             raise RecordError(
-                f"{self.path}: is a Parquet file without modalities. Choose a file written by better materialize."
+                f"{self.path}: is a Parquet file without modalities. Choose a file that better materialize has written."
             )
         return read_form(HEADER, raw, where=str(self.path), cure=AGAIN, raises=RecordError)
 
     def _check(self) -> None:
-        """Raise RecordError if columns or row group sizes differ from the header."""
+        """Raise RecordError if the columns or the sizes of the row groups do not match the header."""
         meta, chunk = self._file.metadata, chunk_rows(self.columns)
         sizes = [meta.row_group(i).num_rows for i in range(meta.num_row_groups)]
         fits = all(size == chunk for size in sizes[:-1]) and (not sizes or 0 < sizes[-1] <= chunk)
@@ -304,7 +310,7 @@ class ModalityFile:
 
 
 def fault_text(path: Path, problem: RecordError) -> str:
-    """Return an error message about a file without the file name and the remedy."""
+    """Return the message of an error about a file, without the name of the file and without the remedy."""
     return str(problem).removeprefix(f"{path}: ").removesuffix(f". {AGAIN}.").rstrip(".")
 
 

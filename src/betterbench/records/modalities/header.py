@@ -1,4 +1,4 @@
-"""Header of a modality file, with its trial, view and modalities."""
+"""Header of a modality file: its trial, its view and its modalities."""
 
 from __future__ import annotations
 
@@ -15,8 +15,11 @@ from betterbench.records.modalities.labels import FIRST_OBJECT, STAGE, semantics
 from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec
 
 FORMAT_VERSION: Literal[2] = 2
-"""Version of the columns and the header; increased when an older reader would misinterpret a newer file. Files of
-version 1 have no checksum; better materialize recreates them."""
+"""Version of the columns and the header.
+
+It is increased when an older reader would misinterpret a new file. Files of version 1 have no checksum, and better
+materialize creates them again.
+"""
 
 _Count = Annotated[int, Field(ge=0)]
 
@@ -24,10 +27,14 @@ _Count = Annotated[int, Field(ge=0)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class BoxedObject:
-    """An object of the scene. Boxes list the objects in the same order as the record's ``scene.objects``.
+    """Object of the scene whose boxes are stored in the file.
+
+    Objects have the same order as in the record's ``scene.objects``.
 
     Attributes:
-        instance: Instance id in the column ``instances``.
+        name: Name of the object in the scene.
+        category: Category of the object.
+        instance: Instance id of the object in the column ``instances``.
         semantic: Semantic id of its category in the column ``semantics``.
         half_size_m: Half extents of its 3-D box in the object frame [m].
     """
@@ -42,16 +49,17 @@ class BoxedObject:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewHeader:
-    """Header of a modality file: the trial, the view, the modalities, and the meaning of its instance ids.
+    """Header of a modality file: the trial, the view, the modalities, and the meaning of the instance ids.
 
     Attributes:
         record_sha256: SHA-256 of the record file.
-        quality: Render preset of the colors.
-        modalities: Modalities in the file, in column order.
-        focal_px: Focal length [pixel]. Pixels are square, and the optical axis goes through the image center: K = [[f,
-            0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
+        quality: Render preset of the color images.
+        modalities: Modalities in the file, in the order of their columns.
+        focal_px: Focal length [pixel]. Pixels are square, and the optical axis goes through the center of the image: K
+            = [[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
+        objects: Objects of the scene.
         stage: Instance ids of the robot and the stage.
-        renderer: OpenGL and simulator fingerprint, on which pixels depend.
+        renderer: Properties of OpenGL and the version of the simulator. The pixels depend on both.
     """
 
     task: str
@@ -71,7 +79,7 @@ class ViewHeader:
     format_version: Literal[2] = FORMAT_VERSION
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for repeated or misordered modalities."""
+        """Raise InvalidInputError if modalities are repeated or out of order."""
         if list(self.modalities) != [name for name in MODALITIES if name in self.modalities] or not self.modalities:
             raise InvalidInputError(
                 "modalities", "expected each modality at most once and in column order", "Materialize the trial again"
@@ -79,7 +87,7 @@ class ViewHeader:
 
     @property
     def semantics(self) -> list[int]:
-        """Semantic id by instance id."""
+        """Semantic id of each instance, indexed by instance id."""
         return semantics_of_instances([o.category for o in self.objects])
 
 
@@ -87,10 +95,10 @@ HEADER = TypeAdapter(ViewHeader)
 
 
 def stage_ids() -> dict[str, int]:
-    """Return the instance id of each stage and robot part."""
+    """Return the instance id of each part of the stage and the robot, by name."""
     return {name: 1 + i for i, name in enumerate(STAGE)}
 
 
 def instance_of_object(index: int) -> int:
-    """Return the instance id of an object from its index in the record's ``scene.objects``."""
+    """Return the instance id of the object with the given index in the record's ``scene.objects``."""
     return FIRST_OBJECT + index

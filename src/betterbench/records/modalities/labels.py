@@ -1,4 +1,4 @@
-"""Mask ids: instance ids within a scene, and semantic ids by category, which are the same in every scene."""
+"""Ids in masks: instance ids within a scene, and semantic ids of categories, which are the same in every scene."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from importlib import resources
 from betterbench.errors import InvalidInputError
 
 NOTHING = 0
-"""Instance and semantic id of pixels without a body: the sky."""
+"""Instance id and semantic id of pixels that show the sky instead of a body."""
 
 STAGE = ("floor", "table", "pedestal", "arm", "hand", "left_finger", "right_finger", "other")
-"""Scene parts other than objects, in order of their instance ids from 1; "other" includes all remaining bodies."""
+"""Parts of a scene other than objects, in the order of their instance ids from 1. "other" is all remaining bodies."""
 
 FIRST_OBJECT = 10
-"""Instance id of a scene's first object; the others follow in the order of ``scene.objects``."""
+"""Instance id of the first object in a scene. The other objects follow in the order of ``scene.objects``."""
 
 FIRST_OWN = 1024
-"""First semantic id of user-defined categories. Their ids are computed from their names."""
+"""First semantic id of categories that users define. Their ids are computed from their names."""
 
 _LAST = 0xFFFF
 
@@ -30,13 +30,14 @@ def _known() -> dict[str, int]:
 
 
 SEMANTIC_IDS: dict[str, int] = _known()
-"""Semantic ids by category, for the stage and all assets that come with betterbench (``semantics.json``)."""
+"""Semantic ids of the stage and of all assets that come with betterbench, by category (``semantics.json``)."""
 
 
 def semantic_id(category: str) -> int:
-    """Return a category's semantic id: 1 to 1023 from the list, or computed from a user-defined category's name.
+    """Return the semantic id of a category.
 
-    A computed id is 1024 plus the first four bytes of the name's SHA-256, as a big-endian number, modulo 64512.
+    Built-in categories have fixed ids from 1 to 1023. For a user-defined category, the id is 1024 plus the first four
+    bytes of the SHA-256 of its name, as a big-endian number, modulo 64512.
     """
     known = SEMANTIC_IDS.get(category)
     if known is not None:
@@ -46,7 +47,7 @@ def semantic_id(category: str) -> int:
 
 
 def semantic_ids(categories: Iterable[str]) -> dict[str, int]:
-    """Return the semantic ids of the built-in categories and of additional ones, in id order.
+    """Return the semantic ids of the built-in categories and of additional ones, ordered by id.
 
     Raises:
         InvalidInputError: If two categories have the same id (probability 1/64512 for two user-defined categories).
@@ -56,11 +57,11 @@ def semantic_ids(categories: Iterable[str]) -> dict[str, int]:
         other = names.setdefault(semantic_id(category), category)
         if other != category:
             problem = f"has the semantic id of {other!r}"
-            raise InvalidInputError(f"category {category!r}", problem, "Rename one of the two")
+            raise InvalidInputError(f"category {category!r}", problem, "Rename one of the two categories")
     return {names[number]: number for number in sorted(names)}
 
 
 def semantics_of_instances(categories: Sequence[str]) -> list[int]:
-    """Return the semantic id by instance id for a scene with objects of these categories, in order."""
+    """Return the semantic id of each instance id in a scene whose objects have the given categories, in order."""
     stage = [NOTHING, *(semantic_id(name) for name in STAGE)]
     return [*stage, *[NOTHING] * (FIRST_OBJECT - len(stage)), *(semantic_id(name) for name in categories)]

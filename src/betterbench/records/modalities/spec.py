@@ -1,4 +1,4 @@
-"""Views of a scene to materialize, and the modalities for each."""
+"""Views of a scene, and the modalities that are rendered for each view."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MODALITIES: tuple[Modality, ...] = ("rgb", "depth", "instances", "semantics", "b
 """All modalities, in the order of their columns."""
 
 MAX_SIDE_PX = 4096
-"""Maximum side of a view [pixel]."""
+"""Maximum width or height of a view [pixel]."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")
 _FORMS = "NAME, NAME:SIZE, NAME:WIDTHxHEIGHT or NAME=X,Y,Z/X,Y,Z/FOVY:WIDTHxHEIGHT (position, target, degrees)"
@@ -31,12 +31,12 @@ _Side = Annotated[int, Field(ge=1, le=MAX_SIDE_PX)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PlacedCamera:
-    """A user-defined camera at a fixed position in the world.
+    """Camera that a user has placed at a fixed position in the world.
 
     Attributes:
         position: Position in the world frame [m].
-        target: Point that the camera looks at, in the world frame [m]. The up direction in the image is
-            world +z, or +x if the camera looks straight down.
+        target: Point in the world frame that the camera looks at [m]. The up direction in the image is world +z, or +x
+            if the camera looks straight down.
         fovy_deg: Vertical field of view [degree].
     """
 
@@ -45,21 +45,21 @@ class PlacedCamera:
     fovy_deg: float
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for a camera without a direction or with an invalid field of view."""
+        """Raise InvalidInputError if the camera has no viewing direction or its field of view is out of range."""
         if not all(map(math.isfinite, (*self.position, *self.target))) or distance(self.position, self.target) < 1e-6:
             raise InvalidInputError(
                 "camera", "position and target are the same point", "Give a target that differs from the position"
             )
         if not 1.0 <= self.fovy_deg <= 170.0:
             raise InvalidInputError(
-                "camera", f"has a field of view of {self.fovy_deg:g} degrees", "Give an angle from 1 to 170 degrees"
+                "camera", f"has a field of view of {self.fovy_deg:g} degrees", "Use an angle from 1 to 170 degrees"
             )
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewSpec:
-    """View: a scene camera (by name) or a user-defined camera, with an image size [pixel]."""
+    """View: a camera of the scene (by name) or a user-defined camera, with an image size [pixel]."""
 
     camera: str
     width: _Side = 256
@@ -67,21 +67,21 @@ class ViewSpec:
     placed: PlacedCamera | None = None
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for an invalid file name or size."""
+        """Raise InvalidInputError if the name cannot be a file name or the size is out of range."""
         if not _NAME.fullmatch(self.camera):
-            raise InvalidInputError("camera", f"{self.camera!r} cannot be the name of a file", "Use letters and digits")
+            raise InvalidInputError("camera", f"{self.camera!r} cannot be a file name", "Use letters and digits")
         if not (1 <= self.width <= MAX_SIDE_PX and 1 <= self.height <= MAX_SIDE_PX):
-            problem = f"{self.width} x {self.height} pixels"
-            raise InvalidInputError(f"camera {self.camera}", problem, f"Use 1 to {MAX_SIDE_PX} pixels a side")
+            problem = f"{self.width} x {self.height} pixels is out of range"
+            raise InvalidInputError(f"camera {self.camera}", problem, f"Use 1 to {MAX_SIDE_PX} pixels per side")
 
     @property
     def name(self) -> str:
-        """File name of the view: camera and size ("front_256x256")."""
+        """File name of the view, composed of camera and size ("front_256x256")."""
         return f"{self.camera}_{self.width}x{self.height}"
 
     @property
     def text(self) -> str:
-        """Command-line text of the view."""
+        """The view in the form that the command line uses."""
         place = ""
         if self.placed is not None:
             at, to = (",".join(map(repr, point)) for point in (self.placed.position, self.placed.target))
@@ -90,9 +90,9 @@ class ViewSpec:
 
     @classmethod
     def parse(cls, text: str) -> ViewSpec:
-        """Return the view for a command-line text.
+        """Parse the text of a view from the command line.
 
-        The text is a camera's name with an optional size ("wrist", "front:448", "left_shoulder:320x180"), or a
+        The text is the name of a camera with an optional size ("wrist", "front:448", "left_shoulder:320x180"), or a
         user-defined camera: name, position, target and vertical field of view in degrees
         ("top=0.45,0,1.4/0.45,0,0/45:256x256").
 
@@ -119,7 +119,7 @@ def _vector(text: str) -> Vector:
 
 
 def modalities_named(names: Sequence[str]) -> tuple[Modality, ...]:
-    """Return modalities by name, in column order, or all modalities if none is named.
+    """Return the given modalities in the order of their columns, or all modalities if no names are given.
 
     Raises:
         InvalidInputError: If a name is unknown.
@@ -133,7 +133,7 @@ def modalities_named(names: Sequence[str]) -> tuple[Modality, ...]:
 
 
 def require_views(views: Sequence[ViewSpec]) -> None:
-    """Raise InvalidInputError if there are no views, or two views have the same name."""
+    """Raise InvalidInputError if there are no views, or if two views have the same name."""
     names = [view.name for view in views]
     twice = sorted({name for name in names if names.count(name) > 1})
     if not views or twice:

@@ -1,8 +1,8 @@
 """Rendering setup of this machine: OpenGL back end, devices and environment variables.
 
-``back_ends`` chooses the back end, ``devices`` finds the EGL devices and distributes processes over them, ``probe`` is
-the program that examines each device, and ``checks`` reports problems in the environment. This package does not import
-a simulator. The workers and the process of another simulator therefore get the same result.
+``back_ends`` chooses the back end. ``devices`` finds the EGL devices and distributes processes over them. ``probe`` is
+the program that examines each device. ``checks`` reports problems in the environment. This package does not import a
+simulator, so the workers and the processes of other simulators get the same result.
 """
 
 from betterbench.sim.graphics.back_ends import INSTALL_HINT, gl_backend

@@ -1,4 +1,4 @@
-"""Choice of the OpenGL back end for images, and a check for its libraries.
+"""Choice of the OpenGL back end that renders images. This module also checks whether its libraries are installed.
 
 Source: MuJoCo 3.17 ``rendering/classic/gl_context.py`` for the values of ``MUJOCO_GL``.
 """
@@ -11,24 +11,24 @@ import functools
 import os
 
 INSTALL_HINT = "apt-get install -y --no-install-recommends libegl1 libgl1"
-"""Command that installs an OpenGL back end on a Debian or Ubuntu machine, with or without a graphics card."""
+"""Command that installs an OpenGL back end on Debian or Ubuntu, with or without a graphics card."""
 
 OSMESA_HINT = "apt-get install -y --no-install-recommends libosmesa6"
-"""Command that installs OSMesa, which renders in software only."""
+"""Command that installs OSMesa, which renders only in software."""
 
 OFF = ("disable", "disabled", "off", "false", "0")
 BACK_ENDS = ("egl", "osmesa", "glfw")
 KNOWN = (*BACK_ENDS, "glx", *OFF, "enable", "enabled", "on", "true", "1", "")
 PLATFORMS = ("egl", "osmesa")
-"""Back ends whose functions PyOpenGL loads from the platform of the same name."""
+"""Back ends for which PyOpenGL must load its functions from the platform with the same name."""
 
 
 def gl_backend() -> str | None:
-    """Return the off-screen OpenGL back end for images ("egl", "osmesa", "glfw"), or None if there is none.
+    """Return the off-screen OpenGL back end that renders images ("egl", "osmesa", "glfw"), or None if there is none.
 
-    The environment variable ``MUJOCO_GL`` decides if it names one of the three. "glfw" needs a display. Otherwise EGL
-    is preferred, which also finds graphics cards. Only the presence of the libraries is checked.
-    :func:`betterbench.sim.scenes.renderer_fingerprint` tests them.
+    If the environment variable ``MUJOCO_GL`` names one of the three, that back end is returned. "glfw" needs a display.
+    Otherwise EGL is preferred, because it also finds graphics cards. This function only checks that the libraries are
+    present. :func:`betterbench.sim.scenes.renderer_fingerprint` tests whether they work.
     """
     asked = asked_back_end()
     if asked in BACK_ENDS:
@@ -39,7 +39,10 @@ def gl_backend() -> str | None:
 
 
 def asked_back_end() -> str:
-    """Return the back end named by ``MUJOCO_GL``, as MuJoCo reads it, or an empty string if none."""
+    """Return the back end that ``MUJOCO_GL`` names, interpreted in the same way as in MuJoCo.
+
+    Return an empty string if the variable is not set.
+    """
     return os.environ.get("MUJOCO_GL", "").strip().lower()
 
 
@@ -55,7 +58,6 @@ def has_library(backend: str) -> bool:
 
 @functools.cache
 def _loads(library: str | None) -> bool:
-    """Return True if a shared library can be loaded."""
     if library is None:
         return False
     try:

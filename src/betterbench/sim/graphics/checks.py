@@ -1,4 +1,4 @@
-"""Checks of the environment variables that select the OpenGL back end, with a remedy for each problem.
+"""Checks of the environment variables that select the OpenGL back end. Each problem is reported with a remedy.
 
 Sources: MuJoCo 3.17 ``mujoco/egl`` and ``mujoco/osmesa`` for ``PYOPENGL_PLATFORM`` and ``MUJOCO_EGL_DEVICE_ID``.
 """
@@ -23,7 +23,7 @@ from betterbench.sim.graphics.devices import require_device
 
 
 def require_engine() -> None:
-    """Check the variables that MuJoCo reads when it is imported. MuJoCo's own error would not name a remedy.
+    """Check the variables that MuJoCo reads when it is imported, because MuJoCo's own error does not name a remedy.
 
     Raises:
         GraphicsError: If a variable has an invalid value.
@@ -46,7 +46,7 @@ def require_engine() -> None:
 
 
 def require_drawing() -> str:
-    """Return the back end for images after checking its variables.
+    """Return the back end that renders images, after checking the variables it depends on.
 
     Raises:
         GraphicsError: If a variable has an invalid value.
@@ -74,7 +74,7 @@ def require_drawing() -> str:
 
 
 def no_window() -> GraphicsError:
-    """Return the error for a display on which no window can be opened."""
+    """Return the error to raise if no window can be opened on the display."""
     display = one_line(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or "", most=60)
     problem = f"'glfw' needs a window, but none can be opened on the display {display!r}"
     return _wrong("MUJOCO_GL", problem, f"Unset it, or set it to {_working()}")
@@ -85,7 +85,7 @@ def _wrong(variable: str, problem: str, cure: str) -> GraphicsError:
 
 
 def _require_platform(backend: str) -> None:
-    """Check that ``PYOPENGL_PLATFORM`` does not name another platform for PyOpenGL's functions."""
+    """Check that ``PYOPENGL_PLATFORM`` does not make PyOpenGL load its functions from a different platform."""
     platform = os.environ.get("PYOPENGL_PLATFORM", "")
     if platform and platform.lower() != backend:
         chosen = "from MUJOCO_GL" if asked_back_end() == backend else "the back end found here"
@@ -97,9 +97,9 @@ def _require_platform(backend: str) -> None:
 
 
 def _working() -> str:
-    """Return the back ends that can be loaded here, to show in advice.
+    """Return a description of the back ends that can be loaded on this machine, for messages.
 
-    If there is none, return the back ends that could be installed.
+    If there are none, describe the back ends that could be installed.
     """
     found = [name for name in PLATFORMS if has_library(name)]
     return " or ".join(found or PLATFORMS)

@@ -1,8 +1,9 @@
-"""EGL devices on this machine, and distribution of processes over the devices.
+"""EGL devices of this machine, and how processes are distributed over them.
 
-Processes are distributed over devices that render identically, so that an image does not depend on the process that
-rendered it. These devices have the same OpenGL vendor, renderer and version as the first working device. A process
-passes the list to its child processes. The list for each child begins with the device of this child.
+Processes are distributed only over devices that render identically, so that an image does not depend on the process
+that rendered it. These are the devices with the same OpenGL vendor, renderer and version as the first working device. A
+process passes the list of devices to its child processes. The list for each child begins with the device that the child
+has to use.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from betterbench.sim.graphics import probe
 from betterbench.sim.graphics.back_ends import gl_backend
 
 DEVICE_VARIABLE = "MUJOCO_EGL_DEVICE_ID"
-"""Environment variable with the number of the EGL device for MuJoCo and robosuite."""
+"""Environment variable with the index of the EGL device for MuJoCo and robosuite."""
 
 HANDED_DOWN = "BETTERBENCH_EGL_DEVICES"
-"""Device numbers for a process and its children, with its own device first. The parent process sets it."""
+"""Environment variable that a process sets for its children: indices of devices, starting with the child's own."""
 
 _BULLET_VARIABLE = "EGL_VISIBLE_DEVICES"
-"""The same variable for PyBullet, which CALVIN uses."""
+"""Environment variable with the index of the EGL device for PyBullet, which CALVIN uses."""
 
 _PROBE_LIMIT_S = 60.0
 
@@ -38,13 +39,13 @@ _started = itertools.count()
 
 @dataclass(frozen=True, slots=True)
 class EglDevice:
-    """One EGL device on which an OpenGL context can be made.
+    """EGL device on which an OpenGL context can be created.
 
     Attributes:
-        number: Its index in EGL's list.
-        draws: OpenGL's vendor, renderer and version.
-        cuda: CUDA's number of the graphics card, in the driver's own order, or None if unknown.
-        uuid: UUID of the graphics card. It is empty if unknown.
+        number: Index in EGL's list of devices.
+        draws: Vendor, renderer and version of the device's OpenGL.
+        cuda: Index of the graphics card in CUDA, in the driver's own order, or None if it is unknown.
+        uuid: UUID of the graphics card, or an empty string if it is unknown.
     """
 
     number: int
@@ -61,10 +62,13 @@ def device_count() -> int:
 
 @functools.cache
 def egl_devices() -> tuple[EglDevice, ...]:
-    """Return the working devices in EGL's order. On a machine with one device, its renderer is not examined."""
+    """Return the working devices in EGL's order.
+
+    If the machine has only one device, the device is returned without being examined.
+    """
     if device_count() <= 1:
         return tuple(EglDevice(number, ("", "", "")) for number in range(device_count()))
-    # Without the CUDA environment variables, CUDA's device numbers are the driver's.
+    # Without the CUDA environment variables, CUDA numbers the devices as the driver does.
     hidden = ("CUDA_VISIBLE_DEVICES", DEVICE_VARIABLE)
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
     try:
@@ -86,12 +90,12 @@ def egl_devices() -> tuple[EglDevice, ...]:
 
 
 def drawing_devices() -> tuple[int, ...]:
-    """Return the device numbers for processes started here, or an empty tuple if EGL is not used.
+    """Return the indices of the devices for processes that this process starts. The result is empty if EGL is not used.
 
-    A device named in ``MUJOCO_EGL_DEVICE_ID`` is the only one.
+    If ``MUJOCO_EGL_DEVICE_ID`` names a device, only that device is returned.
 
     Raises:
-        GraphicsError: If that variable does not name a device.
+        GraphicsError: If ``MUJOCO_EGL_DEVICE_ID`` does not name a device.
     """
     if gl_backend() != "egl":
         return ()
@@ -103,7 +107,10 @@ def drawing_devices() -> tuple[int, ...]:
 
 
 def require_device() -> int | None:
-    """Return the device in ``MUJOCO_EGL_DEVICE_ID``, None if it is not set. Raises GraphicsError if it is invalid."""
+    """Return the device in ``MUJOCO_EGL_DEVICE_ID``, or None if it is not set.
+
+    Raises GraphicsError if it is invalid.
+    """
     chosen = os.environ.get(DEVICE_VARIABLE)
     if chosen is None:
         return None
@@ -114,7 +121,7 @@ def require_device() -> int | None:
 
 
 def alike(devices: Sequence[EglDevice], environment: Mapping[str, str]) -> tuple[int, ...]:
-    """Return the numbers of the devices that render like the first one.
+    """Return the indices of the devices that render identically to the first one.
 
     If ``CUDA_VISIBLE_DEVICES`` names some of their graphics cards, by number or UUID, only these are used, because the
     others belong to other jobs.
@@ -127,21 +134,25 @@ def alike(devices: Sequence[EglDevice], environment: Mapping[str, str]) -> tuple
 
 
 def next_device_variables() -> dict[str, str]:
-    """Return the variables that assign a device to the next process started here, or an empty dict without devices."""
+    """Return the environment variables that assign a device to the next process that this process starts.
+
+    The result is empty if no device is used.
+    """
     return device_variables(next(_started))
 
 
 def take_device(turn: int) -> None:
-    """Assign a device to this process by its index among the processes. Call this before anything is rendered.
+    """Assign a device to this process, given its index among the processes. Call this before anything is rendered.
 
-    An invalid variable is reported only at the first image, because a run may not render any images.
+    If a variable is invalid, the error is raised only when the first image is rendered, because many runs render no
+    images.
     """
     with contextlib.suppress(GraphicsError):
         os.environ.update(device_variables(turn))
 
 
 def device_variables(turn: int) -> dict[str, str]:
-    """Return the variables that assign a device to a process, by its index among the processes started here."""
+    """Return the environment variables that assign a device to a process, given its index among the processes."""
     devices = drawing_devices()
     if not devices:
         return {}
@@ -151,7 +162,10 @@ def device_variables(turn: int) -> dict[str, str]:
 
 
 def device_problem(chosen: str, count: int) -> GraphicsError | None:
-    """Return the error for a wrong ``MUJOCO_EGL_DEVICE_ID`` among ``count`` devices, or None if it is right."""
+    """Return the error for an invalid ``MUJOCO_EGL_DEVICE_ID``, or None if it is valid.
+
+    ``count`` is the number of devices.
+    """
     if count == 0:
         return None
     last = count - 1
@@ -168,7 +182,7 @@ def device_problem(chosen: str, count: int) -> GraphicsError | None:
 
 
 def _is_card(device: EglDevice, name: str) -> bool:
-    """Return whether an entry in ``CUDA_VISIBLE_DEVICES`` names a device by a number or the beginning of a UUID."""
+    """Return whether an entry of ``CUDA_VISIBLE_DEVICES`` names a device, by number or by the start of its UUID."""
     if name.isdecimal():
         return device.cuda == int(name)
     start = name.lower().removeprefix("gpu-")

@@ -1,10 +1,10 @@
-"""Probe of every EGL device, run in a separate process. It prints the capabilities as one JSON list.
+"""Program that examines every EGL device and prints the capabilities of all devices as one JSON list.
 
-A crashing driver then ends only this process, and no display of an unused device stays open. The file is run as a
-script and imports only the standard library.
+It runs in a separate process, so that a crashing driver ends only this process and no display of an unused device stays
+open. The file is run as a script and imports only the standard library.
 
 Sources: the Khronos registry for EGL_EXT_device_enumeration, EGL_EXT_platform_device, EGL_NV_device_cuda and
-EGL_EXT_device_persistent_id, and for the numbers below.
+EGL_EXT_device_persistent_id, and for the constants in this file.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _GL_VENDOR, _GL_RENDERER, _GL_VERSION = 0x1F00, 0x1F01, 0x1F02
 
 
 class _Egl:
-    """EGL's functions by name."""
+    """Access to EGL's functions by name."""
 
     def __init__(self) -> None:
         self._library = ctypes.CDLL("libEGL.so.1")
@@ -33,7 +33,7 @@ class _Egl:
         self._library.eglGetProcAddress.argtypes = (ctypes.c_char_p,)
 
     def __call__(self, name: str, result: Any, *arguments: Any) -> Any:  # noqa: ANN401 - types of ctypes
-        """Return a function. Raises AttributeError if it does not exist."""
+        """Return the function with the given name. Raises AttributeError if EGL does not have it."""
         place = self._library.eglGetProcAddress(name.encode())
         if not place:
             raise AttributeError(name)
@@ -41,7 +41,7 @@ class _Egl:
 
 
 def devices() -> list[int]:
-    """Return the handles of the EGL devices, in number order, or an empty list without EGL."""
+    """Return the handles of the EGL devices in the order of their indices. Empty if there is no EGL."""
     try:
         query = _Egl()("eglQueryDevicesEXT", ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
     except (OSError, AttributeError):
@@ -53,9 +53,10 @@ def devices() -> list[int]:
 
 
 def draws_with(handle: int) -> dict[str, Any]:
-    """Return the "vendor", "renderer" and "version" of a device's OpenGL, and its CUDA number and UUID.
+    """Return the "vendor", "renderer" and "version" of a device's OpenGL, and the device's CUDA number and UUID.
 
-    The result is empty if no OpenGL context can be made on it, for example if the job may not use the graphics card.
+    The result is empty if no OpenGL context can be created on the device, for example because the job may not use the
+    graphics card.
     """
     egl, pointer, integer = _Egl(), ctypes.c_void_p, ctypes.c_int
     display = egl("eglGetPlatformDisplayEXT", pointer, ctypes.c_uint, pointer, pointer)(_PLATFORM_DEVICE, handle, None)
@@ -81,7 +82,7 @@ def draws_with(handle: int) -> dict[str, Any]:
 
 
 def _card(egl: _Egl, handle: int) -> dict[str, Any]:
-    """Return CUDA's number and UUID of a device, if its driver reports them."""
+    """Return the CUDA number and the UUID of a device, if its driver reports them."""
     found: dict[str, Any] = {}
     with contextlib.suppress(AttributeError):
         number = ctypes.c_ssize_t()

@@ -1,4 +1,4 @@
-"""Materialization of images, depth, masks, boxes and flow of every recorded state, while recording or later."""
+"""Modality files: images, depth, masks, boxes and flow of every recorded state, written while recording or later."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Check of a modality folder against its run, for missing, damaged, misplaced and foreign files."""
+"""Check of a modality folder against its run. It finds missing, damaged, misplaced and unrelated files."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ class FileProblem:
     """Problem of one file in a modality folder.
 
     Attributes:
-        path: The file, or its expected path.
-        text: Description of the problem, worded as the rest of a sentence about the file.
-        kind: "missing", "damaged", "other" (it does not belong at its place), or "extra" (no file belongs there).
+        path: Path of the file, or the path at which it is expected.
+        text: Description of the problem, as the rest of a sentence that begins with the name of the file.
+        kind: "missing", "damaged", "other" (the file belongs to a different place), or "extra" (no file is expected in
+            its place).
     """
 
     path: Path
@@ -39,11 +40,12 @@ class FolderCheck:
     """Result of checking a modality folder.
 
     Attributes:
-        wanted: Folder settings.
+        wanted: Settings of the folder.
         files: Number of files that were checked.
         rows: Number of rows in the intact files.
-        of_run: Number of files made from the run's records, whatever other faults they have.
-        strangers: Trials of readable files that do not belong to the run, each with its policy.
+        of_run: Number of files that were made from records of the run, even if they have other faults.
+        strangers: Trials of the readable files that do not belong to the run, each with its policy.
+        problems: Problems that were found.
     """
 
     wanted: Wanted
@@ -55,7 +57,7 @@ class FolderCheck:
 
     @property
     def is_of_another_run(self) -> bool:
-        """Whether files can be read, but none of them was made from a record of the run."""
+        """Whether the files come from a different run: some are readable, but none matches a record of this run."""
         return bool(self.strangers) and not self.of_run
 
 
@@ -66,13 +68,13 @@ def check_folder(
     trials: Sequence[TrialId] = (),
     on_progress: OnCount | None = None,
 ) -> FolderCheck:
-    """Read all files in a modality folder, and compare them with the run's records. This writes nothing.
+    """Read all files in a modality folder and compare them with the run's records, without writing anything.
 
-    One file is expected for each view in the folder's settings and each recorded trial (or each of ``trials``). Each
-    header must match, and the checksums must be right. With ``trials``, files of other trials are ignored.
-    ``on_progress`` gets the numbers of checked and known files.
+    For each recorded trial (or each of ``trials``), one file is expected for each view in the folder's settings. Its
+    header must match, and its checksums must be right. If ``trials`` are given, files of other trials are ignored.
+    ``on_progress`` is called with the number of checked files and the number of known files.
 
-    Raises RecordError if the folder has no settings, or one of ``trials`` is not recorded.
+    Raises RecordError if the folder has no settings, or if one of ``trials`` is not recorded.
     """
     found = FolderCheck(read_settings(place))
     digests: set[str] = set()
@@ -96,7 +98,7 @@ def check_folder(
 
 
 def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[ExpectedFile]:
-    """Yield the expected file for each view of a recorded trial."""
+    """Yield the expected properties of the file for each view of a recorded trial."""
     quality = wanted.quality
     if quality is None:
         with contextlib.suppress(RecordError):  # the modality files may be intact even if the record is damaged
@@ -107,7 +109,7 @@ def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[E
 
 
 def _check_file(path: Path, expected: ExpectedFile | None, digests: set[str], found: FolderCheck) -> FileProblem | None:
-    """Read a file, and return its problem."""
+    """Check a file by reading it completely. Return the problem that was found, or None."""
     if not path.exists():
         return FileProblem(path, "is missing", "missing")
     found.files += 1
@@ -118,7 +120,7 @@ def _check_file(path: Path, expected: ExpectedFile | None, digests: set[str], fo
             else:
                 found.strangers.append(_origin(file.header))
             if expected is None:
-                text = f"belongs to {_origin(file.header)}, which is not a recorded trial or not a view of this folder"
+                text = f"belongs to {_origin(file.header)}, but the trial is not recorded or the view is unknown"
                 return FileProblem(path, text, "extra")
             difference = expected.difference(file.header)
             if difference is not None:

@@ -1,4 +1,4 @@
-"""Expected header of a modality file, for one view of one trial."""
+"""Header that is expected in the modality file for one view of one trial."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec
 from betterbench.tasks import TrialId
 
 _MOST = 120
-"""Maximum characters of a header's value in a message: files may be untrusted."""
+"""Maximum number of characters that a message quotes from a header, because the file may be untrusted."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExpectedFile:
-    """Required values in the header of a modality file, for one view of one trial.
+    """Values that are required in the header of a modality file, given its trial and its view.
 
     Attributes:
         record_sha256: SHA-256 of the trial's record file.
-        quality: Render preset of the colors, or None if unknown.
-        renderer: Fingerprint of the OpenGL that rendered the folder, or None before the first image.
+        quality: Render preset of the color images, or None if it is unknown.
+        renderer: Properties of OpenGL when the files of the folder were rendered, or None before the first image.
     """
 
     trial: TrialId
@@ -32,19 +32,22 @@ class ExpectedFile:
     renderer: Mapping[str, str] | None
 
     def difference(self, header: ViewHeader) -> str | None:
-        """Return the first difference in a header, worded as the rest of a sentence about its file, or None."""
+        """Compare a header with the expected values. Return the first difference, or None if there is none.
+
+        The difference is worded as the rest of a sentence that begins with the name of the file.
+        """
         trial = one_line(f"{header.task}/{header.condition}/{header.seed}", most=_MOST)
         wanted = tuple(name for name in MODALITIES if name in self.modalities)
         if (header.task, header.condition, header.seed) != (self.trial.task, self.trial.condition, self.trial.seed):
             return f"belongs to {trial}"
         if header.record_sha256 != self.record_sha256:
-            return f"was rendered from another record of the trial (by {one_line(header.policy, most=_MOST)})"
+            return f"was rendered from a different record of the trial (by {one_line(header.policy, most=_MOST)})"
         if header.view != self.view:
-            return f"shows another view ({header.view.text})"
+            return f"shows a different view ({header.view.text})"
         if header.modalities != wanted:
             return f"contains {', '.join(header.modalities)} instead of {', '.join(wanted)}"
         if self.quality not in {None, header.quality}:
             return f"was rendered with the preset {one_line(header.quality, most=_MOST)} instead of {self.quality}"
         if self.renderer is not None and dict(header.renderer) != dict(self.renderer):
-            return "was rendered with another OpenGL"
+            return "was rendered with a different OpenGL"
         return None

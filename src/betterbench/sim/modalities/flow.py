@@ -1,4 +1,4 @@
-"""Optical flow from known poses and depth: displacement of each visible point in the next image [pixel]."""
+"""Optical flow, computed from known poses and depth: how far each visible point moves until the next image [pixel]."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from betterbench.sim.modalities.poses import matrices
 
 
 def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: float) -> np.ndarray:
-    """Return (height, width, 2) float16, the motion of the point at each pixel to the right and down [pixel].
+    """Return how far the point in each pixel moves to the right and down until the next state [pixel].
 
-    The point is located by the depth and moves with the body shown in its pixel. It is then projected into the camera
-    in the next state, whether or not it is occluded there. The sky is infinitely far away. The result is NaN in the
-    last state, where ``following`` is None, and if the point moves behind the camera.
+    The result is a (height, width, 2) float16 array. The depth gives the position of the point. The point moves with
+    the body that is visible in its pixel, and is then projected into the camera of the next state, even if it is
+    occluded in that view. The sky is treated as infinitely far away. The flow is NaN in the last state, where
+    ``following`` is None, and wherever the point moves behind the camera.
 
     Args:
-        sight: Sight of one state, from :func:`betterbench.sim.scenes.sights.sight_type` with depth and bodies.
-        following: Sight of the next state in the same view.
+        sight: Rendered view of one state, of the type :func:`betterbench.sim.scenes.sights.sight_type` with depth and
+            bodies.
+        following: The same view of the next state.
         focal_px: Focal length of the view [pixel].
     """
     bodies, depth = sight["bodies"], sight["depth"]
@@ -29,7 +31,7 @@ def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: f
     still = np.array_equal(sight["camera"], following["camera"])
     moved = (sight["poses"] != following["poses"]).any(axis=1)
     for number in np.flatnonzero(np.bincount(flat)):
-        body = int(number) - 1  # -1: the sky
+        body = int(number) - 1  # -1 is the sky
         if still and (body < 0 or body >= len(moved) or not moved[body]):
             continue
         pixels = np.flatnonzero(flat == number)
@@ -41,7 +43,10 @@ def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: f
 
 
 def _step(sight: np.ndarray, following: np.ndarray, body: int) -> np.ndarray | None:
-    """Return the (3, 4) motion of a body from one state's camera frame to the next, or None without a body."""
+    """Return the matrix (3, 4) that maps points of a body from camera coordinates in one state to those in the next.
+
+    The result is None if the body does not exist.
+    """
     here, there = matrices(np.stack([sight["camera"], following["camera"]]))
     step = np.linalg.inv(there)
     if body < 0:
@@ -57,7 +62,7 @@ def _step(sight: np.ndarray, following: np.ndarray, body: int) -> np.ndarray | N
 def _moves(
     pixels: np.ndarray, depths: np.ndarray, step: np.ndarray, *, size: tuple[int, int], focal_px: float
 ) -> np.ndarray:
-    """Return the (n, 2) motion of some pixels, by their index in the image, caused by the motion of their bodies."""
+    """Return the motion (n, 2) of the points in the given pixels [pixel]. ``step`` is the motion of their body."""
     columns, rows = size
     z = np.where(np.isfinite(depths), depths, np.float32(1.0)).astype(np.float64)
     v, u = np.divmod(pixels, columns)

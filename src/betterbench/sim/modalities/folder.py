@@ -1,4 +1,4 @@
-"""Folder of materialized modalities, with its settings, each trial's files, and the list of semantic ids."""
+"""Modality folder: its settings, the files of each trial, and the list of semantic ids."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from betterbench.sim.scenes.stage import quality_preset, require_cameras
 from betterbench.tasks import TrialId
 
 SETTINGS_VERSION: Literal[2] = 2
-"""Version of a folder's settings. The second has a seal."""
+"""Version of the settings format. Since version 2, the settings are sealed."""
 SETTINGS_FILE, SEMANTICS_FILE = "materialize.json", "semantics.json"
 _MAX_BYTES = 1 << 20
 
@@ -40,11 +40,12 @@ _MAX_BYTES = 1 << 20
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Settings of a modality folder (views, modalities and renderer). They are the same for all its trials.
+    """Settings of a modality folder: views, modalities and renderer. They are the same for all its trials.
 
     Attributes:
-        quality: Render preset for the colors, or None for the preset of each record's policy.
-        renderer: Fingerprint of OpenGL, or None until the first image is rendered. Pixels of two renderers differ.
+        quality: Render preset of the color images. None means the preset with which the policy of each record was run.
+        renderer: Properties of OpenGL, or None until the first image is rendered. Different renderers give different
+            pixels.
     """
 
     views: tuple[ViewSpec, ...]
@@ -65,11 +66,13 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """Modality folder. It can be resumed with the same settings. Once it contains a file, other settings are rejected.
+    """Folder of modality files. Writing can be resumed with the same settings.
+
+    Once it contains a file, different settings are rejected.
 
     Raises:
-        RunConflictError: If it contains other modalities, or other files.
-        RecordError: If its settings are damaged.
+        RunConflictError: If the folder contains other modalities or unrelated files.
+        RecordError: If the settings of the folder are damaged.
     """
 
     def __init__(self, path: Path, wanted: Wanted) -> None:
@@ -80,9 +83,8 @@ class ModalityFolder:
             if _is_begun(self.path):
                 require_same_settings(self.path, stored, wanted)
                 self.wanted = stored
-            elif (
-                stored != wanted
-            ):  # settings may change while there are no files, because a command may have ended before its first image
+            elif stored != wanted:
+                # Without files, the settings may change, because a command may have ended before its first image.
                 write_durably(settings, _text(wanted))
         else:
             require_free_place(self.path)
@@ -93,13 +95,13 @@ class ModalityFolder:
             write_durably(self.path / SEMANTICS_FILE, text)
 
     def trial(self, trial: TrialId) -> Path:
-        """Return the folder with a trial's files. Raises InvalidInputError if a name could leave the folder."""
+        """Return the folder of a trial's files. Raises InvalidInputError if a name would lead out of the folder."""
         return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
-        """Store the fingerprint of the current OpenGL.
+        """Store the properties of this process's OpenGL in the settings of the folder.
 
-        Raises RunConflictError if another one rendered earlier images.
+        Raises RunConflictError if earlier images were rendered with a different OpenGL.
         """
         if self.wanted.renderer is None:
             self.wanted = replace(self.wanted, renderer=dict(renderer))
@@ -108,40 +110,44 @@ class ModalityFolder:
         if difference is not None:
             where, there, here = difference
             raise RunConflictError(
-                f"{self.path}: was rendered with another OpenGL. Its {where} is {there} there and {here} here, so "
-                "pixels may differ. Continue on the same kind of machine, or choose another --out."
+                f"{self.path}: the images were rendered with a different OpenGL. Its {where} is {there} in the folder "
+                f"but {here} on this machine, so pixels may differ. Continue on the same kind of machine, or choose a "
+                "different --out."
             )
 
 
 def require_free_place(path: Path) -> None:
-    """Raise RunConflictError if a folder contains other files and no modalities."""
+    """Raise RunConflictError if the folder contains files but no modality settings."""
     require_free(path, "set of modalities", file=SETTINGS_FILE, besides=(SEMANTICS_FILE,))
 
 
 def trial_folder(path: Path, trial: TrialId) -> Path:
-    """Return a trial's folder in a modality folder. Raises InvalidInputError if a name could leave the folder."""
+    """Return the folder of a trial in a modality folder.
+
+    Raises InvalidInputError if a name would lead out of the folder.
+    """
     record = RunFolder(path, {}, {}).record_path(trial.task, trial.condition, trial.seed)
     return path / trial.task / trial.condition / record.stem
 
 
 def files_in(path: Path) -> list[Path]:
-    """Return the files of all trials in a modality folder, in name order."""
+    """Return the files of all trials in a modality folder, sorted by name."""
     return sorted(path.glob("*/*/*/*.parquet"))
 
 
 def _is_begun(path: Path) -> bool:
-    """Return whether a modality folder contains a file, finished or not."""
+    """Return whether a modality folder contains a file of a trial, finished or not."""
     return any(any(path.glob(f"*/*/*/{name}")) for name in ("*.parquet", f".*{PART_SUFFIX}"))
 
 
 def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
-    """Raise RunConflictError if the settings of a folder differ from the requested settings."""
+    """Raise RunConflictError if the stored settings of a folder differ from the requested settings."""
     require_same(path, _form(replace(stored, renderer=None)), _form(wanted), "set of modalities", where="materialize")
 
 
 def read_settings(path: Path) -> Wanted:
-    """Return a modality folder's settings. Raises RecordError if it has none, or they are damaged."""
-    cure = "Give a folder written by better materialize"
+    """Read the settings of a modality folder. Raises RecordError if they are missing or damaged."""
+    cure = "Give a folder that better materialize has written"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     where = str(path / SETTINGS_FILE)
     form = open_seal(data, where=where, cure=cure, raises=RecordError, since=("format_version", 2))

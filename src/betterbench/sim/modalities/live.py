@@ -1,4 +1,7 @@
-"""Materialization during recording, with the same bytes as a later ``better materialize``."""
+"""Modality files that are written during recording.
+
+They are byte-identical to the files that ``better materialize`` would write later.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +18,17 @@ from betterbench.tasks import TrialId
 
 
 class LiveMaterializer:
-    """Renderer for a scene's views row by row during recording. It is a context manager.
+    """Context manager that renders the views of a scene row by row during recording, and writes them to files.
 
-    Call :meth:`add` after the reset and after every step, when the record's rows are appended, and :meth:`finish` with
-    the record. Without :meth:`finish`, no files are left. ``out`` is a folder in the layout of better materialize,
-    which reuses files in ``RUN/modalities``.
+    Call :meth:`add` after the reset and after every step, whenever a row is appended to the record, and call
+    :meth:`finish` with the finished record. If :meth:`finish` is not called, no files are left. ``out`` is a folder
+    with the same layout as the output of ``better materialize``. If ``out`` is ``RUN/modalities``, ``better
+    materialize`` finds the files and keeps them.
 
     Raises:
-        RunConflictError: If the folder contains other files, or was rendered with another OpenGL.
+        RunConflictError: If the folder contains unrelated files, or was rendered with a different OpenGL.
         StorageError: If the disk is full.
-        MissingDependencyError: If no off-screen OpenGL works here.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine.
     """
 
     def __init__(self, scene: Scene, out: Path, wanted: Wanted) -> None:
@@ -55,6 +59,9 @@ class LiveMaterializer:
         self._files.add(list(self._sights.draw(self._scene.data)), self._scene.state().time_s)
 
     def finish(self, record: Record, record_sha256: str) -> list[Path]:
-        """Move a record's files to their final paths and return them. The digest is that of the record file."""
+        """Move the finished files to their final paths, and return these paths.
+
+        ``record_sha256`` is the SHA-256 of the record file.
+        """
         origin = TrialOrigin(record.metadata, record_sha256, self._scene.quality.name, self._fingerprint)
         return self._files.finish(origin)

@@ -1,4 +1,4 @@
-"""Color images of masks and depth, and boxes drawn over images."""
+"""Color pictures of masks and depth, and boxes drawn over images."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from PIL import Image, ImageDraw, ImageFont
 from betterbench.records.modalities.labels import FIRST_OBJECT
 
 _GOLDEN = 0.6180339887498949
-"""Fractional part of the golden ratio, whose multiples modulo 1 are spread evenly over the hue circle."""
+"""Fractional part of the golden ratio. Its multiples modulo 1 are spread evenly over the hue circle."""
 
 LEAST_SEEN = 0.02
-"""Minimum visible fraction for an object's box to be drawn."""
+"""Smallest visible fraction of an object for which its box is drawn."""
 
 
 def object_colors(count: int) -> list[tuple[int, int, int]]:
-    """Return well separated colors (red, green, blue) for the objects of a scene."""
+    """Return clearly different colors (red, green, blue) for the objects of a scene."""
     hues = [colorsys.hsv_to_rgb((i * _GOLDEN) % 1.0, 0.75, 1.0 if i % 2 else 0.82) for i in range(count)]
     return [(round(255 * r), round(255 * g), round(255 * b)) for r, g, b in hues]
 
 
 def own_colors(rgb: np.ndarray, instances: np.ndarray, count: int) -> list[tuple[int, int, int]]:
-    """Return a color for each object that is close to its own, so that a red mug is shown in red.
+    """Return a color for each object that resembles the object's own color, so that a red mug is shown in red.
 
-    Similar objects differ in brightness. Objects that are not in the image have the colors of
+    Objects with similar colors get different brightness. Objects that are not in the image get the colors of
     :func:`object_colors`.
 
     Args:
-        rgb: (height, width, 3) uint8.
-        instances: (height, width) instance of each pixel.
+        rgb: Image (height, width, 3) uint8.
+        instances: Instance id of each pixel (height, width).
         count: Number of objects.
     """
     colors = object_colors(count)
@@ -52,13 +52,13 @@ def own_colors(rgb: np.ndarray, instances: np.ndarray, count: int) -> list[tuple
 
 
 _GRAY = 0.2
-"""Saturation below which an object has no clear hue."""
+"""Saturation below which an object counts as gray, i.e. has no clear hue."""
 _APART = 24
-"""Minimum difference between two colors in red, green or blue."""
+"""Minimum difference between the colors of two objects, in at least one of red, green and blue."""
 
 
 def mask_png(instances: np.ndarray, colors: Sequence[tuple[int, int, int]], *, alpha: int = 96) -> bytes:
-    """Return a mask (height, width) as PNG, with objects in their colors and other pixels transparent."""
+    """Return a mask (height, width) as a PNG file, with objects in their colors and all other pixels transparent."""
     numbers = np.where(instances >= FIRST_OBJECT, instances - FIRST_OBJECT + 1, 0)
     image = Image.fromarray(np.minimum(numbers, 255).astype(np.uint8), "P")
     image.putpalette([0, 0, 0, *(part for color in colors[:255] for part in color)])
@@ -69,14 +69,14 @@ def mask_png(instances: np.ndarray, colors: Sequence[tuple[int, int, int]], *, a
 
 
 def mask_image(instances: np.ndarray, colors: Sequence[tuple[int, int, int]]) -> np.ndarray:
-    """Return a mask (height, width) in colors, (height, width, 3) uint8. Parts that are not objects are gray."""
+    """Return a mask (height, width) as a color image (height, width, 3) uint8. Everything except objects is gray."""
     stage = [(24 * i + 30,) * 3 for i in range(FIRST_OBJECT)]
     table = np.array([*stage, *colors], np.uint8)
     return np.asarray(table[np.minimum(instances, len(table) - 1)])
 
 
 def depth_image(depth: np.ndarray) -> np.ndarray:
-    """Return depths (height, width) [m] in shades of gray, near pixels bright, (height, width, 3) uint8."""
+    """Return depths (height, width) [m] as a gray image (height, width, 3) uint8, in which near pixels are bright."""
     finite = np.isfinite(depth)
     near, far = (float(depth[finite].min()), float(depth[finite].max())) if finite.any() else (0.0, 1.0)
     shade = np.where(finite, 1.0 - (np.where(finite, depth, far) - near) / max(far - near, 1e-6), 0.0)
@@ -86,9 +86,9 @@ def depth_image(depth: np.ndarray) -> np.ndarray:
 def with_boxes(
     rgb: np.ndarray, boxes: np.ndarray, fractions: np.ndarray, names: Sequence[str], *, scale: int = 2
 ) -> Image.Image:
-    """Return the image, enlarged, with the box of each object's visible part, its name and its visible fraction.
+    """Return an enlarged image with a box around the visible part of each object, its name and its visible fraction.
 
-    ``boxes`` has shape (n, 4).
+    ``boxes`` has the shape (n, 4).
     """
     image = Image.fromarray(np.ascontiguousarray(rgb))
     image = image.resize((scale * image.width, scale * image.height), Image.Resampling.BICUBIC)

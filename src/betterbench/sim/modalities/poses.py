@@ -1,4 +1,4 @@
-"""Arrays of rigid transforms: (n, 7) position [m] and unit quaternion (w, x, y, z)."""
+"""Operations on arrays of poses (n, 7), each with a position [m] and a unit quaternion (w, x, y, z)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def rotations(quaternions: np.ndarray) -> np.ndarray:
-    """Return the (n, 3, 3) rotation matrices of (n, 4) unit quaternions."""
+    """Return the rotation matrices (n, 3, 3) of unit quaternions (n, 4)."""
     w, x, y, z = np.moveaxis(quaternions, -1, 0)
     return np.stack(
         [
@@ -19,7 +19,10 @@ def rotations(quaternions: np.ndarray) -> np.ndarray:
 
 
 def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the (n, 4) quaternion products, each with w >= 0. One of the two may be a single (4,)."""
+    """Return the products (n, 4) of quaternions, each with w >= 0.
+
+    One of the two arguments may be a single quaternion (4,).
+    """
     (aw, ax, ay, az), (bw, bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     product = np.stack(
         [
@@ -34,19 +37,19 @@ def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def in_frame(poses: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """Return (n, 7) poses ``T_world_x`` in a frame ``T_world_frame``, (7,), as ``T_frame_x``."""
+    """Return poses ``T_world_x`` (n, 7) in the frame ``T_world_frame`` (7,), i.e. as ``T_frame_x``."""
     turned = rotations(frame[None, 3:])[0]
     conjugate = frame[3:] * np.array([1.0, -1.0, -1.0, -1.0])
     return np.concatenate([(poses[:, :3] - frame[:3]) @ turned, products(conjugate, poses[:, 3:])], axis=1)
 
 
 def points_of(poses: np.ndarray, local: np.ndarray) -> np.ndarray:
-    """Return (n, 3) world positions of one local point in each frame, (n, 3)."""
+    """Transform points (n, 3) to the world frame. Each point is given in the frame of its own pose."""
     return np.asarray(np.einsum("nij,nj->ni", rotations(poses[:, 3:]), local) + poses[:, :3])
 
 
 def matrices(poses: np.ndarray) -> np.ndarray:
-    """Return the (n, 4, 4) homogeneous matrices of (n, 7) poses."""
+    """Return the homogeneous matrices (n, 4, 4) of poses (n, 7)."""
     made = np.zeros((len(poses), 4, 4))
     made[:, :3, :3], made[:, :3, 3], made[:, 3, 3] = rotations(poses[:, 3:]), poses[:, :3], 1.0
     return made

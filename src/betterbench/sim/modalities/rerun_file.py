@@ -1,4 +1,4 @@
-"""Export of a recorded trial as a Rerun file: film, masks, boxes, depth, contacts and subgoals on one timeline."""
+"""Export of a recorded trial as a Rerun file: images, masks, boxes, depth, contacts and subgoals on one timeline."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _TIME, _ROW = "time", "row"
 _JPEG_QUALITY = 90
 _PNG_LEVEL = 4
 _DEPTH_PER_M = 1000.0
-"""Units of stored depth per meter. With 32-bit numbers, depth was nine tenths of a file."""
+"""Number of depth units per meter in the file. With 32-bit depth, nine tenths of a file were depth."""
 
 _APPLICATION = "betterbench"
 _HEAD_BYTES = 4096
@@ -43,10 +43,12 @@ def write_rerun(
     quality: str,
     on_progress: OnCount | None = None,
 ) -> Path:
-    """Write a trial to an ``.rrd`` file and return its path. ``on_progress`` gets the rows done and planned.
+    """Write a trial to an ``.rrd`` file and return its path.
+
+    ``on_progress`` is called with the number of finished rows and the total number of rows.
 
     Raises:
-        MissingDependencyError: If Rerun is not installed, or no off-screen OpenGL works here.
+        MissingDependencyError: If Rerun is not installed, or off-screen OpenGL does not work on this machine.
         RecordError: If the scene cannot be opened.
         StorageError: If the disk is full.
     """
@@ -55,7 +57,7 @@ def write_rerun(
     stream = rerun.RecordingStream(_APPLICATION, recording_id=f"{meta.policy} {meta.task}/{meta.condition}/{meta.seed}")
     lanes = lanes_of(record)
     with DurableFile(path) as durable, _disconnected(stream):
-        # Rerun's own file would be truncated silently on a full disk.
+        # If Rerun wrote the file itself, it would be truncated silently when the disk is full.
         kept = stream.memory_recording()
         stream.send_blueprint(_layout(blueprint, views), make_active=False, make_default=True)
         for shown in shown_rows(run, record, views, quality=quality):
@@ -81,7 +83,7 @@ def write_rerun(
 
 @contextlib.contextmanager
 def _disconnected(stream: Any) -> Iterator[None]:  # noqa: ANN401 - Rerun's
-    """Disconnect a stream even after an error, so that its buffer is freed."""
+    """Disconnect a stream on exit, even after an error, so that its buffer is freed."""
     try:
         yield
     finally:
@@ -89,14 +91,17 @@ def _disconnected(stream: Any) -> Iterator[None]:  # noqa: ANN401 - Rerun's
 
 
 def is_rerun_file(path: Path) -> bool:
-    """Return whether :func:`write_rerun` wrote a file, which then is a Rerun file with our name at its beginning."""
+    """Return whether :func:`write_rerun` wrote a file.
+
+    Such a file is a Rerun file with the name of betterbench near its beginning.
+    """
     with open_ordinary(path) as file:
         head = file.read(_HEAD_BYTES)
     return head.startswith(b"RRF") and _APPLICATION.encode() in head
 
 
 def _rerun() -> tuple[Any, Any]:
-    """Return Rerun and its blueprints. They are imported here because Rerun is an extra."""
+    """Import Rerun and its blueprint module. They are imported late, because Rerun is an optional dependency."""
     try:
         modules: tuple[ModuleType, ...] = tuple(map(importlib.import_module, ("rerun", "rerun.blueprint")))
     except ImportError as error:
@@ -121,7 +126,7 @@ def _layout(blueprint: Any, views: tuple[ViewSpec, ...]) -> Any:  # noqa: ANN401
 
 
 def _log_names(rerun: Any, stream: Any, record: Record, colors: Sequence[tuple[int, int, int]]) -> None:  # noqa: ANN401
-    """Log the constant data: names and colors of instances, and the trial's description."""
+    """Log everything that is constant: names and colors of instances, and a description of the trial."""
     meta = record.metadata
     names: list[tuple[Any, ...]] = [(0, "nothing"), *((number, name) for name, number in stage_ids().items())]
     names += [(instance_of_object(i), o.name, colors[i]) for i, o in enumerate(meta.scene.objects)]
@@ -137,7 +142,7 @@ def _log_cameras(rerun: Any, stream: Any, views: tuple[ViewSpec, ...], focal_px:
     for view, focal in zip(views, focal_px, strict=True):
         pinhole = rerun.Pinhole(
             focal_length=focal,
-            # Rerun counts from the corner of the first pixel, not from its center.
+            # Rerun measures from the corner of the first pixel, not from its center.
             principal_point=(0.5 * view.width, 0.5 * view.height),
             resolution=(view.width, view.height),
             camera_xyz=rerun.ViewCoordinates.RDF,
@@ -174,7 +179,7 @@ def _log_row(rerun: Any, stream: Any, record: Record, views: tuple[ViewSpec, ...
 
 
 def _depth_png(depth: np.ndarray) -> bytes:
-    """Return (height, width) depths [m] as a 16-bit PNG [mm], or 0 without a hit or beyond the range."""
+    """Return depths (height, width) [m] as a 16-bit PNG [mm]. Pixels without a hit or out of range are 0."""
     millimeters = np.nan_to_num(depth * _DEPTH_PER_M, nan=0.0, posinf=0.0, neginf=0.0)
     whole = np.where(millimeters <= np.iinfo(np.uint16).max, np.rint(millimeters), 0.0).astype(np.uint16)
     packed = io.BytesIO()
@@ -195,7 +200,7 @@ def _boxes(rerun: Any, record: Record, shown: ShownRow, classes: list[int]) -> A
 
 
 def _log_lanes(rerun: Any, stream: Any, lanes: list[Lane], row: int) -> None:  # noqa: ANN401
-    """Log the beginning or the end of a span in a lane."""
+    """Log the spans that begin or end at this row, for every lane of the timeline."""
     for lane in lanes:
         said = next((text for first, last, text in lane.spans if first <= row <= last), "")
         before = next((text for first, last, text in lane.spans if first <= row - 1 <= last), "")

@@ -1,4 +1,7 @@
-"""Materialization of a run's records as modality files, in a resumable folder."""
+"""Materialization of a run: its records are rendered as modality files in a folder.
+
+It can be interrupted and resumed.
+"""
 
 from __future__ import annotations
 
@@ -33,15 +36,15 @@ _POLL_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Materialized:
-    """Result of one materialize command, with its trials, its files and the time it took.
+    """Result of one materialize command.
 
     Attributes:
-        trials: Trials whose files are complete now.
-        files: Number of files written by this command.
+        trials: Number of trials whose files are complete now.
+        files: Number of files that this command has written.
         kept: Number of files that were already intact.
-        rows: Number of rows written.
-        bytes: Their size [byte].
-        seconds: Duration [s].
+        rows: Number of rows in the written files.
+        bytes: Size of the written files [byte].
+        seconds: Duration of the command [s].
     """
 
     trials: int
@@ -63,7 +66,7 @@ class _Tally:
 
 
 def default_views(run: RunFolder) -> tuple[ViewSpec, ...]:
-    """Return the views of a run's policy, or the default preset's views if the policy uses no image."""
+    """Return the views that the policy of a run uses. If it uses no images, return the views of the default preset."""
     told = run.plan.get("observation")
     name = told.get("name") if isinstance(told, dict) else told
     preset = observation_spec(name if isinstance(name, str) else "default")
@@ -81,16 +84,17 @@ def materialize_run(
     follow: bool = False,
     on_progress: OnCount | None = None,
 ) -> Materialized:
-    """Write the missing or damaged files of a run's recorded trials. Intact files are kept.
+    """Write the missing or damaged modality files of a run's recorded trials. Intact files are kept.
 
-    The bytes do not depend on the number of workers or on interruptions. With ``follow``, the function waits for
-    further recorded trials until the run ends. ``on_progress`` is called with the number of finished and known trials.
+    The bytes of the files depend neither on the number of workers nor on interruptions. With ``follow``, the function
+    waits for further recorded trials until the run ends. ``on_progress`` is called with the number of finished trials
+    and the number of known trials.
 
     Raises:
-        RunConflictError: If the folder contains other files, was rendered with another OpenGL, or is in use.
+        RunConflictError: If the folder contains unrelated files, was rendered with a different OpenGL, or is in use.
         RecordError: If records or scenes are missing or damaged. The other trials are finished first.
-        StorageError: If the disk is full, or the folder was removed or moved meanwhile.
-        MissingDependencyError: If no off-screen OpenGL works here.
+        StorageError: If the disk is full, or if the folder was removed or moved in the meantime.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine.
     """
     began, tally = time.monotonic(), _Tally()
     finished: set[TrialId] = set()
@@ -103,7 +107,7 @@ def materialize_run(
             return in_threads(fresh, writer.write, workers=workers, open_resource=lambda: _Views(run))
 
         while True:
-            running = follow and run.is_running  # checked before reading the journal, to miss no trial
+            running = follow and run.is_running  # checked before reading the journal, so that no trial is missed
             known = list(recorded_trials(run, trials))
             fresh = run_items(
                 known, is_done=finished.__contains__, work=work, keep=finished.add, on_progress=counts(on_progress)
@@ -120,19 +124,21 @@ def materialize_run(
 
 
 def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TrialId]:
-    """Yield the recorded trials, in journal order.
+    """Yield the recorded trials in the order of the journal, or only the requested ones.
 
     Raises RecordError if a requested trial is not recorded.
     """
     done = [entry.key for entry in run.entries() if entry.status == "done"]
     missing = [trial for trial in trials if trial not in done]
     if missing:
-        raise RecordError(f"{run.path}: {missing[0]} is not recorded. Write trials as TASK/CONDITION/SEED.")
+        raise RecordError(
+            f"{run.path}: the trial {missing[0]} is not recorded. Name a recorded trial as TASK/CONDITION/SEED."
+        )
     yield from (trial for trial in done if not trials or trial in trials)
 
 
 class _Views:
-    """Limited processes of one thread, with one per render preset. It is a context manager that ends them."""
+    """Rendering processes of one thread, one per render preset. They end when the context manager exits."""
 
     def __init__(self, run: RunFolder) -> None:
         self._run = run
@@ -148,12 +154,15 @@ class _Views:
             view.close()
 
     def stop(self) -> None:
-        """End the processes from another thread. A rendering thread then gets a RecordError."""
+        """End the processes. This method may be called from another thread.
+
+        A thread that is rendering then gets a RecordError.
+        """
         for view in list(self._views.values()):
             view.stop()
 
     def opened(self, record: Record, quality: str) -> LimitedView:
-        """Return a process with the scene of a record open."""
+        """Return a process in which the scene of a record is open."""
         view = self._views.get(quality)
         if view is None or view.is_closed:
             view = self._views[quality] = LimitedView(quality=quality)
@@ -162,13 +171,16 @@ class _Views:
 
 
 class _Writer:
-    """Writes the files of trials."""
+    """Writer of the modality files of trials. Several threads use it."""
 
     def __init__(self, run: RunFolder, folder: ModalityFolder, tally: _Tally) -> None:
         self._run, self._folder, self._tally, self._lock = run, folder, tally, threading.Lock()
 
     def write(self, views: _Views, trial: TrialId) -> TrialId:
-        """Write the missing files of a trial, and return the trial. A record that cannot be read is noted."""
+        """Write the missing files of a trial and return the trial.
+
+        If its record cannot be read, remember the problem.
+        """
         try:
             self._write(views, trial)
         except RecordError as problem:
@@ -192,10 +204,10 @@ class _Writer:
             self._tally.bytes += sum(path.stat().st_size for path in paths)
 
     def _is_there(self, trial: TrialId, view: ViewSpec, digest: str, quality: str) -> bool:
-        """Return whether the file for a trial's view exists, belongs to this record, and is intact.
+        """Return whether the file for a view of a trial exists, belongs to this record, and is intact.
 
-        The complete file is read, because its header does not cover the rest. This takes about 2 % of the rendering
-        time.
+        The whole file is read, because an intact header does not mean that the rows are intact. This takes about 2 % of
+        the time for rendering it.
         """
         path, wanted = self._folder.trial(trial) / f"{view.name}.parquet", self._folder.wanted
         if not path.exists():
@@ -215,7 +227,10 @@ class _Writer:
     def _draw(
         self, limited: LimitedView, record: Record, told: tuple[str, str], place: Path, views: Sequence[ViewSpec]
     ) -> list[Path]:
-        """Render views of a record with a digest, with a render preset, and return the files."""
+        """Render views of a record and return their files.
+
+        ``told`` contains the record's digest and the render preset.
+        """
         meta, modalities = record.metadata, self._folder.wanted.modalities
         facts, renderer = limited.prepare(views, modalities)
         with self._lock:
@@ -235,7 +250,10 @@ class _Writer:
 
 
 def seen_quality(run: RunFolder, record: Record) -> str:
-    """Return the render preset of a record's policy, or the run's preset if the policy uses no image."""
+    """Return the render preset of the images that a record's policy got.
+
+    If the policy used no images, return the preset of the run.
+    """
     planned = run.plan.get("quality")
     name = planned.get("name") if isinstance(planned, dict) else None
     return record.metadata.render_quality or (name if isinstance(name, str) else "standard")

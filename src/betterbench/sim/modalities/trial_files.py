@@ -1,4 +1,4 @@
-"""Writer for one trial's modality files, from sights in row order."""
+"""Writer of the modality files of one trial. It takes the rendered views row by row."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from betterbench.sim.scenes.sights import ModelFacts
 
 @dataclass(frozen=True, slots=True)
 class TrialOrigin:
-    """Origin of a trial's files, with the digest of its record, the render preset, and OpenGL's fingerprint."""
+    """Origin of a trial's files: metadata and digest of the record, the render preset, and the properties of OpenGL."""
 
     metadata: RecordMetadata
     record_sha256: str
@@ -36,9 +36,9 @@ class TrialOrigin:
 
 
 class TrialFiles:
-    """Modality files for some views of one trial. A context manager that removes unfinished files.
+    """Modality files for views of one trial. The context manager removes files that were not finished.
 
-    Raises StorageError if the disk is full, RecordError if the scene has other objects than the record.
+    Raises StorageError if the disk is full, and RecordError if the scene and the record list different objects.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class TrialFiles:
     ) -> None:
         if len(objects) != len(facts.object_bodies):
             raise RecordError(
-                "stored scene: its objects differ from those of the record. Run the trial again to store it."
+                "stored scene: its objects differ from those of the record. Run the trial again to store its scene."
             )
         self._views, self._modalities, self._facts = tuple(views), tuple(modalities), facts
         self._categories = [o.category for o in objects]
@@ -77,13 +77,13 @@ class TrialFiles:
         self._stack.close()
 
     def add(self, sights: Sequence[np.ndarray], time_s: float) -> None:
-        """Add the sights of all views for the next record row, with its time [s]."""
+        """Add the rendered views of the next row of the record. ``time_s`` is the time of this row [s]."""
         last, self._last = self._last, (sights, time_s)
         if last is not None:
             self._append(last, sights)
 
     def finish(self, origin: TrialOrigin) -> list[Path]:
-        """Write the last row and the headers of the files, and return their paths."""
+        """Write the last row and the headers of the files, and return the paths of the files."""
         last, self._last = self._last, None
         if last is not None:
             self._append(last, None)

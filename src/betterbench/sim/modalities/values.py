@@ -16,7 +16,7 @@ _STANDING = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class ViewValues:
-    """Converter from one view's sights to the values of its columns."""
+    """Converter from the rendered views of one camera to the column values of its modality file."""
 
     def __init__(
         self, facts: ModelFacts, modalities: Sequence[str], categories: Sequence[str], focal_px: float
@@ -26,12 +26,12 @@ class ViewValues:
         self._instances = np.concatenate([[0], facts.instances]).astype(np.uint16)
         if int(self._instances.max()) >= len(semantics):
             raise RecordError(
-                "stored scene: its objects differ from those of the record. Run the trial again to store it."
+                "stored scene: its objects differ from those of the record. Run the trial again to store its scene."
             )
         self._semantics = semantics[self._instances]
 
     def of(self, sight: np.ndarray, time_s: float, following: np.ndarray | None) -> dict[str, np.ndarray]:
-        """Return the values of one row by column, except its number."""
+        """Return the values of all columns for one row, except the row number."""
         camera, wanted = sight["camera"], self._modalities
         values: dict[str, np.ndarray] = {
             "time": np.array(time_s),
@@ -51,7 +51,7 @@ class ViewValues:
 
     def _boxes(self, sight: np.ndarray) -> dict[str, np.ndarray]:
         poses = sight["poses"][self._facts.object_bodies]
-        # of a rotation's two quaternions, use the one with w >= 0
+        # Two quaternions describe the same rotation. The product chooses the one with w >= 0.
         turned = products(poses[:, 3:], _STANDING)
         boxes = np.concatenate([points_of(poses, self._facts.boxes[:, 0]), turned], axis=1)
         seen = in_frame(boxes, sight["camera"])

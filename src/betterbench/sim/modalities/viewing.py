@@ -1,4 +1,4 @@
-"""Recorded trial for a viewer: views row by row, and time spans of subgoals, grasps and contacts."""
+"""Recorded trial for a viewer: its views row by row, and the time spans of subgoals, grasps and contacts."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from betterbench.sim.modalities.values import ViewValues
 from betterbench.sim.scenes.limited import LimitedView
 
 MOST_CONTACTS = 24
-"""Maximum number of body pairs shown. Pairs whose contact changes come first."""
+"""Maximum number of body pairs that are shown. Pairs whose contact begins first are preferred."""
 
 _SHOWN: tuple[Modality, ...] = ("rgb", "depth", "instances", "boxes")
 
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """Timeline lane with spans of rows, each with first row, last row and text.
+    """Lane of a timeline. Each of its spans consists of a first row, a last row and a text.
 
     ``kind`` is "subgoal", "held" or "contact".
     """
@@ -33,9 +33,9 @@ class Lane:
 
 
 def lanes_of(record: Record) -> list[Lane]:
-    """Return the lanes of a record for each subgoal, the held object, and changing contacts.
+    """Return the lanes of a record: one for each subgoal, one for the held object, and one for each changing contact.
 
-    Pairs in contact from the first row to the last, such as objects on the table, are left out.
+    Pairs of bodies that are in contact from the first row to the last, such as objects on the table, are left out.
     """
     lanes = [
         Lane("subgoal", name, tuple((a, b, "met") for a, b in _spans(record.subgoals[:, i])))
@@ -56,20 +56,20 @@ def lanes_of(record: Record) -> list[Lane]:
 
 
 def _spans(there: np.ndarray) -> list[tuple[int, int]]:
-    """Return the first and last index of each run of true values."""
+    """Return the first and the last index of each uninterrupted sequence of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 @dataclass(frozen=True, slots=True)
 class ShownRow:
-    """One row of a record for a viewer.
+    """One row of a record, as a viewer shows it.
 
     Attributes:
-        time_s: Its time [s].
-        views: Column values from the files, by view.
+        time_s: Time of the row [s].
+        views: Values of the columns in the modality file of each view.
         focal_px: Focal length of each view [pixel].
-        half_sizes_m: (objects, 3) half extents of the 3-D boxes [m].
+        half_sizes_m: Half extents of the 3-D box of each object (objects, 3) [m].
     """
 
     row: int
@@ -80,9 +80,10 @@ class ShownRow:
 
 
 def shown_rows(run: RunFolder, record: Record, views: Sequence[ViewSpec], *, quality: str) -> Iterator[ShownRow]:
-    """Yield every row of a record, drawn in a limited process.
+    """Yield every row of a record, rendered in a separate process with limits.
 
-    Raises RecordError if the scene cannot be opened, MissingDependencyError if no off-screen OpenGL works here.
+    Raises RecordError if the scene cannot be opened, and MissingDependencyError if off-screen OpenGL does not work on
+    this machine.
     """
     meta = record.metadata
     categories = [o.category for o in meta.scene.objects]

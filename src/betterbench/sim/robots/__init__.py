@@ -1,7 +1,8 @@
-"""Robots: descriptions, inverse kinematics, and the controller that turns actions into motion.
+"""Robots: their descriptions, their inverse kinematics, and the controller that turns actions into motion.
 
-Each robot is a folder next to this file, whose ``__init__`` registers it. A new folder is found automatically. The
-controller and the inverse kinematics are imported at first use, because rendering needs neither.
+Each robot is a folder next to this file, whose ``__init__`` registers the robot. A new folder is found automatically.
+The controller and the inverse kinematics are imported when they are first used, because rendering needs neither of
+them.
 """
 
 import importlib

@@ -22,10 +22,10 @@ COLLIDES: dict[str, Any] = {
     "condim": PHYSICS.condim,
     "rgba": (0.9, 0.4, 0.1, 0.5),
 }
-"""Attributes of a collision geom, whose inertia comes from its link."""
+"""Attributes of a collision geom. It has no mass, because the inertia is that of its link."""
 
 SEEN: dict[str, Any] = {"group": VISUAL_GROUP, "contype": 0, "conaffinity": 0, "mass": 0.0}
-"""Attributes of a visual geom."""
+"""Attributes of a visual geom, which neither collides nor has mass."""
 
 
 FIRM: dict[str, Any] = {
@@ -33,19 +33,22 @@ FIRM: dict[str, Any] = {
     "solimp": (0.95, 0.99, 0.001, 0.5, 2.0),
     "solmix": 50.0,
 }
-"""Contact of a finger pad: time constant [s] (three physics steps: firm rubber), damping ratio and impedance.
+"""Contact parameters of a finger pad, which behaves like firm rubber.
 
-MuJoCo's default time constant of 20 ms lets a pad sink 1.3 mm into an object at full force. ``solmix`` is the weight of
-the pad's parameters against the object's. Unlike a higher priority it keeps the larger friction.
+The parameters are the time constant [s] (three physics steps), the damping ratio and the impedance.
+
+With MuJoCo's default time constant of 20 ms, a pad would sink 1.3 mm into an object at full force. ``solmix`` is the
+weight of the pad's parameters relative to those of the object. Unlike a higher priority, it keeps the larger friction
+of the two.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A collision primitive in the frame of its link [m].
+    """Collision primitive in the frame of its link [m].
 
-    A "capsule" or "cylinder" goes from ``start`` to ``end``. A "box" has its center at ``start`` and ``end`` as its
-    half extents, and is rotated by ``turn``: an axis of the link and an angle [rad].
+    A "capsule" or "cylinder" extends from ``start`` to ``end``. A "box" has its center at ``start``, and ``end``
+    contains its half extents. It is rotated by ``turn``, which consists of an axis of the link and an angle [rad].
     """
 
     kind: str
@@ -57,7 +60,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """Link, with its pose in its parent, its inertia and its collision shapes.
+    """Link of a robot: its pose in its parent, its inertia and its collision shapes.
 
     Attributes:
         name: Body name.
@@ -65,9 +68,9 @@ class Link:
         quaternion: Rotation of the link in its parent at zero joint angle. It need not have unit length.
         mass: Mass [kg].
         com: Center of mass in the link frame [m].
-        inertia: xx, yy, zz, xy, xz, yz about the center of mass, in link axes [kg m2].
+        inertia: Components xx, yy, zz, xy, xz, yz of the inertia about the center of mass, in link axes [kg m2].
         shapes: Collision primitives.
-        armature: Reflected rotor inertia of the link's joint [kg m2], or moving mass of a slide [kg], or 0 for a link
+        armature: Reflected rotor inertia of the link's joint [kg m2], moving mass of a slide [kg], or 0 for a link
             without a joint.
     """
 
@@ -82,7 +85,7 @@ class Link:
 
 
 def about(axis: str, angle: float) -> Quaternion:
-    """Return the rotation by an angle [rad] about the axis "x", "y" or "z"."""
+    """Return the quaternion of a rotation by an angle [rad] about the axis "x", "y" or "z"."""
     cos, sin = math.cos(0.5 * angle), math.sin(0.5 * angle)
     return (cos, sin * (axis == "x"), sin * (axis == "y"), sin * (axis == "z"))
 
@@ -90,14 +93,14 @@ def about(axis: str, angle: float) -> Quaternion:
 def add_link(
     parent: mujoco.MjsBody, link: Link, name: str = "", *, quaternion: Quaternion | None = None, gravcomp: float = 0.0
 ) -> mujoco.MjsBody:
-    """Add a link's body with inertia and collision shapes.
+    """Add the body of a link, with its inertia and its collision shapes.
 
     Args:
         parent: Body to which the link is attached.
         link: Description of the link.
         name: Body name. By default, the link's name.
         quaternion: Rotation in the parent. By default, the link's rotation.
-        gravcomp: Share of its weight that the robot's own controller compensates.
+        gravcomp: Fraction of the link's weight that the robot's own controller compensates.
     """
     body = parent.add_body(
         name=name or link.name,
@@ -117,7 +120,7 @@ def add_link(
 def add_shape(
     body: mujoco.MjsBody, shape: Shape, name: str, contact: Mapping[str, Any] = MappingProxyType({})
 ) -> mujoco.MjsGeom:
-    """Add one collision primitive to a body. ``contact`` are further attributes of the geom."""
+    """Add a collision primitive to a body. ``contact`` contains further attributes of the geom."""
     if shape.kind == "box":
         axis, angle = shape.turn
         turn = about(axis, angle) if angle else (1.0, 0.0, 0.0, 0.0)
@@ -131,7 +134,7 @@ def add_shape(
 def add_servo(
     spec: mujoco.MjSpec, name: str, target: str, *, gain: float, bias: tuple[float, float, float]
 ) -> mujoco.MjsActuator:
-    """Add a servo to a joint with a force of ``gain`` times the control, plus ``bias`` times (1, length, velocity)."""
+    """Add a servo to a joint. Its force is ``gain`` times the control plus ``bias`` times (1, length, velocity)."""
     servo = spec.add_actuator(name=name, target=target, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
     servo.gainprm[0] = gain
@@ -147,18 +150,19 @@ def add_joint_servos(
     damping: Sequence[float],
     limits: Sequence[tuple[float, float]],
 ) -> None:
-    """Add the two servos of each arm joint, both controlled by the joint's reference velocity [rad/s].
+    """Add two servos to each arm joint. Both are controlled by the joint's reference velocity [rad/s].
 
-    The first integrates it to a reference position (its activation) and pulls with the stiffness. The second damps
-    toward the reference velocity itself. The reference therefore moves evenly within a control step, and a moving arm
-    does not lag by damping over stiffness, as it does with a position servo.
+    The first servo integrates this velocity to a reference position (its activation) and pulls the joint toward it with
+    the stiffness. The second servo damps the joint toward the reference velocity itself. The reference therefore moves
+    evenly within a control step, and a moving arm does not lag behind its reference. With a position servo alone, it
+    would lag by its speed times damping divided by stiffness.
 
     Args:
-        spec: Model.
+        spec: Model to which the servos are added.
         names: Names of the joints, of the position servos and of the velocity servos.
-        stiffness: Position gain per joint [N m/rad].
-        damping: Velocity gain per joint [N m s/rad].
-        limits: Range of the reference position per joint [rad].
+        stiffness: Position gain of each joint [N m/rad].
+        damping: Velocity gain of each joint [N m s/rad].
+        limits: Range of each joint's reference position [rad].
     """
     for joint, position, velocity, kp, kv, (low, high) in zip(*names, stiffness, damping, limits, strict=True):
         servo = add_servo(spec, position, joint, gain=kp, bias=(0.0, -kp, 0.0))

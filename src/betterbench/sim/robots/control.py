@@ -1,12 +1,12 @@
-"""Arm controller: conversion of an action into the references of all servos.
+"""Arm controller: converts an action to the references of all servos.
 
-Every action space ends in a joint reference that the position servos integrate evenly over the control step (see
-:mod:`betterbench.sim.robots.panda`). In Cartesian action spaces the controller keeps a **commanded pose**. This pose is
-constant for a zero action. It may lead the measured pose by at most :data:`POSITION_LEAD_M` and
-:data:`ROTATION_LEAD_RAD`, which prevents windup of a blocked arm.
+In every action space, the result is a joint reference that the position servos integrate evenly over the control step
+(see :mod:`betterbench.sim.robots.panda`). In Cartesian action spaces, the controller keeps a **commanded pose**, which
+an action of zero leaves unchanged. It may lead the measured pose by at most :data:`POSITION_LEAD_M` and
+:data:`ROTATION_LEAD_RAD`, which prevents windup when the arm is blocked.
 
-The controller's memory between actions is small and can be saved and restored (:meth:`ArmController.state`), so an
-episode can be continued from any recorded state.
+The controller remembers little between actions. This memory can be saved and restored (:meth:`ArmController.state`), so
+an episode can be continued from any recorded state.
 """
 
 from __future__ import annotations
@@ -54,27 +54,33 @@ from betterbench.sim.robots.readers import number_reader, numbers_of
 from betterbench.sim.robots.spec import RobotSpec
 
 POSITION_LEAD_M = 0.05
-"""Maximum lead of the commanded over the measured position [m]: one action unit (design, section 4)."""
+"""Maximum distance between the commanded and the measured position [m]. It is one action unit (design, section 4)."""
 
 ROTATION_LEAD_RAD = 0.5
-"""Maximum angle between commanded and measured rotation [rad]: one action unit, as for the position."""
+"""Maximum angle between the commanded and the measured rotation [rad].
+
+It is one action unit, like the position lead.
+"""
 
 POSE_STEP_M = 0.025
-"""Largest step toward an absolute pose [m]: 0.5 m/s, which the joints can follow on straight paths in the workspace."""
+"""Largest step toward an absolute pose [m]. It gives 0.5 m/s, which the joints can follow on straight paths."""
 
 POSE_STEP_RAD = 0.1
-"""Largest rotation toward an absolute pose per step [rad]: 2 rad/s, below the velocity limit of every joint."""
+"""Largest rotation per step toward an absolute pose [rad].
+
+It gives 2 rad/s, below the velocity limit of every joint.
+"""
 
 JOINT_LEAD_RAD = 0.3
-"""Largest distance between a joint reference and the measured angle [rad].
+"""Largest difference between the reference of a joint and its measured angle [rad].
 
-It is the largest joint motion for 5 cm and 0.5 rad at the tool. The bound is therefore active only if the arm is
+It equals the largest joint motion for 5 cm and 0.5 rad at the tool. The bound is therefore active only if the arm is
 blocked or far from its reference.
 """
 
 
 CLOSING_LEAD_M = 0.0015
-"""Minimum lead of the commanded over the measured opening width that counts as a command to open or close [m]."""
+"""Smallest difference between commanded and measured opening width that counts as a command to open or close [m]."""
 
 NO_DYNAMICS: Dynamics = MappingProxyType({})
 
@@ -84,7 +90,7 @@ Joints = Sequence[float]
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """Memory of a controller between actions, with the commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
+    """Memory of a controller between actions: commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
 
     pose: Pose
     joints: tuple[float, ...]
@@ -92,14 +98,14 @@ class ControllerState:
 
 
 class ArmController:
-    """Controller that converts actions of one action space to servo references, once per control step.
+    """Controller that converts the actions of one action space to servo references, once per control step.
 
-    The robot's base is at the world origin. ``prefix`` is the prefix of the robot's names in the scene. With
-    ``dynamics`` that contain a backlash, the servos hold the joints up to half of the play off their references (see
+    The robot's base must be at the world origin. ``prefix`` is the prefix of the robot's names in the scene. If
+    ``dynamics`` contain a backlash, the servos hold each joint up to half of the play away from its reference (see
     :mod:`betterbench.sim.robots.dynamics`).
 
-    Raises InvalidInputError if it does not support the action space, the model lacks a part of the robot or the time
-    step does not divide the control period.
+    Raises InvalidInputError if the controller does not support the action space, if the model lacks a part of the
+    robot, or if the time step does not divide the control period.
     """
 
     def __init__(
@@ -111,7 +117,7 @@ class ArmController:
         prefix: str = "",
         dynamics: Dynamics = NO_DYNAMICS,
     ) -> None:
-        """Look up the addresses of all joints and servos."""
+        """Look up the addresses of all joints and servos in the model."""
         self.spec = spec
         self.action_space = action_space
         self.ik = ArmIK(spec)
@@ -131,7 +137,7 @@ class ArmController:
             raise InvalidInputError(
                 "time step",
                 f"{model.opt.timestep} s does not divide the control period of {spec.control_period_s} s",
-                f"Use {PHYSICS.timestep_s} s",
+                f"Use a time step of {PHYSICS.timestep_s} s",
             )
         self.substeps = round(substeps)
         self._period = self.substeps * float(model.opt.timestep)
@@ -145,7 +151,7 @@ class ArmController:
             raise InvalidInputError(
                 f"robot {spec.name!r} in the model",
                 str(error.args[0]).splitlines()[0],
-                f"Attach the robot with the prefix {prefix!r}, or give the prefix that was used",
+                f"Attach the robot with the prefix {prefix!r}, or pass the prefix with which it was attached",
             ) from None
         self._qpos = [int(j.qposadr[0]) for j in joints]
         self._qvel = [int(j.dofadr[0]) for j in joints]
@@ -162,27 +168,27 @@ class ArmController:
 
     @property
     def commanded_pose(self) -> Pose:
-        """The arm's current goal pose, ``T_base_tcp``."""
+        """Pose ``T_base_tcp`` to which the controller currently moves the arm."""
         return self._pose
 
     @property
     def commanded_width_m(self) -> float:
-        """Commanded opening width [m]. It may differ from the measured width."""
+        """Commanded opening width [m]. The measured width may differ from it."""
         return self._width
 
     def measured_pose(self, data: mujoco.MjData) -> Pose:
-        """Return ``T_base_tcp`` from the measured joint angles."""
+        """Return the pose ``T_base_tcp`` at the measured joint angles."""
         return self.ik.forward(data.qpos[self._qpos])
 
     def measured_width_m(self, data: mujoco.MjData) -> float:
-        """Return the measured distance of the finger pads [m]."""
+        """Return the measured distance between the finger pads [m]."""
         self._attend(data)
         return self._jaw.width_at(self._get_fingers())
 
     def home(self, data: mujoco.MjData) -> None:
-        """Set the arm at rest to its home posture with open fingers, and reset the controller.
+        """Set the arm to its home posture at rest, with open fingers, and reset the controller.
 
-        Call ``mj_forward`` before reading any derived state.
+        Call ``mj_forward`` before reading any derived quantity.
         """
         data.qpos[self._qpos] = self.ik.home
         data.qvel[self._qvel] = 0.0
@@ -190,7 +196,7 @@ class ArmController:
         self.reset(data)
 
     def reset(self, data: mujoco.MjData) -> None:
-        """Adopt the current joint angles and opening width as the command, so that the arm holds still."""
+        """Use the current joint angles and opening width as the command, so that the arm holds still."""
         joints = data.qpos[self._qpos]
         self._joints = joints.tolist()
         self._pose = self.ik.forward(joints)
@@ -200,13 +206,14 @@ class ArmController:
         data.ctrl[self._gripper] = self._jaw.control_at(self._width)
 
     def apply(self, data: mujoco.MjData, action: object, *, measured: Pose | None = None) -> np.ndarray:
-        """Set the controls of the next control step in ``data`` and return the applied action.
+        """Write the controls of the next control step to ``data``, and return the action that was applied.
 
-        ``measured`` is ``T_base_tcp`` at the current joint angles, if the caller knows it. The returned action is
-        float64 and within the bounds, shape (dim,). Applying it again gives the same bits.
+        ``measured`` is the pose ``T_base_tcp`` at the current joint angles, if the caller knows it. The returned action
+        is a float64 array (dim,) within the bounds of the action space. Applying the returned action instead of the
+        given one has a bit-identical effect.
 
         Raises:
-            InvalidActionError: If the action has the wrong shape or type, or a non-finite number.
+            InvalidActionError: If the action has a wrong shape or type, or contains a non-finite number.
         """
         applied = self.action_space.clip(action)
         numbers = applied.tolist()
@@ -228,11 +235,12 @@ class ArmController:
         return applied
 
     def gripper_command(self, applied: np.ndarray, last: float) -> float:
-        """Return the gripper command of an applied action, -1 to open and 1 to close.
+        """Return the gripper command of an applied action: -1 to open, 1 to close.
 
-        In an action space that sets the opening itself, the command is inferred from the widths. The gripper closes
-        while the commanded width is smaller than the measured one by :data:`CLOSING_LEAD_M`, also while it presses on
-        an object. It opens while the commanded width is larger. Otherwise the ``last`` command is kept.
+        Some action spaces set the opening width itself. The command is then inferred from the widths. The gripper
+        closes while the commanded width is smaller than the measured width by at least :data:`CLOSING_LEAD_M`. This
+        includes the time in which it presses on an object. It opens while the commanded width is larger by at least the
+        same amount. Otherwise, the ``last`` command is kept.
         """
         if not self._sets_width:
             command: float = applied.item(-1)
@@ -241,17 +249,17 @@ class ArmController:
         return last if abs(lead) < CLOSING_LEAD_M else math.copysign(1.0, lead)
 
     def own_action(self, action: np.ndarray) -> np.ndarray:
-        """Return the action of this controller's action space that moves the arm like an ``ee_delta`` action.
+        """Convert an ``ee_delta`` action to the equivalent action of this controller's action space.
 
-        Planned motions are sequences of ``ee_delta`` actions. This function expresses them in the action space of a
+        Planned motions are sequences of ``ee_delta`` actions. This method expresses them in the action space of a
         policy, for the state in which the controller was reset or last applied an action. It supports ``ee_delta``
-        itself and the spaces of absolute joint angles.
+        itself and action spaces of absolute joint angles.
 
         Args:
-            action: (7,) action in ``ee_delta``.
+            action: Action in ``ee_delta``, (7,).
 
         Raises:
-            InvalidInputError: If the action space is another one.
+            InvalidInputError: If the controller's action space is not supported.
         """
         if self.action_space.name == EE_DELTA.name:
             return action
@@ -259,7 +267,7 @@ class ArmController:
             raise InvalidInputError(
                 "action space",
                 f"planned motions cannot be expressed in {self.action_space.name!r}",
-                "Use ee_delta or a space of absolute joint angles",
+                "Use ee_delta or an action space of absolute joint angles",
             )
         numbers = action.tolist()
         measured = self._get_joints()
@@ -272,7 +280,7 @@ class ArmController:
         return np.array([*(q / unit for q, unit in zip(joints, self._scale, strict=False)), gripper])
 
     def _attend(self, data: mujoco.MjData) -> None:
-        """Prepare access to the engine's data, which stay at a fixed address."""
+        """Prepare fast access to the engine's data. The data must stay at the same memory address."""
         if data is self._data:
             return
         self._data, self._ctrl = data, numbers_of(data.ctrl)
@@ -280,21 +288,21 @@ class ArmController:
         self._get_reference = number_reader(data.act, self._act)
 
     def state(self) -> ControllerState:
-        """Return the controller's memory between actions."""
+        """Return the values that the controller remembers between actions."""
         return ControllerState(self._pose, tuple(self._joints), self._width)
 
     def restore(self, state: ControllerState) -> None:
-        """Restore the result of :meth:`state`. Raises InvalidInputError if it belongs to another robot."""
+        """Restore the given state of the controller. Raises InvalidInputError if it belongs to a different robot."""
         if len(state.joints) != self.ik.home.size:
             raise InvalidInputError(
-                "controller state", f"has {len(state.joints)} joints", f"Restore a state of the {self.spec.title}"
+                "controller state", f"has {len(state.joints)} joints", f"Restore a state of a {self.spec.title}"
             )
         self._pose = state.pose
         self._joints = state.joints
         self._width = state.width_m
 
     def _ee_delta(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
-        """Add the action to the commanded pose, bound its lead, and step toward it."""
+        """Add the action to the commanded pose, limit how far this pose leads the arm, and step toward the result."""
         asked = _moved(self._pose, action)
         self._pose = _bounded(asked, self._measured or self.ik.forward(measured))
         return self._toward(self._pose, measured, reference)
@@ -302,7 +310,7 @@ class ArmController:
     def _ee_delta_measured(
         self, action: list[float], measured: Sequence[float], reference: Sequence[float]
     ) -> list[float]:
-        """Add the action to the measured pose and step toward it."""
+        """Add the action to the measured pose, and step toward the result."""
         self._pose = _moved(self._measured or self.ik.forward(measured), action)
         return self._toward(self._pose, measured, reference)
 
@@ -319,21 +327,21 @@ class ArmController:
     def _joint_position(
         self, action: list[float], measured: Sequence[float], reference: Sequence[float]
     ) -> list[float]:
-        """Step toward absolute joint angles."""
+        """Step toward absolute joint angles [rad]."""
         return self._joint_step(action[:-1], measured, reference)
 
     def _scaled_joint_position(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
-        """Step toward absolute joint angles in the units of the action space."""
+        """Step toward absolute joint angles, given in the units of the action space."""
         goal = [unit * a for unit, a in zip(self._scale[:-1], action[:-1], strict=True)]
         return self._joint_step(goal, measured, reference)
 
     def _joint_delta(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
-        """Add the action to the commanded joint angles."""
+        """Add the action to the commanded joint angles, and step toward the result."""
         asked = [q + JOINT_STEP_PER_UNIT_RAD * a for q, a in zip(self._joints, action[:-1], strict=True)]
         return self._joint_step(asked, measured, reference)
 
     def _joint_step(self, goal: Joints, measured: Joints, reference: Joints) -> list[float]:
-        """Return the next joint reference toward a joint goal, within limits of position, speed and lead."""
+        """Return the next joint reference toward the goal, within the limits of position, speed and lead."""
         low, high = self.ik.window(reference, reference)
         near = [min(max(g, m - JOINT_LEAD_RAD), m + JOINT_LEAD_RAD) for g, m in zip(goal, measured, strict=True)]
         step = [min(max(g, least), most) for g, least, most in zip(near, low, high, strict=True)]
@@ -345,7 +353,7 @@ class ArmController:
         return self.ik.step(reference, target, around=measured, lead_rad=JOINT_LEAD_RAD)
 
     def _move_gripper(self, command: float, measured_width: float) -> float:
-        """Return the commanded opening width [m] after a step at finite speed in the direction of the command."""
+        """Return the commanded opening width [m] after one step at the gripper's speed, as the command directs."""
         if command == 0.0:
             return self._width
         spec = self.spec
@@ -355,11 +363,11 @@ class ArmController:
         return min(max(width, -spec.gripper_lead_m), spec.gripper_opening_m)
 
     def _set_gripper(self, command: float, _measured_width: float) -> float:
-        """Return the opening width [m] at a share of the jaw's travel."""
+        """Return the opening width [m] for a command that is a fraction of the jaw's range."""
         return self._jaw.width_at_share(self._scale[-1] * command)
 
     def _check_base(self, model: mujoco.MjModel, prefix: str) -> None:
-        """Check that the robot is at the pose assumed by its kinematics: the world origin without rotation."""
+        """Check that the robot's base is at the world origin without rotation, as its kinematics require."""
         body = model.body(prefix + self.spec.arm_bodies[0]).id
         base = Pose()
         while body:
@@ -372,13 +380,13 @@ class ArmController:
         ):
             raise InvalidInputError(
                 f"base of the robot {self.spec.name!r}",
-                f"the base is at {list(base.position)}, expected at the world origin without rotation",
-                "Attach the robot there, because all poses are given in the base frame",
+                f"expected the base at the world origin without rotation, but it is at {list(base.position)}",
+                "Attach the robot at the world origin, because all poses are given in the base frame",
             )
 
 
-# Class functions instead of bound methods: a reference cycle through the controller, with its inverse kinematics
-# models, would stay in memory until a garbage collection.
+# These are functions of the class instead of bound methods. Bound methods would create a reference cycle, which would
+# keep the controller with its inverse kinematics models in memory until a garbage collection.
 _Advance = Callable[[ArmController, list[float], Joints, Joints], list[float]]
 _DRIVEN: dict[str, _Advance] = {
     EE_DELTA.name: ArmController._ee_delta,
@@ -390,11 +398,11 @@ _DRIVEN: dict[str, _Advance] = {
 
 
 def _through_play(goal: Joints, held: Joints, play: Sequence[float]) -> list[float]:
-    """Return the positions that the servos hold after their references have moved, given the play of the gears.
+    """Return the positions at which the servos hold the joints after their references have moved, given the backlash.
 
     Args:
-        goal: References [rad].
-        held: Positions to which the servos hold the joints [rad].
+        goal: New references [rad].
+        held: Previous positions at which the servos held the joints [rad].
         play: Half of the play of each joint [rad].
     """
     return [min(max(h, g - p), g + p) for g, h, p in zip(goal, held, play, strict=True)]
@@ -404,7 +412,7 @@ _COS_HALF_LEAD = math.cos(0.5 * ROTATION_LEAD_RAD)
 
 
 def _moved(pose: Pose, action: list[float]) -> Pose:
-    """Return a pose moved by a Cartesian delta action, in the base frame."""
+    """Return a pose after a Cartesian delta action in the base frame."""
     x, y, z = pose.position
     s = TRANSLATION_PER_UNIT_M
     position: Vector = (x + s * action[0], y + s * action[1], z + s * action[2])
@@ -419,7 +427,7 @@ def _moved(pose: Pose, action: list[float]) -> Pose:
 def _bounded(
     pose: Pose, center: Pose, *, distance_m: float = POSITION_LEAD_M, angle_rad: float = ROTATION_LEAD_RAD
 ) -> Pose:
-    """Return the pose, moved toward ``center`` if it is outside the bounds."""
+    """Return the pose, moved toward ``center`` if it is farther away than the bounds allow."""
     position, quaternion = pose.position, pose.quaternion
     cx, cy, cz = center.position
     dx, dy, dz = position[0] - cx, position[1] - cy, position[2] - cz

@@ -1,9 +1,10 @@
-"""Mesh decimation that keeps closed meshes closed, and shading normals that follow edges.
+"""Mesh decimation that keeps closed meshes closed, and shading normals that follow the edges of a mesh.
 
-Edges are collapsed by the quadric error metric (M. Garland, P. S. Heckbert, "Surface Simplification Using Quadric Error
-Metrics", SIGGRAPH 1997), the cheapest first. Collapses that would flip a triangle, make a sliver, or connect separate
-sheets are skipped, which avoids flaps and holes. Open borders are held in place by additional planes perpendicular to
-the border triangles. The order depends only on the arrays, so every machine with the same input makes the same mesh.
+Edges are collapsed in the order of the quadric error metric, the cheapest first (M. Garland, P. S. Heckbert, "Surface
+Simplification Using Quadric Error Metrics", SIGGRAPH 1997). Collapses that would flip a triangle, create a sliver, or
+connect separate sheets are skipped, which avoids flaps and holes. Open borders are held in place by additional planes
+perpendicular to the border triangles. The order of collapses depends only on the arrays, so every machine creates the
+same mesh from the same input.
 """
 
 from __future__ import annotations
@@ -18,22 +19,26 @@ Point = tuple[float, float, float]
 Quadric = list[float]
 
 _BORDER_WEIGHT = 30.0
-"""Weight of the border planes relative to the face planes, so that borders move along themselves rather than
-sideways."""
+"""Weight of the border planes relative to the face planes.
+
+It makes borders move along themselves rather than sideways.
+"""
 
 _LEAST_COSINE = 0.35
-"""Cosine of the largest triangle rotation caused by one collapse, about 70 degrees."""
+"""Cosine of the largest rotation of a triangle that one collapse may cause, about 70 degrees."""
 
 _LEAST_SHAPE = 0.02
-"""Minimum shape quality of a triangle: its area divided by the area of an equilateral triangle with its longest side.
+"""Minimum shape quality of a triangle.
+
+The quality is the area of the triangle divided by the area of an equilateral triangle with the same longest side.
 """
 
 
 def welded(vertices: np.ndarray, faces: np.ndarray, tolerance_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Merge vertices that share a cell of a grid of this size, and drop degenerate and duplicate triangles.
+    """Merge all vertices that lie in the same cell of a grid, and drop degenerate and duplicate triangles.
 
     Returns:
-        (n, 3) float64 vertices [m], all of them used, and (m, 3) int64 faces.
+        Vertices (n, 3) float64 [m], all of which are used, and faces (m, 3) int64.
     """
     cells = np.round(np.asarray(vertices, dtype=np.float64) / tolerance_m).astype(np.int64)
     _, first, inverse = np.unique(cells, axis=0, return_index=True, return_inverse=True)
@@ -47,7 +52,7 @@ def welded(vertices: np.ndarray, faces: np.ndarray, tolerance_m: float) -> tuple
 
 
 def creased(vertices: np.ndarray, faces: np.ndarray, degrees: float) -> tuple[np.ndarray, np.ndarray]:
-    """Split vertices where faces meet at a larger angle than ``degrees``.
+    """Split vertices at which faces meet at an angle larger than ``degrees``.
 
     A renderer that averages the normals of the faces around a vertex then draws edges sharp and round surfaces smooth.
     """
@@ -81,17 +86,17 @@ def creased(vertices: np.ndarray, faces: np.ndarray, degrees: float) -> tuple[np
 def decimated(
     pieces: Sequence[tuple[np.ndarray, np.ndarray]], weights: Sequence[float], target: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return meshes with ``target`` triangles in total, or more if no further collapse is allowed.
+    """Decimate meshes to ``target`` triangles in total. If no further collapse is allowed, more triangles remain.
 
-    Triangles are distributed by need, because all edges of all pieces share one queue.
+    Pieces with more detail keep more triangles, because the edges of all pieces share one queue.
 
     Args:
-        pieces: For each its (n, 3) positions [m], welded, and (m, 3) vertex numbers.
-        weights: Relative error weight of each piece.
+        pieces: Welded vertex positions (n, 3) [m] and vertex indices of the triangles (m, 3), for each piece.
+        weights: Relative weight of shape errors in each piece.
         target: Number of triangles at which to stop.
 
     Returns:
-        Each piece in the same form.
+        The decimated pieces, in the same form.
     """
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in pieces)])
     owner = np.repeat(np.arange(len(pieces)), np.diff(starts))
@@ -107,10 +112,10 @@ def decimated(
 
 
 class _Collapsing:
-    """A mesh during edge collapses."""
+    """Mesh whose edges are being collapsed."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray) -> None:
-        # in millimeters, so that squared lengths do not vanish
+        # Coordinates are in millimeters here, so that squared lengths do not become too small.
         self._points: list[Point] = [(x, y, z) for x, y, z in (1e3 * np.asarray(vertices, dtype=float)).tolist()]
         self._faces: list[list[int] | None] = [list(f) for f in np.asarray(faces).tolist()]
         self._count = len(self._faces)
@@ -128,7 +133,7 @@ class _Collapsing:
             self._push(a, b)
 
     def run(self, target: int) -> None:
-        """Collapse the cheapest edges until the target is met or no edge is left."""
+        """Collapse the cheapest edges until the target number of triangles is reached or no edge is left."""
         while self._count > target and self._heap:
             _, a, b, stamp_a, stamp_b, place = heapq.heappop(self._heap)
             if self._stamp[a] == stamp_a and self._stamp[b] == stamp_b and self._allowed(a, b, place):
@@ -140,7 +145,7 @@ class _Collapsing:
         return 1e-3 * np.array(self._points), faces
 
     def _push(self, a: int, b: int) -> None:
-        """Queue an edge with the best position for its collapse."""
+        """Add an edge to the queue, with the best position for the vertex that would replace it."""
         q = [s + t for s, t in zip(self._quadrics[a], self._quadrics[b], strict=True)]
         pa, pb = self._points[a], self._points[b]
         middle = (0.5 * (pa[0] + pb[0]), 0.5 * (pa[1] + pb[1]), 0.5 * (pa[2] + pb[2]))
@@ -149,13 +154,13 @@ class _Collapsing:
         if best is not None and math.dist(best, middle) <= math.dist(pa, pb):
             places.append(best)
         costs = [_error(q, place) for place in places]
-        # among zero-cost edges, as on flat faces, the shorter one is collapsed first
+        # Among edges without cost, which occur on flat faces, the shorter edge is collapsed first.
         cost = min(costs)
         entry = (max(cost, 0.0) + 1e-6 * math.dist(pa, pb) ** 2, a, b, self._stamp[a], self._stamp[b])
         heapq.heappush(self._heap, (*entry, places[costs.index(cost)]))
 
     def _neighbors(self, vertex: int) -> set[int]:
-        """Return the vertices that share an edge with a vertex."""
+        """Return the vertices that share an edge with the given vertex."""
         found: set[int] = set()
         for number in self._around[vertex]:
             found.update(self._faces[number] or ())
@@ -163,11 +168,11 @@ class _Collapsing:
         return found
 
     def _allowed(self, a: int, b: int, place: Point) -> bool:
-        """Return whether a collapse keeps the surface manifold and flips no triangle."""
+        """Return whether collapsing the edge keeps the surface manifold and does not flip a triangle."""
         shared = self._around[a] & self._around[b]
         if not 1 <= len(shared) <= 2:
             return False
-        # The link condition: the edge's ends have no common neighbors except in the removed triangles.
+        # Link condition: the ends of the edge have no common neighbors except in the triangles to be removed.
         if len(self._neighbors(a) & self._neighbors(b)) != len(shared):
             return False
         if len(shared) == 2 and self._on_border(a) and self._on_border(b):
@@ -182,7 +187,7 @@ class _Collapsing:
         return True
 
     def _on_border(self, vertex: int) -> bool:
-        """Return whether a vertex has an edge with only one triangle."""
+        """Return whether a vertex is on a border, i.e. has an edge with only one triangle."""
         seen: dict[int, int] = {}
         for number in self._around[vertex]:
             for other in self._faces[number] or ():
@@ -191,7 +196,7 @@ class _Collapsing:
         return any(times == 1 for times in seen.values())
 
     def _collapse(self, a: int, b: int, place: Point) -> None:
-        """Move ``a`` to the new position and replace ``b`` by it."""
+        """Collapse the edge: move ``a`` to the new position, and replace ``b`` by ``a`` in all triangles."""
         for number in self._around[a] & self._around[b]:
             for vertex in self._faces[number] or ():
                 self._around[vertex].discard(number)
@@ -210,9 +215,9 @@ class _Collapsing:
 
 
 def _quadrics(points: np.ndarray, faces: np.ndarray, weights: np.ndarray) -> list[Quadric]:
-    """Return the ten numbers of each vertex's quadric, from the area-weighted planes of its faces and borders.
+    """Return the quadric of each vertex (ten numbers), from the area-weighted planes of its faces and borders.
 
-    All of them are multiplied by the ``weights`` (n,) of the vertices.
+    Each quadric is multiplied by the weight of its vertex. ``weights`` has the shape (n,).
     """
     a, b, c = points[faces].swapaxes(0, 1)
     normals = np.cross(b - a, c - a)
@@ -237,7 +242,7 @@ def _quadrics(points: np.ndarray, faces: np.ndarray, weights: np.ndarray) -> lis
 
 
 def _plane(normals: np.ndarray, through: np.ndarray) -> np.ndarray:
-    """Return the (n, 10) quadrics of planes with unit normals (n, 3) through points (n, 3)."""
+    """Return the quadrics (n, 10) of planes with unit normals (n, 3) through points (n, 3)."""
     x, y, z = normals.T
     d = -np.einsum("ij,ij->i", normals, through)
     return np.stack([x * x, x * y, x * z, x * d, y * y, y * z, y * d, z * z, z * d, d * d], axis=1)
@@ -255,7 +260,10 @@ def _error(q: Quadric, p: Point) -> float:
 
 
 def _minimum(q: Quadric) -> Point | None:
-    """Return the point of minimum error, or None if it is poorly determined (flat or straight surroundings)."""
+    """Return the point at which a quadric has its smallest error.
+
+    Return None if this point is poorly determined, because the surface is flat or straight there.
+    """
     a, b, c, d, e, f, g, h, i, _ = q
     m0, m1, m2 = e * h - f * f, c * f - b * h, b * f - c * e
     determinant = a * m0 + b * m1 + c * m2
@@ -270,7 +278,7 @@ def _minimum(q: Quadric) -> Point | None:
 
 
 def _keeps(before: list[Point], after: list[Point]) -> bool:
-    """Return whether a moved triangle keeps its orientation and is not a sliver."""
+    """Return whether a triangle whose corner moves keeps its orientation and does not become a sliver."""
     n, m = _normal(before), _normal(after)
     size_n, size_m = math.hypot(*n), math.hypot(*m)
     longest = max(math.dist(after[0], after[1]), math.dist(after[1], after[2]), math.dist(after[2], after[0]))
@@ -285,7 +293,7 @@ def _keeps(before: list[Point], after: list[Point]) -> bool:
 
 
 def _normal(corners: list[Point]) -> Point:
-    """Return the normal of a triangle, twice as long as its area."""
+    """Return the normal of a triangle. Its length is twice the area of the triangle."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
     ux, uy, uz, vx, vy, vz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
     return (uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx)

@@ -1,13 +1,14 @@
-"""Dynamics of a robot that vary by trial: servo gains, friction, rotor inertia and backlash.
+"""Dynamics of a robot that vary from trial to trial: servo gains, friction, rotor inertia and backlash.
 
-If values are taken from another robot or differ between copies of the robot, the robot declares a range and a source
-for each such quantity. A trial draws one value per joint and applies the values to a copy of the compiled model. A
-robot without ranges keeps the model itself.
+Some values of a robot are taken from a different robot or differ between copies of the robot. For each such quantity,
+the robot declares a range and its source. A trial draws one value per joint and applies the values to a copy of the
+compiled model. A robot without such ranges uses the model itself.
 
-**Backlash** is the free play of a joint's gears. It is modeled as a play between the reference of the position servo
-and the position to which the servo holds the joint. The joint follows only after the reference has moved through the
-play. Its error is therefore up to half of the play, with a sign that depends on the direction of the last motion. Dry
-friction keeps the joint where it stopped. In reality, a load can move the joint within the play; this is not modeled.
+**Backlash** is the free play of a joint's gears. It is modeled between the reference of the position servo and the
+position at which the servo holds the joint: the joint follows only after the reference has moved through the play. The
+error of the joint is therefore up to half of the play, with a sign that depends on the direction of the last motion.
+Dry friction keeps the joint where it stopped. In reality, a load can move the joint within the play. This is not
+modeled.
 """
 
 from __future__ import annotations
@@ -22,24 +23,25 @@ from betterbench.sim.robots.spec import RobotSpec
 from betterbench.sim.robots.varied import BACKLASH
 
 Dynamics = Mapping[str, tuple[float, ...]]
-"""Values by quantity, one per joint: those of the arm from base to flange, then those of the fingers."""
+"""Values by quantity, with one value per joint: first the arm joints from base to flange, then the finger joints."""
 
 
 def draw_dynamics(spec: RobotSpec, generator_of: Callable[[str], np.random.Generator]) -> Dynamics:
-    """Return the dynamics of one trial, empty for a robot without varied quantities.
+    """Draw the dynamics of one trial. The result is empty for a robot whose dynamics do not vary.
 
     Args:
-        spec: Robot description.
-        generator_of: Returns the generator for one quantity, so that a new quantity does not change the others.
+        spec: Description of the robot.
+        generator_of: Function that returns the random generator of a quantity. Each quantity has its own, so that
+            adding a quantity does not change the others.
     """
     count = len(spec.arm_joints) + len(spec.finger_joints)
     return {varied.quantity: varied.draw(generator_of(varied.quantity), count) for varied in spec.dynamics}
 
 
 def backlash_of(spec: RobotSpec, dynamics: Dynamics) -> tuple[tuple[float, ...], float]:
-    """Return half of the play of each arm joint [rad], and of the gripper's servo in the units of its control.
+    """Return half of the play of each arm joint [rad], and half of the play of the gripper in the units of its control.
 
-    Both are empty or 0 without backlash.
+    If the robot has no backlash, the result is an empty tuple and 0.
     """
     values = dynamics.get(BACKLASH, ())
     if not values:
@@ -48,13 +50,14 @@ def backlash_of(spec: RobotSpec, dynamics: Dynamics) -> tuple[tuple[float, ...],
 
 
 def with_dynamics(model: mujoco.MjModel, spec: RobotSpec, dynamics: Dynamics, *, prefix: str = "") -> mujoco.MjModel:
-    """Return a copy of a model in which the robot has these dynamics, or the model itself without any.
+    """Return a copy of a model in which the robot has the given dynamics. If there are none, return the model itself.
 
-    Derived constants are computed again, except the scene's extent, which determines the cameras' clipping planes.
+    Derived constants are computed again, except the extent of the scene, because the clipping planes of the cameras
+    depend on it.
 
     Args:
-        model: Model with the robot.
-        spec: Robot description.
+        model: Model that contains the robot.
+        spec: Description of the robot.
         dynamics: Values by quantity. The backlash is not part of the model (see :class:`ArmController`).
         prefix: Prefix of the robot's names in the model.
     """
@@ -85,6 +88,6 @@ def with_dynamics(model: mujoco.MjModel, spec: RobotSpec, dynamics: Dynamics, *,
 
 
 def _scale(array: np.ndarray, indices: Sequence[int], factors: Sequence[float]) -> None:
-    """Multiply elements of an array by factors, if there are any."""
+    """Multiply the elements at the given indices by the factors. Do nothing if there are no factors."""
     for index, factor in zip(indices, factors, strict=False):
         array[index] *= factor

@@ -1,4 +1,4 @@
-"""Gripper of a robot without the arm, carried by three stiff slides. It is used to try grasps on a single object."""
+"""Gripper of a robot without its arm, carried by three stiff slides. It is used to try grasps on a single object."""
 
 from __future__ import annotations
 
@@ -10,32 +10,35 @@ from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.robots.spec import RobotSpec, build_robot_spec, robot
 
 CARRIER_JOINTS = ("carrier_x", "carrier_y", "carrier_z")
-"""Slides of the carrier along the world axes [m]. Actuators with the same names set their positions."""
+"""Slides of the carrier along the world axes [m]. Actuators with the same names set the positions of the slides."""
 TOOL_BODY = "tool"
-"""Body whose frame is the tool center point frame. Its orientation (``body_quat``) may be set before a trial."""
+"""Body whose frame is that of the tool center point. Its orientation (``body_quat``) may be set before a trial."""
 
 PREFIX = "robot_"
-"""Prefix for the names of the robot's own bodies, geoms, joints and actuators."""
+"""Prefix of the names of the robot's own bodies, geoms, joints and actuators."""
 
 _STIFFNESS = 20_000.0
-"""Position gain of a slide [N/m]: 1 kg sags by half a millimeter, less than an arm under gravity compensation."""
+"""Position gain of a slide [N/m].
+
+A mass of 1 kg sags by half a millimeter, less than with a gravity-compensated arm.
+"""
 _DAMPING = 400.0
-"""Velocity gain [N s/m]: above critical damping for gripper and object of 2 kg."""
+"""Velocity gain of a slide [N s/m]. It is above critical damping for a gripper and an object of 2 kg together."""
 _ARMATURE_KG = 1.0
 
 
 def add_floating_gripper(spec: mujoco.MjSpec, name: str = USUAL_ROBOT) -> RobotSpec:
-    """Add a robot's gripper with its fingers, pads, coupling and servo to a model, on a carrier with three slides.
+    """Add a robot's gripper (fingers, pads, coupling and servo) to a model, on a carrier with three slides.
 
-    The tool center point is at the carrier's position, in the orientation of the body ``tool``. Returns the
-    robot's description.
+    The tool center point is at the position of the carrier, with the orientation of the body ``tool``. Returns the
+    description of the robot.
 
     Raises:
-        UnknownNameError: If no such robot exists.
+        UnknownNameError: If there is no robot with this name.
     """
     known = robot(name)
     arm = build_robot_spec(name, visuals=False)
-    PHYSICS.set_solver(spec)  # attaching a model with other options would warn
+    PHYSICS.set_solver(spec)  # MuJoCo warns if the attached model has different options
     carrier = spec.worldbody.add_body(name="carrier", gravcomp=1.0)
     carrier.mass, carrier.inertia, carrier.explicitinertial = 0.1, (1e-4, 1e-4, 1e-4), True
     tool = carrier.add_body(name=TOOL_BODY)

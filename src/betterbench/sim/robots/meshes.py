@@ -1,12 +1,14 @@
-"""Visual meshes of the arm, read from an installed wheel, decimated once, and cached for the user.
+"""Visual meshes of the arm. They are read from an installed package, decimated once, and cached for the user.
 
-The STL files come with the ``gymnasium-robotics`` wheel and contain 134,000 triangles, which dominate the time of
-software rendering. Each file is split into its connected parts, the parts are sorted by paint, and all parts together
-are decimated to a fixed triangle budget, distributed by need (:mod:`~betterbench.sim.robots.decimation`).
+The STL files come with the ``gymnasium-robotics`` wheel. They contain 134,000 triangles, which would dominate the time
+of software rendering. Each file is split into its connected parts, and the parts are sorted by paint. All parts
+together are then decimated to a fixed number of triangles, of which parts with more detail get more
+(:mod:`~betterbench.sim.robots.decimation`).
 
-The cache file is named after the bytes of the sources, the budget and the recipe. The file is written under a temporary
-name and then renamed, so that two processes can write it at the same time. Its first line is the SHA-256 of its name
-and the rest of its content. A changed or unreadable file is generated again.
+The name of the cache file is a hash of the source files, the number of triangles and the version of the recipe. The
+file is written under a temporary name and then renamed, so that two processes may write it at the same time. Its first
+line is the SHA-256 of its name and the rest of its content. If the file is changed or unreadable, it is generated
+again.
 """
 
 from __future__ import annotations
@@ -33,13 +35,13 @@ from betterbench.sim.robots.spec import Progress
 _log = logging.getLogger(__name__)
 
 RECIPE_VERSION = 2
-"""Version of the mesh preparation, to be incremented with every change so that old cache files are not used."""
+"""Version of the mesh preparation. Increment it with every change, so that old cache files are not used."""
 
 _WELD_M = 1e-4
-"""Grid size for merging vertices [m]: the files have open seams of some hundredths of a millimeter."""
+"""Grid size for merging vertices [m]. The files have open seams of some hundredths of a millimeter."""
 
 _CREASE_DEGREES = 38.0
-"""Angle above which an edge is drawn sharp. The arm's housings are round, with edges at flanges and covers."""
+"""Angle above which an edge is drawn sharp. The housings of the arm are round, with edges at flanges and covers."""
 
 _CACHE_SUFFIX, _MOST_CACHE_BYTES = ".meshes", 1 << 26
 
@@ -49,11 +51,14 @@ _MESH_FOLDER = Path("envs/assets/kitchen_franka/franka_assets/meshes/visual")
 
 @dataclass(frozen=True, slots=True)
 class MeshPart:
-    """Part of a link ("link3", "hand"; the stem of the source file) with one paint ("shell", "dark").
+    """Part of a robot link that has a single paint (surface color).
+
+    The link is named after its source file ("link3", "hand").
 
     Attributes:
+        paint: Name of the paint ("shell", "dark").
         vertices: Corners in the link frame [m], shape (V, 3), float32.
-        faces: Corner numbers per triangle, shape (F, 3), int32.
+        faces: Vertex indices of each triangle, shape (F, 3), int32.
     """
 
     link: str
@@ -63,12 +68,12 @@ class MeshPart:
 
     @property
     def name(self) -> str:
-        """Part name in models and in the cache file."""
+        """Name of the part in models and in the cache file."""
         return f"{self.link}_{self.paint}"
 
 
 PaintRule = Callable[[str, int], str]
-"""Function from (link, rank of a connected part by area, largest first) to the name of a paint."""
+"""Function from a link and the rank of a connected part by area (largest first) to the name of a paint."""
 
 
 def mesh_folder() -> Path:
@@ -79,7 +84,7 @@ def mesh_folder() -> Path:
         if (Path(folder) / _MESH_FOLDER).is_dir():
             return Path(folder) / _MESH_FOLDER
     raise missing_packages(
-        "The Panda's meshes come with the package gymnasium-robotics, which is not installed or incomplete", _PACKAGE
+        "The Panda's meshes are part of the package gymnasium-robotics, which is missing or incomplete", _PACKAGE
     )
 
 
@@ -93,9 +98,10 @@ def visual_parts(
 ) -> tuple[MeshPart, ...]:
     """Return the decimated visual meshes, ordered by link and paint, from the cache if possible.
 
-    ``shares`` gives the weight of shape errors by file stem, and ``faces`` the maximum number of triangles over all
-    parts. ``paint`` sorts the connected parts of each file. ``progress`` is called for each link unless the cache is
-    used. Raises MissingDependencyError if a source file is missing.
+    ``shares`` contains the weight of shape errors for each file, by the name of the file without its extension.
+    ``faces`` is the maximum number of triangles of all parts together. ``paint`` chooses the paint of each connected
+    part. ``progress`` is called for each link unless the cache is used. Raises MissingDependencyError if a source file
+    is missing.
     """
     folder = mesh_folder()
     sources: dict[str, bytes] = {}
@@ -122,7 +128,7 @@ def visual_parts(
 def _prepare(
     sources: dict[str, bytes], shares: dict[str, float], paint: PaintRule, budget: int, progress: Progress | None
 ) -> tuple[MeshPart, ...]:
-    """Split, sort and decimate all sources so that all parts together stay within the budget."""
+    """Split all source files into parts, sort them by paint, and decimate all parts together to the triangle budget."""
     import trimesh  # noqa: PLC0415 - takes 0.6 s, which only the first process of a machine needs
 
     painted: dict[tuple[str, str], tuple[np.ndarray, np.ndarray]] = {}
@@ -155,7 +161,7 @@ def _prepare(
 
 
 def _connected(count: int, faces: np.ndarray) -> np.ndarray:
-    """Return the index of each vertex's connected part, shape (count,), for triangles of shape (F, 3)."""
+    """Return the index of the connected part to which each vertex belongs, shape (count,), for triangles (F, 3)."""
     labels = np.arange(count)
     while True:
         before = labels.copy()
@@ -168,7 +174,7 @@ def _connected(count: int, faces: np.ndarray) -> np.ndarray:
 
 
 def parts_from_bytes(data: bytes) -> tuple[MeshPart, ...]:
-    """Return the parts in the bytes of an NPZ archive, which :func:`parts_as_bytes` has made."""
+    """Read the mesh parts from the bytes of an NPZ archive, as :func:`parts_as_bytes` returns them."""
     with np.load(io.BytesIO(data), allow_pickle=False) as stored:
         parts = []
         for name in stored["names"].tolist():
@@ -178,7 +184,7 @@ def parts_from_bytes(data: bytes) -> tuple[MeshPart, ...]:
 
 
 def parts_as_bytes(parts: tuple[MeshPart, ...], *, compressed: bool = False) -> bytes:
-    """Return an NPZ archive of the parts."""
+    """Return the mesh parts as the bytes of an NPZ archive."""
     arrays: dict[str, np.ndarray] = {"names": np.array([p.name for p in parts])}
     for part in parts:
         arrays[f"{part.name}.v"] = part.vertices
@@ -189,7 +195,7 @@ def parts_as_bytes(parts: tuple[MeshPart, ...], *, compressed: bool = False) -> 
 
 
 def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
-    """Return the parts of a cache file, or None if it is missing or damaged."""
+    """Return the mesh parts in a cache file, or None if the file is missing or damaged."""
     try:
         with open_ordinary(path) as stream:
             seal, _, data = stream.read(_MOST_CACHE_BYTES).partition(b"\n")
@@ -208,14 +214,14 @@ _LEFTOVER_S = 3600.0
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Delete unfinished files of killed processes if they are older than an hour."""
+    """Delete temporary files that are older than an hour, because the processes that wrote them were killed."""
     for part in folder.glob(f"tmp*{_CACHE_SUFFIX}.part"):
         if time.time() - part.stat().st_mtime > _LEFTOVER_S:
             part.unlink(missing_ok=True)
 
 
 def _write_cache(path: Path, parts: tuple[MeshPart, ...]) -> None:
-    """Write the parts under a temporary name and rename. An unwritable cache only makes the next start slower."""
+    """Write the mesh parts to the cache file. If this fails, only the next start is slower."""
     packed = parts_as_bytes(parts)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Benchmark-wide physics options and rates for every model, including scenes, robots and single assets."""
+"""Physics options and control rates that all models share, including scenes, robots and single assets."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from betterbench.interface.actions import CONTROL_RATE_HZ
 
 @dataclass(frozen=True, slots=True)
 class Physics:
-    """Options of MuJoCo's compiler and solver, and the default contact.
+    """Options of MuJoCo's compiler and solver, and the default contact parameters.
 
     Attributes:
         timestep_s: Duration of one physics step [s].
-        control_rate_hz: Action rate [Hz]. A control step is an integer number of physics steps.
+        control_rate_hz: Number of actions per second [Hz]. A control step is an integer number of physics steps.
         impratio: Ratio of frictional to normal constraint impedance. Values above 1 reduce the creep of held objects.
         noslip_iterations: Iterations of the solver that removes the remaining creep.
-        condim: Contact dimensions. 4 has torsional friction, which keeps a flat object from rotating between two pads.
-        contact_time_constant_s: Time constant of critically damped contacts [s]. An object dropped from 5 cm arrives at
-            1 m/s. MuJoCo's default of 20 ms lets it sink by 7 mm, through the floor of a box. 5 ms limits it to 2 mm
-            and is still 2.5 time steps.
+        condim: Contact dimensions. With 4, there is torsional friction, which prevents a flat object from rotating
+            between two pads.
+        contact_time_constant_s: Time constant of critically damped contacts [s]. An object that is dropped from 5 cm
+            arrives at 1 m/s. With MuJoCo's default of 20 ms, it would sink by 7 mm, through the floor of a box. With 5
+            ms, which is still 2.5 time steps, it sinks by 2 mm.
         sleep_tolerance_m_s: Speed below which a group of touching objects falls asleep after ten time steps [m/s].
             Rotation is weighted by the object's size. The value is a twentieth of the speed below which a verdict
             considers an object at rest, so no motion that affects a verdict is stopped.
@@ -46,7 +47,7 @@ class Physics:
         spec.option.noslip_iterations = self.noslip_iterations
 
     def set_scene(self, spec: mujoco.MjSpec) -> None:
-        """Write the options, sleeping and the default contact of geoms to a scene's description."""
+        """Write the solver and sleeping options and the default contact parameters to the description of a scene."""
         self.set_solver(spec)
         spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         spec.option.sleep_tolerance = self.sleep_tolerance_m_s

@@ -1,7 +1,7 @@
-"""Access to the physics engine's arrays as plain floats, for use at every control step.
+"""Fast access to the physics engine's arrays as plain floats, for use at every control step.
 
-Between two physics steps the CPU's caches are cold, and an array operation takes several times as long as in an
-isolated benchmark. Unpacking the memory directly takes a quarter of the time of indexing an array and converting it.
+Between two physics steps the CPU's caches are cold, so an array operation takes several times as long as in an isolated
+benchmark. Unpacking the memory directly takes a quarter of the time of indexing an array and converting the result.
 """
 
 from __future__ import annotations
@@ -16,22 +16,17 @@ from typing import Any, TypeVar
 import numpy as np
 
 Reader = Callable[[], tuple[Any, ...]]
-"""Function that returns the current values: numbers, or rows of numbers."""
+"""Function that returns the current values as a tuple of numbers or of rows of numbers."""
 
 Speeds = tuple[tuple[float, ...], tuple[float, ...]]
-"""Linear [m/s] and angular [rad/s] speed of each object."""
+"""Linear speeds [m/s] and angular speeds [rad/s] of all objects."""
 
 _AT_REST = (0.0,) * 6
 _Made = TypeVar("_Made")
 
 
 def number_reader(array: np.ndarray, indices: Sequence[int]) -> Reader:
-    """Return a function that reads the current values of some elements of an array.
-
-    Args:
-        array: (n,) float64, contiguous. Its memory address must not change.
-        indices: Indices of the elements, at least one.
-    """
+    """Return a function that reads the current values of the given elements of an array."""
     low, high = min(indices), max(indices) + 1
     read = functools.partial(struct.Struct(f"{high - low}d").unpack_from, _memory(array), 8 * low)
     pick = _picker(indices)
@@ -39,14 +34,7 @@ def number_reader(array: np.ndarray, indices: Sequence[int]) -> Reader:
 
 
 def row_reader(array: np.ndarray, rows: Sequence[int]) -> Reader:
-    """Return a function that reads the current values of some array rows.
-
-    Without a change, the function returns the same tuple as the last call, because mostly only the arm moves.
-
-    Args:
-        array: (n, width) float64, contiguous. Its memory address must not change.
-        rows: Indices of the rows.
-    """
+    """Return a function that reads the current values of the given rows of an array."""
     if not rows:
         return tuple
     size = 8 * array.shape[1]
@@ -59,9 +47,10 @@ def speed_reader(array: np.ndarray, free: Sequence[int], slides: Sequence[int]) 
     """Return a function that reads the current speeds of objects.
 
     Args:
-        array: (nv,) velocities of all degrees of freedom, float64, contiguous. The memory address must not change.
-        free: Index of the first of each object's six degrees of freedom, or -1 if it is not free.
-        slides: Index of each sliding object's only degree of freedom, or -1 if the object does not slide.
+        array: Velocities of all degrees of freedom (nv,), a contiguous float64 array that must stay at the same memory
+            address.
+        free: Index of the first of the six degrees of freedom of each object, or -1 if the object is not free.
+        slides: Index of the only degree of freedom of each object, or -1 if the object does not slide.
     """
     ends = [(d, d + 6) for d in free if d >= 0] + [(d, d + 1) for d in slides if d >= 0]
     first, last = min((a for a, _ in ends), default=0), max((b for _, b in ends), default=0)
@@ -85,17 +74,20 @@ def speed_reader(array: np.ndarray, free: Sequence[int], slides: Sequence[int]) 
 
 
 def numbers_of(array: np.ndarray) -> memoryview[float]:
-    """Return an array (n,) float64 in a form with fast access to single elements."""
+    """Return a float64 array (n,) as a memory view, which gives fast access to single elements."""
     return _memory(array).cast("d")
 
 
 def number_writer(array: np.ndarray) -> Callable[..., None]:
-    """Return a function that writes its arguments into an array (n,) float64, all n of them."""
+    """Return a function with n arguments that writes them into a float64 array (n,)."""
     return functools.partial(struct.Struct(f"{len(array)}d").pack_into, _memory(array), 0)
 
 
 def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _Made]:
-    """Return a function for a value derived from memory. The value is recomputed only if a byte has changed."""
+    """Return a function that returns a value derived from memory.
+
+    It computes the value again only if a byte of the memory has changed.
+    """
     last = memory.tobytes()
     made = make(last)
 
@@ -110,12 +102,15 @@ def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _M
 
 
 def _picker(indices: Sequence[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
-    """Return a function that selects indices from the values from smallest to largest index, or None for all."""
+    """Return a function that selects the given indices from the values between the smallest and the largest index.
+
+    The result is None if the indices select all of these values in order, so that no selection is needed.
+    """
     low, high = min(indices), max(indices) + 1
     return None if list(indices) == list(range(low, high)) else operator.itemgetter(*(i - low for i in indices))
 
 
 def _memory(array: np.ndarray) -> memoryview:
     if array.dtype != np.float64:
-        raise TypeError(f"an array of {array.dtype} , expected float64")
+        raise TypeError(f"got an array of {array.dtype}, expected float64")
     return array.data.cast("B")

@@ -1,4 +1,4 @@
-"""Robot descriptions for other packages, one frozen value per robot, and their registry."""
+"""Descriptions of robots, as one frozen value per robot, and the registry of robots."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from betterbench.sim.robots.jaws import Jaw
 from betterbench.sim.robots.varied import VariedQuantity
 
 Progress = Callable[[str, int, int], None]
-"""Called with (current work, steps done, total steps) during long work."""
+"""Function that is called during long work with the name of the current work, the steps done and the total steps."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraMount:
-    """A camera fixed to a body, with its position, viewed point and upward image direction in the body's frame.
+    """Camera that is fixed to a body. All vectors are in the frame of the body.
 
     Attributes:
         position: Position [m].
@@ -37,17 +37,17 @@ class CameraMount:
 
 @dataclass(frozen=True, slots=True)
 class IKWeights:
-    """Costs of the inverse kinematics relative to a position error of 1 m, and the slack of the tool's rotation.
+    """Costs of the inverse kinematics relative to a position error of 1 m, and the accepted rotation error.
 
-    An arm with fewer than six joints cannot take every pose. Its rotation cost is small, so that positions are exact
-    and rotations as close as the arm allows. ``rotation_slack_rad`` is the accepted rotation error.
+    An arm with fewer than six joints cannot reach every pose. Its rotation cost is small, so that positions are exact
+    and rotations are as close as the arm allows.
 
     Attributes:
         orientation: Cost of a rotation error [1/rad].
         posture: Cost of the distance to the home posture [1/rad].
         step_damping: Damping of a control step [1/rad2].
-        reach_damping: Damping of an iteration of a search [1/rad2].
-        rotation_slack_rad: Rotation error of a pose that still counts as reached [rad].
+        reach_damping: Damping of an iteration when searching for the joint angles of a pose [1/rad2].
+        rotation_slack_rad: Largest rotation error at which a pose still counts as reached [rad].
     """
 
     orientation: float
@@ -59,17 +59,18 @@ class IKWeights:
 
 @dataclass(frozen=True, slots=True)
 class Workspace:
-    """Distances of motions that a planner chooses for a robot [m].
+    """Heights and distances that a motion planner uses for a robot [m].
 
     Attributes:
         carry_heights_m: Heights of the tool center point at which objects are carried across the table, lowest first.
-        detours_m: Points (x, y) of the table over which a path goes if the straight one is not free, for an arm that
-            cannot pass close to its own base.
-        lift_m: Length of the straight approach to an object and of the first lift.
-        retreat_m: Height by which the tool retreats after a release.
-        leave_m: Length of the beginning of a path on which contacts are allowed, because its start cannot be chosen.
-        check_step_m: Distance between checked configurations along a path, small enough that a finger cannot pass
-            through a wall between two of them.
+        detours_m: Points (x, y) on the table. If the straight path is blocked, the planner tries a path over one of
+            these points. They are needed for an arm that cannot pass close to its own base.
+        lift_m: Length of the straight approach to an object, and of the first lift.
+        retreat_m: Height by which the tool retreats after releasing an object.
+        leave_m: Length at the beginning of a path on which contacts are allowed, because the planner cannot choose
+            where a path starts.
+        check_step_m: Distance between configurations that are checked along a path. It is so small that a finger cannot
+            pass through a wall between two checked configurations.
     """
 
     carry_heights_m: tuple[float, ...]
@@ -82,15 +83,15 @@ class Workspace:
 
 @dataclass(frozen=True, slots=True)
 class SteeringLimits:
-    """Limits of the tool positions to which an operator can send a robot, in its base frame.
+    """Limits of the tool positions to which an operator can send a robot, in the robot's base frame.
 
     Attributes:
         center: Point from which the reach is measured [m].
-        back_m: Distance behind the tool center point, against its approach, of the point whose reach is limited [m].
-            This is the length of the gripper for an arm that keeps the rotation of its tool, or 0 for an arm that tilts
-            it.
-        longest_m: Largest distance of that point from the center [m].
-        nearest_m: Smallest horizontal distance of the tool from the center [m]. At a smaller distance, the arm would
+        back_m: Distance from the tool center point back along the approach direction to the point whose reach is
+            limited [m]. It is the length of the gripper for an arm that keeps the rotation of its tool, and 0 for an
+            arm that tilts its tool.
+        longest_m: Largest distance of the limited point from the center [m].
+        nearest_m: Smallest horizontal distance of the tool from the center [m]. If the tool came closer, the arm would
             hit itself.
         highest_m: Largest height of the tool [m].
     """
@@ -104,46 +105,50 @@ class SteeringLimits:
 
 @dataclass(frozen=True, slots=True)
 class RobotSpec:
-    """Robot description, for controllers, scenes and experts.
+    """Description of a robot, for controllers, scenes and experts.
 
-    Names are those in the robot's own model. A scene that attaches the robot under a prefix passes the prefix. Arm
-    joints are listed from base to flange, and all per-joint tuples follow that order, with angles [rad] and velocity
-    limits [rad/s].
+    Names are those in the robot's own model. A scene attaches the robot under a prefix and has to pass the prefix. Arm
+    joints are listed from base to flange, and all per-joint tuples follow that order, with angles in rad and velocity
+    limits in rad/s.
 
     Attributes:
         name: Name in the registry ("panda").
-        dataset_type: Robot type in LeRobot's data sets ("so101_follower").
+        dataset_type: Robot type in LeRobot data sets ("so101_follower").
         source: Source of kinematics, masses and meshes.
         position_actuators: For each arm joint, the servo that pulls the joint to its integrated reference.
         velocity_actuators: For each arm joint, the servo that damps the joint toward the reference velocity.
         gripper_actuator: Position servo of the gripper.
         finger_joints: Joints of the fingers. ``jaw`` relates them to the opening width.
-        finger_bodies: Bodies of the left (+y of the gripper) and right finger.
+        finger_bodies: Bodies of the left finger (+y of the gripper) and of the right finger.
         pad_geoms: Collision geoms of the left and the right pad.
         hand_body: Body that carries the fingers.
-        arm_bodies: Arm bodies without the gripper.
-        tcp_site: Tool center point between the pads, with z along the approach and y along the finger opening
-            direction.
-        joint_effort: Maximum torque of the servos [N m].
+        arm_bodies: Bodies of the arm, without the gripper.
+        tcp_site: Site of the tool center point between the pads, with z along the approach direction and y along the
+            direction in which the fingers open.
+        joint_effort: Maximum torque of each servo [N m].
         gripper_opening_m: Largest opening width [m].
         pad_size_m: Width and height of a pad's face [m].
         tip_below_tcp_m: Distance of the fingertips below the tool center point [m].
         gripper_speed_m_s: Speed at which the commanded opening width changes [m/s].
         gripper_force_n: Largest force of each pad on an object [N].
-        gripper_lead_m: Largest lead of the commanded opening width over the measured one [m].
-        control_rate_hz: Rate of actions [Hz].
+        gripper_lead_m: Largest difference between the commanded and the measured opening width [m].
+        control_rate_hz: Number of actions per second [Hz].
         reach_m: Largest distance of the flange from the shoulder [m].
         jaw: Relation between finger joints, gripper servo and opening width.
-        action_spaces: Names of the action spaces that the controller executes, the default first.
+        action_spaces: Names of the action spaces that the controller executes, starting with the default.
         ik: Costs of the inverse kinematics.
-        posture_offsets: Offsets from home from which inverse kinematics also starts, per joint [rad].
+        posture_offsets: Offsets of additional start postures of the inverse kinematics from the home posture, per joint
+            [rad].
         wrist_camera: Camera on ``hand_body``.
-        front_camera: Camera in the robot's base frame that shows its workspace, or None for the stage's own.
-        workspace: Distances of planned motions.
-        steering: Limits of an operator's targets. They are not part of the JSON form, because they change no results.
-        dynamics: Quantities of the dynamics that a trial draws. It is empty for a robot whose numbers are known.
-        kept_apart: Pairs of bodies that can touch each other in the workspace, which the planner keeps apart. They are
-            not part of the JSON form, because they change no physics.
+        front_camera: Camera in the robot's base frame that shows its workspace, or None to use the front camera of the
+            stage.
+        workspace: Heights and distances for motion planning.
+        steering: Limits of an operator's targets. They are not part of the JSON form, because they do not change
+            results.
+        dynamics: Quantities of the dynamics for which each trial draws values. Empty for a robot whose dynamics are
+            known.
+        kept_apart: Pairs of the robot's bodies that could touch each other in the workspace, and that the planner keeps
+            apart. They are not part of the JSON form, because they do not change the physics.
     """
 
     name: str
@@ -186,7 +191,7 @@ class RobotSpec:
     kept_apart: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
-        """Check that the per-joint tuples agree and that home is inside the limits."""
+        """Check that all per-joint tuples have the same length and that the home posture is inside the limits."""
         n = len(self.arm_joints)
         per_joint = ("position_actuators", "velocity_actuators", "home_joints", "joint_low", "joint_high")
         for field in (*per_joint, "joint_velocity", "joint_effort"):
@@ -194,18 +199,20 @@ class RobotSpec:
                 raise InvalidInputError(
                     f"robot {self.name!r}",
                     f"{field} has {len(getattr(self, field))} entries",
-                    f"Give one per joint ({n})",
+                    f"Give one entry per joint ({n})",
                 )
         if any(len(offset) != n for offset in self.posture_offsets):
             raise InvalidInputError(
-                f"robot {self.name!r}", "an entry of posture_offsets has the wrong length", f"Give {n} angles in each"
+                f"robot {self.name!r}", "an entry of posture_offsets has a wrong length", f"Give {n} angles in each"
             )
         for joint, low, home, high in zip(
             self.arm_joints, self.joint_low, self.home_joints, self.joint_high, strict=True
         ):
             if not low < home < high:
                 raise InvalidInputError(
-                    f"robot {self.name!r}", f"home of {joint} is outside [{low}, {high}] rad", "Choose home inside"
+                    f"robot {self.name!r}",
+                    f"the home angle of {joint} is outside [{low}, {high}] rad",
+                    "Choose an angle inside this range",
                 )
 
     @property
@@ -214,12 +221,18 @@ class RobotSpec:
         return 1.0 / self.control_rate_hz
 
     def positions_in(self, space: ActionSpace, joints: Sequence[float], width_m: float) -> list[float]:
-        """Return arm joints [rad] and the gripper's opening [m] in a space of the robot's own motors."""
+        """Convert joint angles and an opening width to the units of an action space that commands the robot's motors.
+
+        The arguments are the joint angles [rad] and the opening width [m].
+        """
         *units, gripper = space.scale
         return [*(q / unit for q, unit in zip(joints, units, strict=True)), self.jaw.share_at(width_m) / gripper]
 
     def contact_name(self, body: str) -> str | None:
-        """Return this body's name in recorded contacts, or None if it has none. ``body`` is without prefix."""
+        """Return the name that recorded contacts use for a body, or None if it has none.
+
+        ``body`` is given without prefix.
+        """
         if body == self.finger_bodies[0]:
             return "left_finger"
         if body == self.finger_bodies[1]:
@@ -229,7 +242,7 @@ class RobotSpec:
         return "arm" if body in self.arm_bodies else None
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict for records and handshakes. Empty dynamics are omitted."""
+        """Return the description in JSON form, for records and handshakes. Empty dynamics are omitted."""
         form = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
         del form["steering"], form["kept_apart"]
         if not self.dynamics:
@@ -238,7 +251,7 @@ class RobotSpec:
 
 
 class RobotBuilder(Protocol):
-    """Builder of a robot's model description."""
+    """Function that builds the MuJoCo description of a robot."""
 
     def __call__(self, *, visuals: bool, progress: Progress | None) -> mujoco.MjSpec:
         """Return a new description, with or without visual meshes."""
@@ -248,7 +261,7 @@ _ROBOTS: dict[str, tuple[RobotSpec, RobotBuilder]] = {}
 
 
 def register_robot(spec: RobotSpec, builder: RobotBuilder) -> None:
-    """Register a robot by name. Raises InvalidInputError if the name is taken."""
+    """Register a robot under its name. Raises InvalidInputError if the name is already used."""
     if spec.name in _ROBOTS:
         raise InvalidInputError(
             f"robot {spec.name!r}", "a robot with this name is already registered", "Register each robot once"
@@ -262,7 +275,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot(name: str) -> RobotSpec:
-    """Return a robot by name. Raises UnknownNameError for an unknown name."""
+    """Return the robot with the given name. Raises UnknownNameError if there is none."""
     try:
         return _ROBOTS[name][0]
     except KeyError:
@@ -270,7 +283,7 @@ def robot(name: str) -> RobotSpec:
 
 
 def robot_of_space(action_space: str) -> RobotSpec:
-    """Return the robot whose own motors an action space commands.
+    """Return the robot whose motors are commanded directly by an action space.
 
     Raises UnknownNameError if no robot executes the action space.
     """
@@ -281,25 +294,25 @@ def robot_of_space(action_space: str) -> RobotSpec:
 
 
 def robot_space(name: str, action_space: str | None = None) -> str:
-    """Return an action space that a robot executes, by default its usual one.
+    """Return the name of the action space to use with a robot. If none is requested, it is the robot's default.
 
     Raises:
-        UnknownNameError: If the robot is unknown, or does not execute the action space.
+        UnknownNameError: If the robot is unknown or does not execute the requested action space.
     """
     known = robot(name)
     if action_space is None:
         return known.action_spaces[0]
     if action_space not in known.action_spaces:
-        raise UnknownNameError(f"action space of the {known.title}", action_space, known.action_spaces)
+        raise UnknownNameError(f"action space for the {known.title}", action_space, known.action_spaces)
     return action_space
 
 
 def build_robot_spec(
     name: str = USUAL_ROBOT, *, visuals: bool = True, progress: Progress | None = None
 ) -> mujoco.MjSpec:
-    """Return a new MuJoCo description of a robot, based at the origin, to be attached to a scene or compiled alone.
+    """Return a new MuJoCo description of a robot with its base at the origin.
 
-    Physics is the same without visual meshes.
+    It can be attached to a scene or compiled alone. The physics is the same with and without visual meshes.
 
     Raises:
         UnknownNameError: If the robot is unknown.

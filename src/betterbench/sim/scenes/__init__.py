@@ -1,13 +1,16 @@
 """Scenes: assets, robot and furniture, combined in one compiled MuJoCo model.
 
-- ``builder``, ``appearance``, ``objects``, ``stage``, ``rooms``, ``surfaces``: construction of a model from a condition
-  and a seed.
-- ``scene``, ``contacts``, ``clearance``: state, reset and step, contacts, and collision checks for planners.
-- ``rendering``, ``gl_context``, ``cameras``, ``culling``, ``framing``, ``sights``, ``instances``: images and their
-  contents.
-- ``stored``, ``limited``, ``glb``: compiled scenes on disk, opened in a limited process, or written for other viewers.
+- ``builder``, ``appearance``, ``objects``, ``stage``, ``rooms``, ``surfaces``: build a model from a condition and a
+  seed.
+- ``scene``, ``contacts``, ``clearance``: the state of a scene, its reset and step, its contacts, and collision checks
+  for planners.
+- ``rendering``, ``gl_context``, ``cameras``, ``culling``, ``framing``, ``sights``, ``instances``: images of a scene and
+  what they show.
+- ``stored``, ``limited``, ``glb``: compiled scenes on disk, opened in a process with limits, or exported for other
+  viewers.
 
-Each public name is imported from its module at first use, so that a process that only renders does not build a scene.
+Each public name is imported from its module when it is first used, so that a process that only renders does not import
+the code that builds scenes.
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,8 @@
-"""Seeded variation that does not depend on slots: looks, room, camera poses, light and arm start.
+"""Seeded variation that is not tied to slots: object variants, room, camera poses, light and start posture of the arm.
 
-A trial and its twin share this variation, because it does not depend on the condition. Looks and room change the
-compiled model, so a trial draws one of a limited number of sets of looks and rooms. The rest does not change the model.
+A trial and its twin, the training trial with the same seed, share this variation, because it does not depend on the
+condition. Object variants and rooms change the compiled model, so each trial draws one of a limited number of
+combinations. The rest of this variation does not change the model.
 """
 
 from __future__ import annotations
@@ -22,60 +23,66 @@ from betterbench.sim.scenes.stage import CAMERAS, WRIST_CAMERA
 from betterbench.tasks import Looks, ObjectSpec, stream
 
 LOOK_SETS = 16
-"""Number of look sets per task. A trial draws one set, with one look for each object kind and for the room, so that
-runs compile and store a few scenes instead of one per trial.
+"""Number of sets of object variants ("looks") per task.
+
+A trial draws one set, which assigns a variant to each kind of object and a room to the scene. Runs therefore compile
+and store a few scenes per task instead of one per trial.
 """
 
 UNSEEN_LOOK_SETS = 12
-"""Number of held-out look sets per task: a multiple of the four held-out looks and of the three rooms."""
+"""Number of held-out sets per task. It is a multiple of the four held-out variants and of the three held-out rooms."""
 
 CAMERA_SHIFT_M = 0.01
-"""Half width of the camera jitter along each camera axis [m]."""
+"""Largest camera shift by the jitter, along each axis of the camera in either direction [m]."""
 
 CAMERA_TURN_RAD = math.radians(1.0)
-"""Half width of the camera jitter about each camera axis [rad]."""
+"""Largest camera rotation by the jitter, about each axis of the camera in either direction [rad]."""
 
 LIGHT_TURN_RAD = math.radians(4.0)
-"""Half width of the jitter in key light direction, about the world axes [rad]."""
+"""Largest rotation of the key light by the jitter, about each world axis in either direction [rad]."""
 
 NO_VIEW_JITTER = ViewJitter({}, (0.0, 0.0, 0.0))
-"""Cameras and key light in their nominal poses."""
+"""Jitter that leaves the cameras and the key light in their nominal poses."""
 
 START_SHIFT_M = 0.02
-"""Half width of the jitter in the end effector's start, along the world axes [m]."""
+"""Largest shift of the end effector at the start, along each world axis in either direction [m]."""
 
 START_TURN_RAD = math.radians(5.0)
-"""Half width of the jitter in the end effector's start, about the tool axis [rad]."""
+"""Largest rotation of the end effector at the start, about the tool axis in either direction [rad]."""
 
 
 def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") -> int:
-    """Return an object's look in a trial. Equal objects have the same look in every scene.
+    """Return the index of the variant that an object has in a trial.
 
-    Over the sets, every look of an object kind occurs equally often, and independently of the looks of other kinds and
-    of the room. Categories of one family and color share their look, for example a cabinet and its drawers.
+    Objects of the same asset have the same variant in a trial, whatever the scene. Over all sets of variants, every
+    variant of an object kind occurs equally often, independently of the variants of other kinds and of the room.
+    Categories of one family and color share their variant, for example a cabinet and its drawers.
     """
     numbers = looks(spec.category) if shown == "seen" else unseen_looks(spec.category)
     return numbers[_drawn(task, seed, f"{family_of(spec.category)}:{spec.color}", len(numbers), shown)]
 
 
 def room_of(task: str, seed: int, *, shown: Looks = "seen") -> Room:
-    """Return the room of a trial, with table, wall, floor and light."""
+    """Return the room of a trial, which determines the table top, wall, floor and light."""
     rooms = ROOMS if shown == "seen" else UNSEEN_ROOMS
     return rooms[_drawn(task, seed, "room", len(rooms), shown)]
 
 
 def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
-    """Return the index of the look set that a trial draws."""
+    """Return the index of the set of object variants that a trial draws."""
     return int(stream(task, seed, f"looks:{shown}").integers(LOOK_SETS if shown == "seen" else UNSEEN_LOOK_SETS))
 
 
 def dynamics_of(task: str, seed: int, robot: RobotSpec) -> Dynamics:
-    """Return the dynamics of the robot in a trial. It is empty for a robot without varied quantities."""
+    """Return the drawn dynamics of the robot in a trial. The result is empty for a robot whose dynamics do not vary."""
     return draw_dynamics(robot, lambda quantity: stream(task, seed, f"robot dynamics:{quantity}"))
 
 
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
-    """Return a trial's look index, out of ``count``. Each set uses the next index in a separate shuffled order."""
+    """Return the index below ``count`` that a trial has drawn for one kind of object or for the room.
+
+    Successive sets of variants take the choices in a shuffled order, which is different for each kind.
+    """
     chosen = look_set_of(task, seed, shown=shown)
     round_, place = divmod(chosen, count)
     return int(_order(task, round_, f"order of {shown} {what}", count)[place])
@@ -87,7 +94,7 @@ def _order(task: str, round_: int, purpose: str, count: int) -> tuple[int, ...]:
 
 
 def view_jitter_of(task: str, seed: int) -> ViewJitter:
-    """Return a trial's camera and key light offsets from their nominal poses."""
+    """Return the offsets of a trial's cameras and key light from their nominal poses."""
     cameras = {}
     for camera in (*CAMERAS, WRIST_CAMERA):
         x, y, z, rx, ry, rz = stream(task, seed, f"camera:{camera}").uniform(-1.0, 1.0, 6).tolist()
@@ -99,12 +106,13 @@ def view_jitter_of(task: str, seed: int) -> ViewJitter:
 
 @functools.lru_cache(maxsize=1024)
 def start_joints_of(task: str, seed: int, robot: RobotSpec) -> tuple[float, ...]:
-    """Return the joint angles at the start of a trial [rad]. They are near home and within the limits.
+    """Return the joint angles at the start of a trial [rad], near the home pose and within the joint limits.
 
-    The end effector is off its home by up to 2 cm along each world axis and up to 5 degrees about the tool axis.
+    The end effector is displaced from its home pose by up to 2 cm along each world axis and up to 5 degrees about the
+    tool axis.
 
     Raises:
-        InvalidInputError: If the arm cannot reach that pose from home.
+        InvalidInputError: If the arm cannot reach the displaced pose from its home pose.
     """
     dx, dy, dz, turn = stream(task, seed, "robot start").uniform(-1.0, 1.0, 4).tolist()
     arm = ArmIK(robot)
@@ -113,6 +121,8 @@ def start_joints_of(task: str, seed: int, robot: RobotSpec) -> tuple[float, ...]
     target = shifted @ Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, START_TURN_RAD * turn)))
     found = arm.reach(np.array(robot.home_joints), target, restarts=False)
     if not found.converged:
-        problem = f"the start of {task} seed {seed} is {1e3 * found.position_error_m:.1f} mm out of reach"
-        raise InvalidInputError(f"robot {robot.name!r}", problem, "Choose home farther from the limits of the arm")
+        problem = f"the start pose of {task} seed {seed} is {1e3 * found.position_error_m:.1f} mm out of reach"
+        raise InvalidInputError(
+            f"robot {robot.name!r}", problem, "Choose a home pose that is farther from the limits of the arm"
+        )
     return tuple(found.q.tolist())

@@ -1,4 +1,4 @@
-"""Compilation of a scene from a condition and a seed, with the placement of assets and body labels of geoms."""
+"""Compilation of a scene from a condition and a seed, including choice and placement of assets, and labels of geoms."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from betterbench.tasks.relations.layer import LAYERS
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Object of a scene, with its description, its asset, and its pose ``T_world_object`` at reset.
+    """Object of a scene: its description, its asset, and its pose ``T_world_object`` at reset.
 
-    ``shut`` is the closed pose of a drawer.
+    For a drawer, ``shut`` is its pose when closed.
     """
 
     spec: ObjectSpec
@@ -44,22 +44,25 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Constant pose in the model of a fixed object or of a closed drawer."""
+        """Pose in the compiled model of a fixed object or a closed drawer.
+
+        It is None for an object that moves freely.
+        """
         return self.pose if self.spec.fixed else self.shut
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledScene:
-    """Compiled model with the meaning of its parts, shared by all scenes with the same assets.
+    """Compiled model and the meaning of its parts. All scenes with the same assets share it.
 
     Attributes:
-        content_hash: Hash of all its input (hex, 16 characters).
+        content_hash: Hash of everything that the model is compiled from (hex, 16 characters).
         bodies: Body id of each object, in scene order.
-        qpos_addresses: First index into qpos of each object, -1 for fixed ones.
-        dof_addresses: First index into qvel of each object, -1 for fixed ones.
-        slides: (n,) bool, true for drawers, which have their opening [m] as the only joint coordinate.
-        geom_labels: (ngeom,) index into the label table for each geom, or -1 for none. The table has the objects first,
-            and then :data:`LABELS`.
+        qpos_addresses: First index into qpos of each object, or -1 if the object is fixed.
+        dof_addresses: First index into qvel of each object, or -1 if the object is fixed.
+        slides: Boolean array (n,) that is True for drawers, whose only joint coordinate is their opening [m].
+        geom_labels: Index of each geom's label (ngeom,), or -1 for a geom without one. Labels are the object names,
+            followed by :data:`LABELS`.
     """
 
     model: mujoco.MjModel
@@ -73,13 +76,14 @@ class CompiledScene:
 
 
 LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
-"""Names of bodies other than objects in contacts."""
+"""Names that contacts use for bodies other than objects."""
 
 
 def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
-    """Return the pose of a slot's occupant in a trial, with the position on the table [m] and the heading [rad].
+    """Return the position on the table [m] and the heading [rad] of the object in a slot of a trial.
 
-    The jitter belongs to the slot and does not depend on the objects there or elsewhere.
+    The random offset (jitter) of the object belongs to the slot. It depends neither on the object in the slot nor on
+    objects elsewhere.
     """
     slot = task.slot(slot_name)
     dx, dy, dyaw = stream(task.id, seed, f"slot:{slot_name}").uniform(-1.0, 1.0, 3)
@@ -88,7 +92,7 @@ def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
 
 
 def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks = "seen") -> tuple[Placement, ...]:
-    """Return all objects of a condition with their assets and poses, in an order that does not depend on names."""
+    """Return all objects of a condition with their assets and poses. The order does not depend on their names."""
     chosen = {
         o.name: build(o.category, look=look_of(task.id, seed, o, shown=shown), color=o.color) for o in condition.objects
     }
@@ -129,17 +133,20 @@ def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks =
 
 
 def _opening(condition: Condition, name: str, asset: Asset) -> float:
-    """Return the initial opening of a drawer [m], within its travel."""
+    """Return how far a drawer is open at the start [m]. Raise an error if the drawer cannot be opened that far."""
     opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
         raise InvalidInputError(
-            f"{condition.id} opened[{name!r}]", f"{opening} m is out of range", f"Give a distance from 0 to {travel} m"
+            f"{condition.id} opened[{name!r}]", f"{opening} m is out of range", f"Use a distance from 0 to {travel} m"
         )
     return opening
 
 
 def _below(condition: Condition, place: TargetRegion) -> str:
-    """Return the object below a pre-placed one. This is the next lower layer of a stack or, without one, the target."""
+    """Return the name of the object on which a pre-placed object rests.
+
+    In a stack, this is the object in the next lower layer. Otherwise it is the target.
+    """
     for name, other in condition.preplaced.items():
         if other.target == place.target and place.region in LAYERS[1:] and other.region == _under(place.region):
             return name
@@ -151,21 +158,21 @@ def _under(layer: str) -> str:
 
 
 def _middle(task: Task, target: Asset, region: str) -> Vector:
-    """Return the center of the surface on which objects rest at a target, in the target's frame [m]."""
+    """Return the center of the surface on which a target supports other objects, in the frame of the target [m]."""
     relation = relation_named(task.template.relation)
     if relation.surface is None:
-        problem = f"no object can start {relation.name!r} its target"
+        problem = f"objects cannot be pre-placed {relation.name!r} a target, because the relation has no surface"
         raise InvalidInputError(f"{task.id} preplace", problem, "Define a surface function for the relation")
     return relation.surface({r.name: r for r in target.regions}, region)
 
 
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
-    """Return the pose of a pre-placed object at its target, drawn from the demonstrations by the trial's stream.
+    """Draw the pose of a pre-placed object at its target from the poses in which demonstrations have left objects.
 
-    In a container, the object is moved away from the walls if necessary. This is never necessary with the assets of the
-    demonstration.
+    The trial's random stream makes the choice. In a container, the object is moved away from the walls if necessary.
+    This is never necessary with the assets of the demonstration.
 
-    Raises InvalidInputError if no demonstration was measured, or none brings an object there.
+    Raises InvalidInputError if no measured demonstration places an object there.
     """
     place, kind = condition.preplaced[name], condition.object(name).kind
     asset, on = chosen[name], chosen[place.target]
@@ -189,9 +196,9 @@ def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: 
 
 
 def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping[str, Asset]) -> dict[str, Pose]:
-    """Return the poses of objects that are pre-placed in one place, as one demonstration left them together.
+    """Return the poses of objects that are pre-placed in the same place, as one demonstration left them together.
 
-    The poses are ``T_middle_object``. The demonstration is drawn from those with the same assets, because objects in a
+    The poses are ``T_middle_object``. They are drawn from demonstrations with the same assets, because objects in a
     container lean on each other. Objects without such a demonstration are left out.
     """
     places: dict[TargetRegion, list[str]] = {}
@@ -217,10 +224,10 @@ def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping
 def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mapping[str, Asset]) -> None:
     """Separate two objects that were drawn into the same container and would overlap.
 
-    This applies where no demonstration left the same assets together (see :func:`_drawn_together`).
-
-    Their two poses come from two different demonstrations. The objects keep their headings and their line, and rest on
-    both sides of the container's center. Layers of a stack are regions of their own and do not move.
+    This is needed where no demonstration has left the same assets together (see :func:`_drawn_together`), so the two
+    poses come from different demonstrations. Both objects keep their heading. They are moved along the line through
+    their centers, to opposite sides of the container's center. Layers of a stack are separate regions and are not
+    moved.
     """
     for first, second in itertools.combinations(flats, 2):
         if condition.preplaced[first] != condition.preplaced[second]:
@@ -238,7 +245,7 @@ def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mappin
 
 
 def _reach_mm(asset: Asset, angle: float) -> float:
-    """Return the extent of an object's elliptic outline from its center in a direction of its frame [mm]."""
+    """Return the distance [mm] from an object's center to its outline (an ellipse), in a direction of its frame."""
     x, y, _ = asset.size_m
     return 500.0 * math.hypot(x * math.cos(angle), y * math.sin(angle))
 
@@ -249,10 +256,11 @@ _LOCK = threading.Lock()
 
 
 def compile_scene(placements: tuple[Placement, ...], quality: Quality, *, robot_name: str, room: Room) -> CompiledScene:
-    """Return the compiled model for a set of objects, from a cache if possible.
+    """Return the compiled model for a set of objects, from the cache if possible.
 
-    Only the content of a model matters: assets, fixed poses, robot, render quality and the room. Names, slots and start
-    poses of free objects do not matter, so trials that differ only in layout or language share one model.
+    The model depends only on the assets, the fixed poses, the robot, the render quality and the room. It does not
+    depend on names, slots and start poses of free objects, so trials that differ only in layout or language share one
+    model.
     """
     digest = hashlib.sha256(f"{mujoco.__version__}|{robot_name}|{quality}|{room}".encode())
     for p in placements:
@@ -281,7 +289,7 @@ def _compile(
     for name, p in zip(names, placements, strict=True):
         add_asset(spec, name, p.asset, pose=p.anchored, slide=None if p.shut is None else rail_of(p.asset))
     for drawer in [n for n, p in zip(names, placements, strict=True) if p.shut is not None]:
-        # the rails guide a drawer, which does not collide with the carcass
+        # A drawer is guided by its rails, so its collisions with the carcass are excluded.
         for cabinet in [n for n, p in zip(names, placements, strict=True) if _takes_drawers(p.asset)]:
             spec.add_exclude(bodyname1=drawer, bodyname2=cabinet)
     model = spec.compile()
@@ -322,5 +330,5 @@ def _label_geoms(model: mujoco.MjModel, bodies: np.ndarray, description: RobotSp
 
 @functools.lru_cache(maxsize=1)
 def engine_version() -> str:
-    """Return the version of the physics engine."""
+    """Version of the physics engine (MuJoCo)."""
     return str(mujoco.__version__)

@@ -1,4 +1,4 @@
-"""Camera poses and projections in a model: pinhole cameras in OpenCV conventions."""
+"""Camera poses and projections: the cameras of a model as pinhole cameras in OpenCV's conventions."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from betterbench.interface.state import CameraOffset, ViewJitter
 from betterbench.sim.scenes.stage import KEY_LIGHT
 
 MAX_SIDE_PX = 4096
-"""Largest side of an image [pixel]."""
+"""Largest allowed width or height of an image [pixel]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraMatrices:
     """Pinhole camera in OpenCV's conventions: (3, 3) intrinsic matrix ``K`` [pixel], pose, and image size [pixel].
 
-    The camera frame has x to the right of the image, y down and z forward along the optical axis. In pixel (u, v), u is
-    the column from the left and v the row from the top, with integers at pixel centers. The image therefore spans u
-    from -0.5 to width - 0.5.
+    In the camera frame, x points to the right of the image, y down and z forward along the optical axis. In pixel (u,
+    v), u is the column from the left and v the row from the top, with integers at pixel centers. The image therefore
+    spans u from -0.5 to width - 0.5.
     """
 
     K: np.ndarray
@@ -34,14 +34,16 @@ class CameraMatrices:
     height: int
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project points (n, 3) [m] of the world frame into the image. Raises InvalidInputError for another shape.
+        """Project points (n, 3) [m] of the world frame into the image. Raises InvalidInputError for any other shape.
 
-        Returns: (n, 2) float64 pixels (u, v), which may be outside the image, and (n,) depths along the optical axis
-            [m]. A point that is not in front of the camera has a depth of at most 0 and the pixel (nan, nan).
+        Returns:
+            The pixels (u, v) as an (n, 2) float64 array, which may lie outside the image, and the depths along the
+            optical axis (n,) [m]. A point that is not in front of the camera has a depth of at most 0 and the pixel
+            (nan, nan).
         """
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 3:
-            raise InvalidInputError("points", f"has shape {array.shape}", "Give an array of shape (n, 3)")
+            raise InvalidInputError("points", f"the array has the shape {array.shape}", "Give an array of shape (n, 3)")
         R_world_camera = _rotation_matrix(self.T_world_camera.quaternion)
         local = (array - np.asarray(self.T_world_camera.position)) @ R_world_camera
         depth = local[:, 2]
@@ -52,12 +54,15 @@ class CameraMatrices:
         return pixels, depth
 
     def unproject(self, depth: np.ndarray) -> np.ndarray:
-        """Return the points in a depth image [m] as (height, width, 3) float64 in the world frame [m].
+        """Convert a depth image [m] to points in the world frame [m], as a (height, width, 3) float64 array.
 
-        They are not finite where the depth is infinite. Raises InvalidInputError if the image has another size.
+        Pixels with infinite depth give points that are not finite. Raises InvalidInputError if the depth image does not
+        have the camera's size.
         """
         if depth.shape != (self.height, self.width):
-            raise InvalidInputError("depth", f"has shape {depth.shape}", f"Give {(self.height, self.width)}")
+            raise InvalidInputError(
+                "depth", f"has the shape {depth.shape}", f"Give an array of shape {(self.height, self.width)}"
+            )
         v, u = np.mgrid[0 : self.height, 0 : self.width].astype(np.float64)
         x, y = (u - self.K[0, 2]) / self.K[0, 0], (v - self.K[1, 2]) / self.K[1, 1]
         rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ _rotation_matrix(self.T_world_camera.quaternion).T
@@ -67,10 +72,10 @@ class CameraMatrices:
 
 
 class ViewPlacement:
-    """Placement of a model's cameras and key light for a trial, offset from their nominal poses by its jitter."""
+    """Poses of a model's cameras and key light in a trial, i.e. their nominal poses changed by the trial's jitter."""
 
     def __init__(self, model: mujoco.MjModel, jitter: ViewJitter) -> None:
-        """Store the nominal poses. Jitter of cameras that the model lacks is ignored."""
+        """Store the poses after applying the jitter. Jitter of cameras that the model does not have is ignored."""
         self._model = model
         self._bodies = model.cam_bodyid
         # Camera poses in the frames of their bodies. The engine does not update the cameras of static bodies at every
@@ -88,9 +93,9 @@ class ViewPlacement:
             self._key_direction = turn @ model.light_dir[self._key]
 
     def apply(self, data: mujoco.MjData) -> None:
-        """Place cameras and lights for the current poses of the bodies, which must be up to date.
+        """Place the cameras and lights for the current poses of the bodies, which must be up to date.
 
-        Live images and images of recorded states use this function, so that they agree bit for bit.
+        Live images and images of recorded states both use this method, so that they agree bit for bit.
         """
         mujoco.mj_camlight(self._model, data)
         frames = data.xmat.take(self._bodies, 0).reshape(-1, 3, 3)
@@ -106,15 +111,16 @@ _STILL = CameraOffset((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 def camera_matrices(
     model: mujoco.MjModel, data: mujoco.MjData, camera: str, *, width: int = 256, height: int = 256
 ) -> CameraMatrices:
-    """Return intrinsics and pose of a model's camera in a state with updated positions.
+    """Return the intrinsics and the pose of a model's camera in a state whose positions are up to date.
 
-    Raises UnknownNameError if the model has no such camera, InvalidInputError if the size is out of range.
+    Raises UnknownNameError if the model does not have the camera, and InvalidInputError if the image size is out of
+    range.
     """
     check_size(width, height)
     number = camera_number(model, camera)
     focal = focal_length_px(float(model.cam_fovy[number]), height)
     K = np.array([[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
-    # MuJoCo's camera looks along its -z with y up; OpenCV's looks along z with y down: half a turn about x.
+    # MuJoCo's camera looks along -z with y up, OpenCV's along z with y down. The two differ by half a turn about x.
     R_world_camera = data.cam_xmat[number].reshape(3, 3) * np.array([1.0, -1.0, -1.0])
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R_world_camera).ravel())
@@ -123,7 +129,7 @@ def camera_matrices(
 
 
 def camera_number(model: mujoco.MjModel, camera: str) -> int:
-    """Return a camera's index. Raises UnknownNameError if the model has no such camera."""
+    """Return the index of a camera. Raises UnknownNameError if the model does not have the camera."""
     number = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_CAMERA), camera))
     if number < 0:
         raise UnknownNameError("camera", camera, (model.camera(other).name for other in range(model.ncam)))
@@ -131,14 +137,16 @@ def camera_number(model: mujoco.MjModel, camera: str) -> int:
 
 
 def focal_length_px(fovy_deg: float, height: int) -> float:
-    """Return the focal length [pixel] for images with a given height [pixel] and vertical field of view [degree]."""
+    """Return the focal length [pixel] for an image height [pixel] and a vertical field of view [degree]."""
     return 0.5 * height / math.tan(0.5 * math.radians(fovy_deg))
 
 
 def check_size(width: int, height: int) -> None:
-    """Raise an InvalidInputError unless both sides [pixel] are in range."""
+    """Raise InvalidInputError unless the width and the height [pixel] are in range."""
     if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX):
-        raise InvalidInputError("image size", f"{width} x {height} pixels", f"Use 1 to {MAX_SIDE_PX} pixels a side")
+        raise InvalidInputError(
+            "image size", f"{width} x {height} pixels is out of range", f"Use 1 to {MAX_SIDE_PX} pixels per side"
+        )
 
 
 def _rotation_matrix(quaternion: Quaternion | Sequence[float]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Collision checks for planners: contacts in a configuration, computed on a private copy of the scene."""
+"""Collision checks for planners: contacts of a robot configuration, computed on a private copy of the scene."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from betterbench.sim.scenes.instances import ROBOT_PREFIX
 from betterbench.sim.scenes.scene import Scene
 
 DISTMAX_M = 0.001
-"""Distance beyond which MuJoCo does not compute the distance of two geoms [m]."""
+"""Distance beyond which MuJoCo stops computing the distance between two geoms [m]."""
 ROBOT_PARTS = frozenset({"left_finger", "right_finger", "hand", "arm"})
 
 
 class Clearance:
-    """Collision checker for the robot and an object in its gripper. It never changes the original scene.
+    """Collision checker for the robot and an object in its gripper. It works on a copy of the scene.
 
     Attributes:
-        keeps_apart: Whether contacts between the parts of the robot that its description keeps apart are checked, too.
+        keeps_apart: Whether to check contacts between robot parts that the robot's description requires to stay apart.
     """
 
     def __init__(self, scene: Scene, *, margin_m: float = 0.004, penetration_m: float = 0.002) -> None:
-        """Copy the scene's model. The robot must keep a distance of ``margin_m`` from all bodies.
+        """Copy the model of a scene. ``margin_m`` is the distance that the robot must keep from all other bodies.
 
-        ``penetration_m`` is the allowed overlap between the held object and others. It must exceed the depth of a
-        resting contact.
+        ``penetration_m`` is the depth by which the held object may overlap with other objects. It must be larger than
+        the depth of a resting contact.
         """
         self._compiled = scene.compiled
         self._labels = scene.body_names
@@ -42,8 +42,8 @@ class Clearance:
         labels = self._compiled.geom_labels
         robot = [self._index[name] for name in ROBOT_PARTS]
         self._model.geom_margin[np.isin(labels, robot)] = margin_m
-        # Check only the robot and the held object, against everything except the robot. Contacts among other objects,
-        # and among robot parts, are not needed and would take a third of the time.
+        # Check only the robot and the held object, each against everything except the robot. Contacts among the other
+        # objects and among robot parts are not needed, and computing them would take a third of the time.
         self._looks = scene.model.geom_contype, scene.model.body_contype
         self._geoms = [np.flatnonzero(labels == i) for i in range(len(self._labels))]
         self._model.geom_contype[:] = self._model.body_contype[:] = 0
@@ -59,7 +59,7 @@ class Clearance:
         self._numbers = numbers_of(self._data.qpos)
 
     def load(self, state: WorldState) -> None:
-        """Load the poses of a state."""
+        """Move the objects to the poses that they have in the given state."""
         for i, name in enumerate(o.name for o in state.info.objects):
             self._place(i, state.pose(name))
 
@@ -72,7 +72,10 @@ class Clearance:
             self._data.qpos[address + 3 : address + 7] = pose.quaternion
 
     def _let_look(self, i: int, *, looks: bool) -> None:
-        """Set whether a labeled body is checked against all other bodies, or only against the selected ones."""
+        """Set whether a labeled body is checked against all other bodies.
+
+        If it is not, it is still found in the checks of the other bodies.
+        """
         geoms, (of_geoms, of_bodies) = self._geoms[i], self._looks
         bodies = self._model.geom_bodyid[geoms]
         self._model.geom_contype[geoms] = of_geoms[geoms] if looks else 0
@@ -87,9 +90,10 @@ class Clearance:
         held_pose: Pose | None = None,
         ignore: frozenset[str] = frozenset(),
     ) -> tuple[str, ...]:
-        """Return the contacts at these joint angles [rad], as one string "a-b" per pair.
+        """Return the contacts at the given joint angles [rad], as one string "a-b" per pair of bodies.
 
-        ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``). Contacts with ``ignore`` are allowed.
+        The object ``held`` moves with the gripper and has the pose ``held_pose`` (``T_world_object``). Contacts with
+        the bodies in ``ignore`` are allowed.
         """
         data = self._data
         for address, angle in zip(self._arm, joints, strict=True):
@@ -124,7 +128,7 @@ class Clearance:
         return tuple(sorted(found))
 
     def _folded(self) -> set[str]:
-        """Return the contacts between parts of the robot that are to be kept apart."""
+        """Return the contacts between robot parts that are required to stay apart."""
         model, data, found = self._model, self._data, set()
         for pair, one, two in self._kept_apart:
             if mujoco.mj_geomDistance(model, data, one, two, DISTMAX_M, None) < 0.0:
@@ -133,7 +137,7 @@ class Clearance:
 
 
 def _kept_apart(scene: Scene) -> tuple[tuple[str, int, int], ...]:
-    """Return the pairs of collision geoms of the robot's bodies that are kept apart, each with its text "a-b"."""
+    """Return the pairs of robot geoms that are required to stay apart, each with its body names as one string "a-b"."""
     model, solid = scene.model, scene.model.geom_contype != 0
 
     def geoms(body: str) -> list[int]:

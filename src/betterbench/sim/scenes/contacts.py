@@ -1,4 +1,4 @@
-"""Contacts of the physics engine as pairs of body names, including those of sleeping objects."""
+"""Contacts of the physics engine as pairs of body names, including contacts of sleeping objects."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from betterbench.sim.scenes.builder import LABELS, CompiledScene
 
 
 class _Sleep(NamedTuple):
-    """The sleeping objects of a scene.
+    """Objects of a scene that are asleep in the engine.
 
     Attributes:
-        cycles: Bytes of the engine's ``tree_asleep``, from which the other fields follow.
-        sleeping: Indices of the objects.
-        places: Function from the positions of all objects to theirs.
+        cycles: Bytes of the engine's array ``tree_asleep``, from which the other fields are derived.
+        sleeping: Indices of the sleeping objects.
+        places: Function that selects the positions of the sleeping objects from the positions of all objects.
     """
 
     cycles: bytes
@@ -30,19 +30,19 @@ class _Sleep(NamedTuple):
 
 
 Groups = tuple[tuple[int, tuple[int, ...]], ...]
-"""Pairs listed by the engine: index of each pair, and addresses of the normal forces at its contact points."""
+"""Pairs of bodies in contact: the index of each pair, and the addresses of the normal forces at its contact points."""
 
 
 class _Row(NamedTuple):
-    """Part of a reading without forces. It is reused while the same pairs touch.
+    """Reading of the contacts without their forces. It is reused as long as the same pairs of bodies are in contact.
 
     Attributes:
-        groups: The pairs listed by the engine.
-        kept: Contacts of the sleeping objects.
-        order: Indices of all touching pairs.
-        contacts: Their contacts in this order. Contacts whose force must be read are placeholders.
-        awake: Contacts with a force to be read: index in ``contacts``, both names, and addresses of the forces.
-        held: The held object.
+        groups: Pairs of bodies that the engine lists.
+        kept: Contacts of the sleeping objects, by the index of the pair.
+        order: Indices of all pairs in contact.
+        contacts: Contacts in the order of ``order``. If the force still has to be read, the contact is a placeholder.
+        awake: Contacts whose force has to be read: index in ``contacts``, both names, and addresses of the forces.
+        held: Name of the object in the gripper, or None.
     """
 
     groups: Groups
@@ -54,19 +54,20 @@ class _Row(NamedTuple):
 
 
 class ContactReader:
-    """Reader of the contacts in one model.
+    """Reader of the contacts between the bodies of one model.
 
-    The engine puts groups of resting objects to sleep, and does not move them or list their contacts until an awake
-    object touches the group. Their contacts stay valid, so they are cached. They are computed once after the group has
-    fallen asleep, in a second set of data in which all objects are awake.
+    The engine puts groups of resting objects to sleep. It then neither moves these objects nor lists their contacts,
+    until an awake object touches the group. The contacts of a sleeping group do not change, so they are cached. They
+    are computed once after the group has fallen asleep, in a second copy of the engine's data in which all objects are
+    awake.
 
-    Names and addresses of the last reading are reused while the engine lists the same points. This reduces a reading
-    from 192 to 48 µs (fast_food) and from 308 to 62 µs (breakfast_table) (mean over the control steps of an expert's
-    episode, alternating measurements, CPU time on a busy machine, 2026-11-28).
+    Names and addresses of the last reading are reused while the engine lists the same contact points. This reduces the
+    CPU time of a reading from 192 to 48 µs in the task fast_food, and from 308 to 62 µs in breakfast_table. These are
+    means over the control steps of an expert's episode, from alternating measurements on a busy machine (2026-11-28).
     """
 
     def __init__(self, compiled: CompiledScene, names: tuple[str, ...]) -> None:
-        """Index the pairs of a model's bodies. ``names`` are its object names in scene order."""
+        """Assign an index to each pair of bodies in the model. ``names`` are the object names in scene order."""
         self._model, self._names = compiled.model, names
         n = len(names)
         numbers, self._pair_names = _pairs((*names, *LABELS), n + 3)
@@ -95,14 +96,14 @@ class ContactReader:
         self._passed: dict[int, float] = {}
 
     def start_step(self) -> None:
-        """Clear the transient contacts of the last control step."""
+        """Forget the transient contacts of the last control step, i.e. the contacts that ended before the step did."""
         self._passed = {}
 
     def see_step(self, data: mujoco.MjData) -> None:
-        """Record the contacts of the robot at a physics step between two readings.
+        """Remember the robot's contacts at a physics step between two readings.
 
-        A reading includes these contacts, with their largest force, because a graze can begin and end between two
-        readings.
+        The next reading includes these contacts with their largest force. Otherwise, a graze that begins and ends
+        between two readings would be missed.
         """
         if data.ncon == 0:
             return
@@ -111,10 +112,10 @@ class ContactReader:
                 self._passed[number] = max(force, self._passed.get(number, 0.0))
 
     def read(self, data: mujoco.MjData, positions: Sequence[Vector]) -> tuple[tuple[Contact, ...], str | None]:
-        """Return all pairs with an object or the gripper, in label order, and the held object.
+        """Return all contacts that involve an object or the gripper, in label order, and the name of the held object.
 
-        An object is held if both fingers touch it now and neither another object nor the table does. ``positions`` are
-        the object positions in these data.
+        An object is held if both fingers touch it now, and neither another object nor the table touches it.
+        ``positions`` are the positions of the objects in ``data``.
         """
         if data is not self._data:  # the engine keeps its arrays at fixed addresses
             self._data, self._asleep = data, data.tree_asleep.data
@@ -138,22 +139,28 @@ class ContactReader:
         return self._with_passed(row.order, contacts) if self._passed else contacts, row.held
 
     def snapshot(self) -> dict[str, Any]:
-        """Return all state for the next reading except the data. The data of the sleeping objects are copied."""
+        """Return everything except ``data`` on which the next reading depends.
+
+        The engine's data for the sleeping objects are copied.
+        """
         kept = {name: value for name, value in vars(self).items() if name in _KEPT_BETWEEN_READINGS}
         return {**kept, "_awake": copy.copy(self._awake)}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
-        """Restore the result of :meth:`snapshot`."""
+        """Restore the state that :meth:`snapshot` has returned."""
         vars(self).update(snapshot)
         self._awake = copy.copy(snapshot["_awake"])
 
     def _touching(self, data: mujoco.MjData) -> dict[int, float]:
-        """Return the index of each pair listed by the engine, with the sum of its normal forces [N]."""
+        """Return the sum of the normal forces [N] of each pair that the engine lists, by the index of the pair."""
         forces = data.efc_force.data
         return {number: _force(forces, addresses) for number, addresses in self._grouped(data)}
 
     def _grouped(self, data: mujoco.MjData) -> Groups:
-        """Return the pairs listed by the engine, as the same tuple as in the last call if the points are the same."""
+        """Return the pairs of bodies that the engine lists as in contact.
+
+        While the contact points do not change, the same tuple is returned again.
+        """
         if data.ncon == 0:
             return ()
         contact = data.contact
@@ -171,7 +178,7 @@ class ContactReader:
         return self._groups
 
     def _new_row(self, groups: Groups, kept: Mapping[int, Contact]) -> _Row:
-        """Return the reading result for these touching pairs and these contacts of the sleeping objects."""
+        """Return the reading for the given pairs in contact and the given contacts of sleeping objects."""
         asleep = frozenset() if kept is _NOTHING else self._kept_numbers
         awake = {number: addresses for number, addresses in groups if number not in asleep}
         order = tuple(sorted({*awake, *kept}))
@@ -180,7 +187,10 @@ class ContactReader:
         return _Row(groups, kept, order, contacts, read, self._held({*order}) if awake else None)
 
     def _with_passed(self, order: tuple[int, ...], contacts: tuple[Contact, ...]) -> tuple[Contact, ...]:
-        """Return the contacts, with transient ones since the last reading, each with its largest force."""
+        """Return the given contacts together with the transient contacts since the last reading.
+
+        If a pair of bodies has several contacts, the largest force is kept.
+        """
         found = dict(zip(order, contacts, strict=True))
         for number, force in self._passed.items():
             before = found[number].force_n if number in found else 0.0
@@ -188,16 +198,16 @@ class ContactReader:
         return tuple([found[number] for number in sorted(found)])
 
     def _who_sleeps(self, cycles: bytes) -> _Sleep:
-        """Return the sleeping objects, from the sleep state of the engine's trees."""
+        """Return the sleeping objects, derived from the sleep state of the engine's kinematic trees."""
         asleep = self._asleep
         sleeping = [i for i, tree in self._trees if asleep[tree] >= 0]
         picked = (
             sleeping if len(sleeping) > 1 else [slice(i, i + 1) for i in sleeping]
-        )  # a slice keeps the result two-dimensional
+        )  # for a single object, itemgetter with a slice still returns a sequence
         return _Sleep(cycles, tuple(sleeping), itemgetter(*picked) if picked else tuple)
 
     def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:
-        """Find the contacts of sleeping objects, unless the objects and their poses are as in the last call."""
+        """Compute the contacts of the sleeping objects, unless they already slept at the same positions before."""
         sleeping = self._sleep.sleeping
         state = (sleeping, self._sleep.places(positions))
         if state == self._kept_for:
@@ -212,9 +222,10 @@ class ContactReader:
         self._kept = {number: contact for number, contact in self._kept.items() if number in self._kept_numbers}
 
     def _sleep_on(self, sleeping: tuple[int, ...], places: tuple[Vector, ...]) -> bool:
-        """Return whether these objects already slept at the last call and have no contact with objects that have woken.
+        """Return whether the cached contacts of the sleeping objects are still valid.
 
-        Their contacts are then unchanged. Recomputing the contacts would take as long as a control step.
+        They are valid if all sleeping objects already slept at the same positions at the last call, and none of them is
+        in contact with an object that has woken up. Recomputing the contacts would take as long as a control step.
         """
         before = dict(zip(*self._kept_for, strict=True))
         if not all(i in before and before[i] == place for i, place in zip(sleeping, places, strict=True)):
@@ -223,7 +234,7 @@ class ContactReader:
         return not any(number in woken and number in self._kept_numbers for number in self._kept)
 
     def _held(self, touching: AbstractSet[int]) -> str | None:
-        """Return the object that both fingers and no other body touch, from the touching pairs."""
+        """Return the object that both fingers and nothing else touch, given the indices of the pairs in contact."""
         if self._lefts.isdisjoint(touching):
             return None
         for i, (left, right, supports) in enumerate(self._holds):
@@ -233,7 +244,7 @@ class ContactReader:
 
 
 _NOTHING: Mapping[int, Contact] = {}
-"""Contacts of sleeping objects while no object sleeps."""
+"""Contacts of sleeping objects if no object sleeps."""
 
 _KEPT_BETWEEN_READINGS = (
     "_kept_for",
@@ -244,7 +255,10 @@ _KEPT_BETWEEN_READINGS = (
 
 
 def _force(forces: memoryview[float], addresses: tuple[int, ...]) -> float:
-    """Return the sum of the normal forces at some contact points [N]. A point omitted by the solver has none."""
+    """Return the sum of the normal forces at the given addresses [N].
+
+    A contact point that the solver omits has no force.
+    """
     total = 0.0
     for address in addresses:
         if address >= 0:
@@ -253,10 +267,10 @@ def _force(forces: memoryview[float], addresses: tuple[int, ...]) -> float:
 
 
 def _pairs(labels: tuple[str, ...], relevant: int) -> tuple[list[list[int]], dict[int, tuple[str, str]]]:
-    """Return the index of each label pair (-1 for irrelevant ones), and the names by index.
+    """Return the index of each pair of labels (-1 for irrelevant pairs), and the two names for each index.
 
-    Labels below ``relevant`` are objects or gripper parts. Pairs without such a label are irrelevant. The last row and
-    column are for geoms without a label. Indices are in label order.
+    The labels below ``relevant`` are those of objects and gripper parts. A pair is irrelevant if it contains no such
+    label. The last row and column are for geoms without a label. Indices ascend in label order.
     """
     n = len(labels)
     numbers = [[-1] * (n + 1) for _ in range(n + 1)]

@@ -1,9 +1,10 @@
-"""Culling of geometry outside a view before rendering.
+"""Culling: removal of geometry outside a camera's view before rendering.
 
-MuJoCo passes every visible geom and the sky to OpenGL, which discards geometry outside the view or behind other
-geometry. A software renderer has already transformed the vertices and painted the pixels by then. A wrist camera, which
-has most of the robot behind it, spends a third of its time on geoms outside its view. A geom can be removed if its
-bounding sphere is beyond one side of the view, and the sky if the floor fills the view. Neither changes any pixel.
+MuJoCo passes every visible geom and the sky to OpenGL, which discards geometry that is outside the view or behind other
+geometry. By then, a software renderer has already transformed the vertices and painted the pixels. For a wrist camera,
+which has most of the robot behind it, a third of the rendering time is spent on geoms outside its view. A geom can be
+removed if its bounding sphere lies beyond one side of the view, and the sky can be removed if the floor fills the view.
+Neither changes any pixel.
 """
 
 from __future__ import annotations
@@ -19,19 +20,19 @@ _MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 _GEOM = int(mujoco.mjtObj.mjOBJ_GEOM)
 _MARGIN_M = 0.002
 _WORTH_FACES = 160
-"""Number of faces above which needlessly rendering a mesh costs more than testing its visibility."""
+"""Number of faces above which rendering a mesh needlessly costs more than testing whether it is visible."""
 
 _Vector = tuple[float, float, float]
 
 
 class Culling:
-    """Visibility test for a perspective camera with its optical axis in the center of the image.
+    """Visibility test for a perspective camera whose optical axis goes through the center of the image.
 
-    The scene is the same one that is used for rendering. It is filled again for each image.
+    ``scene`` must be the MuJoCo scene (``MjvScene``) that the renderer fills again for each image.
     """
 
     def __init__(self, model: mujoco.MjModel, scene: mujoco.MjvScene) -> None:
-        """Find the meshes with enough faces that testing them saves time."""
+        """Find the meshes that have so many faces that testing their visibility saves time."""
         self._model, self._scene = model, scene
         self._geoms = list(scene.geoms)
         self._far_m = float(model.vis.map.zfar) * float(model.stat.extent)
@@ -44,9 +45,10 @@ class Culling:
     def cull(self, data: mujoco.MjData, camera: int, aspect: float, *, geoms: bool) -> bool:
         """Remove geoms outside a camera's view from the scene, and return whether the sky may be visible.
 
-        Only meshes with many faces are tested, and only for cameras on a body, because a static camera sees the
-        complete table. ``aspect`` is the image's width divided by its height. ``geoms`` is False to remove none, for
-        images with shadows, which may fall into the view from outside.
+        Only meshes with many faces are tested, and only for cameras that are attached to a moving body, because a
+        static camera sees the whole table. ``aspect`` is the width of the image divided by its height. If ``geoms`` is
+        False, no geom is removed. This is necessary for images with shadows, because a geom outside the view may cast a
+        shadow into it.
         """
         if self._scene.ngeom != self._filled:
             self._learn()
@@ -55,8 +57,8 @@ class Culling:
         if angles is None:
             up = 0.5 * math.radians(fovy_deg)
             angles = self._angles[fovy_deg, aspect] = (math.atan(math.tan(up) * aspect), up)
-        # plain numbers, because between two images NumPy is not in the CPU's caches, and multiplying two small
-        # arrays takes longer than all of this
+        # The test uses plain Python numbers: between two images, NumPy's code drops out of the CPU's caches, and then
+        # multiplying two small arrays takes longer than this whole test.
         axes = data.cam_xmat[camera].tolist()
         position = data.cam_xpos[camera].tolist()
         if geoms and self._riding[camera]:
@@ -77,15 +79,15 @@ class Culling:
                 or cos_y * abs(yx * x + yy * y + yz * z) + sin_y * behind > reach
             ):
                 if geom.objid != number:
-                    # the geoms differ from those of the last image although their number is the same, so the stored
-                    # indices are invalid
+                    # The scene has as many geoms as for the last image, but different ones. The stored indices are
+                    # therefore invalid.
                     self._learn()
                     self._hide(data, axes, position, across, up)
                     return
                 geom.type = _NOTHING
 
     def _floor_fills(self, axes: list[float], position: list[float], across: float, up: float) -> bool:
-        """Return whether the rays through the four corners of a view, and therefore all rays, hit the floor."""
+        """Return whether the floor fills the view, i.e. whether the rays through all four corners hit the floor."""
         if self._floor is None:
             return False
         geom, number, (fx, fy, fz), (half_x, half_y) = self._floor
@@ -107,7 +109,7 @@ class Culling:
         return float(geom.rgba[3]) == 1.0
 
     def _learn(self) -> None:
-        """Read the indices of the geoms worth testing, and of the floor, in the scene."""
+        """Find the floor and the geoms that are worth testing in the MuJoCo scene, and store their indices."""
         self._filled = int(self._scene.ngeom)
         drawn = [g for g in self._geoms[: self._filled] if int(g.objtype) == _GEOM]
         self._candidates = [
@@ -119,7 +121,8 @@ class Culling:
         self._floor: tuple[mujoco.MjvGeom, int, _Vector, tuple[float, float]] | None = None
         for geom in drawn:
             number = int(geom.objid)
-            # A plane without a size is drawn in a size chosen by MuJoCo; a plane on a body moves.
+            # Planes without a size are excluded because MuJoCo chooses the size in which it draws them. Planes on
+            # other bodies than the world are excluded because they move.
             half_x, half_y, _ = self._model.geom_size[number].tolist()
             if (
                 int(self._model.geom_type[number]) == _PLANE

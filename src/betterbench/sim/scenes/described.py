@@ -1,4 +1,4 @@
-"""Description of a scene for the record of its episode."""
+"""Description of a scene that is stored in the record of an episode."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from betterbench.tasks import Looks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneDescription:
-    """Scene description with versions, instruction and appearance. Its fields are those of a record's metadata.
+    """Description of a scene: versions, instruction and appearance. A record's metadata has the same fields.
 
     Attributes:
         instruction: All instructions of the episode, as one string.
-        render_quality: Name of the render preset, or of another world's renderer, or None without images.
-        engine: Versions that can change the numbers.
-        dynamics: Drawn dynamics of the robot by quantity, one value per joint. It is empty if they do not vary.
+        render_quality: Name of the render preset or of another world's renderer. None if there are no images.
+        engine: Versions of the software that can change the numbers in the record.
+        dynamics: Drawn dynamics of the robot by quantity, with one value per joint. Empty if the dynamics do not vary.
     """
 
     task_version: int

@@ -1,6 +1,6 @@
-"""Framing checks for the front camera: gripper pixels, size and visibility of named objects, and margins.
+"""Framing checks: whether the front camera shows the gripper, the named objects and the targets well enough.
 
-The limits for every task are constants of this file. They do not affect the judgment of trials.
+The limits are constants in this file and apply to every task. They do not affect how trials are judged.
 """
 
 from __future__ import annotations
@@ -29,34 +29,34 @@ from betterbench.tasks import Condition
 from betterbench.tasks.relations.closed import MOUNTS
 
 GRIPPER_PX = 60.0
-"""Minimum pixels of hand and fingers in an image of 256 x 256."""
+"""Minimum number of pixels of the hand and the fingers in an image of 256 x 256 pixels."""
 
 MARGIN_M = 0.008
-"""Minimum distance of slots and target regions from the image's edge [m]."""
+"""Minimum distance of slots and target regions from the edge of the image, measured at their depth [m]."""
 
 SIDE_PX = 24.0
-"""Minimum longer side of an object in the instruction, in an image of 256 x 256 [pixel]."""
+"""Minimum longer side of an object that the instruction names, in an image of 256 x 256 pixels [pixel]."""
 
 VISIBLE = 0.6
-"""Minimum visible fraction of an object named in the instruction: neither hidden nor cut off by the image's edge."""
+"""Minimum fraction of a named object that must be visible, i.e. neither hidden nor cut off by the image's edge."""
 
 BACKGROUND = 0.2
-"""Largest fraction of the image without table, robot and object."""
+"""Maximum fraction of the image that shows neither table nor robot nor objects."""
 
 
 SIZE_PX = 256
 HOVER_M = 0.12
-"""Height of the end effector over a slot at which the gripper must be visible [m]: grasps from above begin there."""
+"""Height of the end effector over a slot at which the gripper must be visible [m]. Grasps from above begin there."""
 _REGIONS = ("inside", "ring", "top", "base")
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectFraming:
-    """Size and visibility of an object in the instruction.
+    """Size and visibility of an object that the instruction names.
 
     Attributes:
-        side_px: Longer side of its visible part's bounding box [pixel].
-        visible: Fraction of the object that is in the image and not occluded.
+        side_px: Longer side of the bounding box around the object's visible part [pixel].
+        visible: Fraction of the object that is inside the image and not occluded.
     """
 
     name: str
@@ -66,12 +66,12 @@ class ObjectFraming:
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """Measurements on a front camera image at the start of a trial.
+    """Measurements in an image of the front camera at the start of a trial.
 
     Attributes:
-        gripper_px: Pixels of hand and fingers.
-        background: Fraction of pixels without table, robot and object.
-        asked: Objects in the instruction, without fixtures.
+        gripper_px: Number of pixels of the hand and the fingers.
+        background: Fraction of pixels that show neither table nor robot nor objects.
+        asked: Framing of the objects that the instruction names, except fixtures.
     """
 
     gripper_px: int
@@ -80,10 +80,10 @@ class Framing:
 
 
 class FramingView:
-    """Measures images of one scene without changing the scene."""
+    """Measurements in images of a scene. The scene itself is not changed."""
 
     def __init__(self, scene: Scene, *, camera: str = "front") -> None:
-        """Copy the scene's model, and make a renderer for it."""
+        """Copy the model of the scene, and create a renderer for the copy."""
         self._scene, self._camera = scene, camera
         self._model = copy.copy(scene.model)
         self._data = mujoco.MjData(self._model)
@@ -99,18 +99,21 @@ class FramingView:
         self._renderer.close()
 
     def start(self, jitter: ViewJitter | None = None) -> Framing:
-        """Return the measurements at the start of the trial, with the trial's jitter or another jitter."""
+        """Measure the image of the front camera at the start of the trial.
+
+        The camera is moved by the given jitter. By default, the jitter of the trial is used.
+        """
         masks = self._masks(self._scene.data.qpos, jitter)
         asked = tuple(self._object(name, masks) for name in asked_objects(self._scene.condition))
         background = float(np.isin(masks, self._background).mean())
         return Framing(int(np.isin(masks, self._gripper).sum()), background, asked)
 
     def of(self, name: str) -> ObjectFraming:
-        """Return an object's size and visibility at the start of the trial."""
+        """Return the size and visibility of an object in the image at the start of the trial."""
         return self._object(name, self._masks(self._scene.data.qpos, None))
 
     def gripper_over(self, slot: str, jitter: ViewJitter | None = None) -> int:
-        """Return the pixels of the gripper with the end effector over a slot, pointing down."""
+        """Return the number of gripper pixels when the end effector is over a slot and points down."""
         place, arm = self._scene.task.slot(slot), ArmIK(self._scene.compiled.robot)
         target = Pose((place.x, place.y, HOVER_M), arm.forward(arm.home).quaternion)
         qpos = self._scene.data.qpos.copy()
@@ -140,9 +143,10 @@ class FramingView:
         return ObjectFraming(name, side, len(rows) / max(self._whole(body), 1))
 
     def _whole(self, body: int) -> int:
-        """Return a body's pixels without occlusion, including pixels outside the image.
+        """Return the number of pixels that a body would cover without occlusion, including pixels outside the image.
 
-        All other bodies are removed from an image of twice the width and height around the same center.
+        For this, all other bodies are hidden, and an image with twice the width and height is rendered around the same
+        center.
         """
         model, camera = self._model, self._model.camera(self._camera).id
         rgba, materials, angle = model.geom_rgba.copy(), model.geom_matid.copy(), float(model.cam_fovy[camera])
@@ -157,7 +161,7 @@ class FramingView:
 
 
 def framing_faults(scene: Scene) -> tuple[str, ...]:
-    """Return sentences about violations of the framing limits at the start of a trial."""
+    """Return one sentence for each framing limit that is violated at the start of a trial."""
     view = FramingView(scene)
     try:
         shown = view.start()
@@ -181,7 +185,7 @@ def framing_faults(scene: Scene) -> tuple[str, ...]:
 
 
 def asked_objects(condition: Condition) -> tuple[str, ...]:
-    """Return the scene names of the objects in an instruction's steps, in order."""
+    """Return the names of the objects to which an instruction's steps refer, in order and without duplicates."""
     names: dict[str, None] = {}
     for step in condition.instruction.subgoals:
         found = [o.name for o in condition.objects if step.reference.kind in (None, o.kind)]
@@ -194,7 +198,7 @@ def asked_objects(condition: Condition) -> tuple[str, ...]:
 
 
 def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
-    """Yield the corner cases of a camera's jitter, with each shift and rotation at either end of its range."""
+    """Yield all extreme jitters of a camera, with every shift and rotation at one end of its range."""
     for signs in itertools.product((-1.0, 1.0), repeat=6):
         x, y, z, rx, ry, rz = signs
         shift, turn = CAMERA_SHIFT_M, CAMERA_TURN_RAD
@@ -203,13 +207,13 @@ def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
 
 
 def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
-    """Return the minimum distance of slots and target regions from the image edge over all jitters [m].
+    """Return the smallest distance of the slots and target regions from the image edge, over all extreme jitters [m].
 
-    The distance is negative outside.
+    The distance is measured at the depth of the point, and is negative for points outside the image.
 
-    A slot is extended by its full jitter. A target region is represented by its corners, over the jitter of its slot,
-    and with open drawers. If the order is given, a target that an earlier step moves is not measured. Distances are
-    measured at the point's depth.
+    A slot is represented by the corners of the area in which its object may start. A target region is represented by
+    its corners, for all start positions of the object that it belongs to and with open drawers. If the order of the
+    steps is given, a target that an earlier step moves is not measured.
     """
     points = np.array([*_slot_corners(scene), *_target_corners(scene)])
     data, least = copy.copy(scene.data), math.inf
@@ -236,7 +240,7 @@ def _target_corners(scene: Scene) -> Iterator[Vector]:
         stays = step.target not in moved
         if instruction.ordered:
             moved.update(scene.condition.resolve(step.reference))
-        # closing a drawer has no target region of its own; the drawer's region is the target of another step
+        # Closing a drawer has no target region of its own: the region in the drawer is the target of another step.
         if step.region in MOUNTS or not stays:
             continue
         target = placed[step.target]
@@ -259,7 +263,7 @@ def _target_corners(scene: Scene) -> Iterator[Vector]:
 
 
 def _slot_below(condition: Condition, name: str) -> str:
-    """Return an object's slot, or the slot of the object in which it is mounted or on which it is pre-placed."""
+    """Return the slot of an object, or the slot of the object in which it is mounted or on which it is pre-placed."""
     while name not in condition.layout:
         mount = condition.object(name).mount
         name = condition.preplaced[name].target if mount is None else mount.target

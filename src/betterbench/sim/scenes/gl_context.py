@@ -1,7 +1,8 @@
-"""OpenGL context of this process: back end, thread, and reading of pixels.
+"""OpenGL context of this process: its back end, its thread, and how pixels are read.
 
-A process has one context, made at first use and shared by all its renderers. Only the first renderer's thread may
-render. Worker processes must be started with the ``spawn`` method, because a forked copy of a context is rejected.
+A process has one context, which is created when it is first needed and shared by all renderers. Only the thread of the
+first renderer may render. Worker processes must be started with the ``spawn`` method, because a forked copy of a
+context does not work and is rejected.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.sim.graphics import INSTALL_HINT, gl_backend, no_window, require_drawing
 
 CURE = f"Unset MUJOCO_GL, MUJOCO_EGL_DEVICE_ID and PYOPENGL_PLATFORM if they are set, or run: {INSTALL_HINT}"
-"""Remedy if OpenGL does not work and no variable is known to be the cause."""
+"""Remedy to suggest if OpenGL does not work and no environment variable is known to be the cause."""
 
 
 _SPAWN = (
@@ -42,19 +43,18 @@ class _GLContext(Protocol):
 
 
 class Closable(Protocol):
-    """Object that holds buffers in the context until it is closed."""
+    """Object that holds buffers in the OpenGL context until it is closed."""
 
     def close(self) -> None:
         """Free the buffers."""
 
 
 def renderer_fingerprint() -> dict[str, str]:
-    """Return the properties that determine pixels in addition to the scene.
+    """Return the properties of OpenGL and MuJoCo that determine the pixels of an image besides the scene.
 
-    Two machines that agree render equal images.
-
-    It has OpenGL's ``backend``, ``vendor``, ``renderer`` and ``version``, and ``mujoco``'s version. Raises
-    MissingDependencyError if no off-screen OpenGL works here.
+    On two machines with equal properties, images are equal. The properties are OpenGL's ``backend``, ``vendor``,
+    ``renderer`` and ``version``, and the version of ``mujoco``. Raises MissingDependencyError if off-screen OpenGL does
+    not work on this machine.
     """
     make_current()
     text = _gl_function("glGetString", ctypes.c_char_p, ctypes.c_uint)
@@ -65,7 +65,7 @@ def renderer_fingerprint() -> dict[str, str]:
 
 @dataclass(slots=True)
 class _ProcessContext:
-    """The OpenGL context of this process, with the process and the thread that may use it."""
+    """OpenGL context of this process, with the ids of the process and the thread that may use it."""
 
     gl: _GLContext | None = None
     pid: int = 0
@@ -76,17 +76,17 @@ class _ProcessContext:
 
 
 CONTEXT = _ProcessContext()
-"""The context of this process."""
+"""OpenGL context of this process."""
 RENDERERS: weakref.WeakSet[Closable] = weakref.WeakSet()
-"""Objects with buffers in the context. They are closed before the context is freed at exit."""
+"""Objects with buffers in the context. They are closed before the context is freed when the process exits."""
 
 
 def make_current() -> None:
-    """Make this process's OpenGL context current, creating it on first use."""
+    """Make the OpenGL context of this process current. At the first call, create it."""
     known = CONTEXT.query
     if known is not None and CONTEXT.thread == threading.get_ident() and CONTEXT.pid == os.getpid():
-        # Querying EGL for the current context takes 1 us, making a context current takes 50 us: 1 % of an image in the
-        # fast preset.
+        # Querying EGL for the current context takes 1 us. Making a context current takes 50 us, which is 1 % of the
+        # time for an image in the fast preset.
         if known() != CONTEXT.handle and CONTEXT.gl is not None:
             CONTEXT.gl.make_current()
         return
@@ -96,10 +96,12 @@ def make_current() -> None:
         CONTEXT.pid, CONTEXT.thread = os.getpid(), threading.get_ident()
         atexit.register(_free_all)
     if os.getpid() != CONTEXT.pid:
-        raise InvalidInputError("worker process", "was forked from a process that had already rendered", _SPAWN)
+        raise InvalidInputError("worker process", "was forked from a process that had already rendered images", _SPAWN)
     if threading.get_ident() != CONTEXT.thread:
         raise InvalidInputError(
-            "renderer", "is used in a thread other than that of the first renderer", "Render in one thread"
+            "renderer",
+            "is used in a different thread than the first renderer of this process",
+            "Render all images in one thread",
         )
     CONTEXT.gl.make_current()
     if gl_backend() == "egl":
@@ -109,7 +111,10 @@ def make_current() -> None:
 
 @functools.cache
 def _egl_current_context() -> Callable[[], int | None]:
-    """Return EGL's own function. PyOpenGL's wrapper is slower than the time it would save."""
+    """Return EGL's function ``eglGetCurrentContext``.
+
+    The function is called without PyOpenGL's wrapper, which would take more time than the query saves.
+    """
     function = ctypes.CDLL("libEGL.so.1").eglGetCurrentContext
     function.restype = ctypes.c_void_p
     function.argtypes = ()
@@ -118,11 +123,11 @@ def _egl_current_context() -> Callable[[], int | None]:
 
 
 def _create_context() -> _GLContext:
-    """Create an OpenGL context with the chosen back end, or raise a MissingDependencyError."""
+    """Create an OpenGL context with the selected back end. Raises MissingDependencyError if this does not work."""
     backend = require_drawing()
-    # threads of Mesa's software renderer gain nothing at these sizes and would take cores from other workers
+    # At these image sizes, Mesa's software renderer gains nothing from threads, which would take cores from workers.
     os.environ.setdefault("LP_NUM_THREADS", "0")
-    # The size of a context is that of a window, which is not used.
+    # The arguments are the size of the context's window, which is never used.
     try:
         context = cast("_GLContext", importlib.import_module(f"mujoco.{backend}").GLContext(16, 16))
         context.make_current()
@@ -135,7 +140,7 @@ def _create_context() -> _GLContext:
 
 _VENDOR, _RENDERER, _VERSION, _EXTENSIONS, _NUM_EXTENSIONS = 0x1F00, 0x1F01, 0x1F02, 0x1F03, 0x821D
 _PACK_INVERT_MESA = 0x8758
-"""Setting of the OpenGL extension MESA_pack_invert: pixels are read with the top row first."""
+"""Setting of the OpenGL extension MESA_pack_invert, with which pixels are read starting with the top row."""
 
 
 def _gl_function(name: str, result: type[ctypes.c_char_p] | None, *arguments: object) -> Callable[..., bytes | None]:
@@ -148,9 +153,10 @@ def _gl_function(name: str, result: type[ctypes.c_char_p] | None, *arguments: ob
 
 
 def read_from_top(*, wanted: bool) -> bool:
-    """Try to read pixels with the top row first, so that images need not be flipped. Return whether this works.
+    """Try to make OpenGL read pixels starting with the top row, and return whether this works.
 
-    Mesa supports this. With another OpenGL, rows are always read from the bottom, and images are flipped afterward.
+    If it works, images need not be flipped. Mesa supports it. Other OpenGL libraries always read from the bottom row,
+    and images are flipped afterward.
     """
     count = ctypes.c_int()
     _gl_function("glGetIntegerv", None, ctypes.c_uint, ctypes.c_void_p)(_NUM_EXTENSIONS, ctypes.byref(count))
@@ -162,12 +168,12 @@ def read_from_top(*, wanted: bool) -> bool:
 
 
 def as_upright(pixels: np.ndarray) -> np.ndarray:
-    """Return the pixels with the top row first."""
+    """Return the pixels with the top row first. They are flipped if OpenGL has read them from the bottom row."""
     return pixels if CONTEXT.from_top else pixels[::-1]
 
 
 def _context_errors() -> tuple[type[Exception], ...]:
-    """Return the exceptions of a failed context creation if libraries or devices are missing."""
+    """Return the exceptions that creating a context can raise if libraries or devices are missing."""
     known: tuple[type[Exception], ...] = (ImportError, AttributeError, RuntimeError, OSError)
     try:
         return (*known, importlib.import_module("OpenGL.error").Error)
@@ -176,7 +182,7 @@ def _context_errors() -> tuple[type[Exception], ...]:
 
 
 def _free_all() -> None:
-    """Free renderers and context before the interpreter unloads OpenGL."""
+    """Free the renderers and the context. This must happen before the interpreter unloads OpenGL."""
     for renderer in list(RENDERERS):
         renderer.close()
     if CONTEXT.gl is not None and CONTEXT.pid == os.getpid():

@@ -1,7 +1,7 @@
 """Export of a compiled scene as binary glTF, one file per body, for viewers other than MuJoCo.
 
-Each file is in the frame of its body, in meters and with z up. A file contains one mesh per material: the visible
-shapes in their colors, with the textures of the model as PNG. The format is glTF 2.0 (Khronos), written by trimesh.
+Each file is in the frame of its body, in meters and with z up. It contains one mesh per material: the visible shapes
+with their colors, and the textures of the model as PNG. The format is glTF 2.0 (Khronos), written by trimesh.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from PIL import Image
 FLOOR_HALF_M = 2.5
 """Half the side of the square that represents an infinite floor [m]."""
 ROUGHNESS = 0.75
-"""Roughness of all surfaces (0 mirror, 1 chalk): the matt plastic and wood of the stage."""
+"""Roughness of all surfaces, from 0 (mirror) to 1 (chalk). It looks like the matt plastic and wood of the stage."""
 
 _VISIBLE_GROUPS = 2
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
@@ -24,7 +24,11 @@ _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """Triangles of one look: (n, 3) positions [m] and normals, (n, 2) texture coordinates, (m, 3) corners."""
+    """Triangles with the same color and texture.
+
+    The arrays are vertex positions (n, 3) [m], normals (n, 3), texture coordinates (n, 2) and the corners of each
+    triangle (m, 3) as vertex indices.
+    """
 
     positions: np.ndarray
     normals: np.ndarray
@@ -32,13 +36,13 @@ class Surface:
     faces: np.ndarray
 
     def moved(self, position: np.ndarray, rotation: np.ndarray) -> Surface:
-        """Return the triangles in the body's frame, rotated by (3, 3) and then moved by (3,) [m]."""
+        """Return the triangles rotated by a matrix (3, 3) and then moved by a vector (3,) [m]."""
         turned = self.positions @ rotation.T + position
         return Surface(turned, self.normals @ rotation.T, self.coordinates, self.faces)
 
 
 def body_files(model: mujoco.MjModel) -> dict[int, bytes]:
-    """Return the GLB of every body that has a visible shape, by body number."""
+    """Return the GLB file of every body that has a visible shape, by body index."""
     looks: dict[int, dict[tuple[float, ...], list[Surface]]] = {}
     for geom in range(model.ngeom):
         color, texture = _look(model, geom)
@@ -50,14 +54,17 @@ def body_files(model: mujoco.MjModel) -> dict[int, bytes]:
 
 
 def surface_in_body(model: mujoco.MjModel, geom: int) -> Surface:
-    """Return a shape in its body's frame, with primitives and planes as in :func:`body_files`."""
+    """Return the surface of a geom in the frame of its body.
+
+    Primitives and planes are converted as in :func:`body_files`.
+    """
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
     return _surface(model, geom).moved(model.geom_pos[geom], rotation.reshape(3, 3))
 
 
 def _look(model: mujoco.MjModel, geom: int) -> tuple[tuple[float, ...], int]:
-    """Return color (r, g, b, a) and texture of a shape. The texture is -1 if there is none."""
+    """Return the color (r, g, b, a) and the texture index of a geom. The index is -1 if there is no texture."""
     material = int(model.geom_matid[geom])
     rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
     texture = -1 if material < 0 else int(model.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])
@@ -65,7 +72,7 @@ def _look(model: mujoco.MjModel, geom: int) -> tuple[tuple[float, ...], int]:
 
 
 def _surface(model: mujoco.MjModel, geom: int) -> Surface:
-    """Return a shape in its own frame. Shapes other than meshes and planes are drawn as their bounding box."""
+    """Return the surface of a geom in its own frame. Shapes other than meshes and planes become their bounding box."""
     kind = int(model.geom_type[geom])
     if kind == int(mujoco.mjtGeom.mjGEOM_MESH):
         return _mesh(model, int(model.geom_dataid[geom]))
@@ -93,7 +100,7 @@ def _box(center: np.ndarray, half: np.ndarray) -> Surface:
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> Surface:
-    """Return a mesh with one vertex per combination of position, normal and texture coordinate, as glTF needs."""
+    """Return a mesh with one vertex per combination of position, normal and texture coordinate, as glTF requires."""
 
     def rows(array: np.ndarray, address: np.ndarray, number: np.ndarray) -> np.ndarray:
         first = int(address[mesh])
@@ -127,7 +134,7 @@ def _joined(parts: list[Surface]) -> Surface:
 
 
 def _file(model: mujoco.MjModel, looks: Mapping[tuple[float, ...], list[Surface]]) -> bytes:
-    """Return the GLB of surfaces by look: color and texture."""
+    """Return the GLB file for the given surfaces, whose keys are their color and texture."""
     import trimesh  # noqa: PLC0415 - takes 0.6 s, which only a viewer needs
 
     scene = trimesh.Scene()
@@ -140,7 +147,7 @@ def _file(model: mujoco.MjModel, looks: Mapping[tuple[float, ...], list[Surface]
             roughnessFactor=ROUGHNESS,
             alphaMode=None if color[3] >= 1.0 else "BLEND",
         )
-        # trimesh counts v from the lower edge of the image, MuJoCo and glTF from the upper edge
+        # trimesh measures v from the lower edge of the image, whereas MuJoCo and glTF measure it from the upper edge.
         uv = surface.coordinates * (1.0, -1.0) + (0.0, 1.0)
         mesh = trimesh.Trimesh(
             surface.positions,
@@ -155,7 +162,7 @@ def _file(model: mujoco.MjModel, looks: Mapping[tuple[float, ...], list[Surface]
 
 
 def _linear(value: float) -> float:
-    """Return a color component without the sRGB curve (IEC 61966-2-1), because the factors of glTF are linear."""
+    """Convert a color component from sRGB to linear (IEC 61966-2-1), because color factors in glTF are linear."""
     return value / 12.92 if value <= 0.04045 else float(((value + 0.055) / 1.055) ** 2.4)
 
 

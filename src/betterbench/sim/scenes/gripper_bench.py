@@ -1,4 +1,4 @@
-"""Test bench for grasps without the arm: an asset at rest on a table, and the robot's gripper above it."""
+"""Test bench for grasps without an arm: an asset at rest on a table, and the robot's gripper floating above it."""
 
 from __future__ import annotations
 
@@ -15,16 +15,19 @@ from betterbench.sim.robots.spec import RobotSpec
 
 
 def pose_of(numbers: Sequence[float] | np.ndarray) -> Pose:
-    """Return the pose from the seven numbers of a free joint: position [m] and quaternion."""
+    """Convert the seven numbers of a free joint, position [m] and quaternion, to a pose."""
     x, y, z, *quaternion = (float(v) for v in numbers)
     return Pose((x, y, z), normalize(quaternion))
 
 
 def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
-    """Return a model with a table top at z = 0 and the physics of the scenes, without MuJoCo's sleeping."""
+    """Return a model with a table top at z = 0 and the physics options of betterbench's scenes.
+
+    The only difference is that MuJoCo's sleeping is turned off.
+    """
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)
-    # sleeping would hide that an object never comes to rest
+    # If objects could sleep, an object that never comes to rest would not be noticed.
     spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     spec.worldbody.add_geom(
         name="table",
@@ -37,7 +40,7 @@ def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
 
 
 class GripperBench:
-    """Floating gripper in a model, opened and retracted from a grasp of the resting asset named "asset"."""
+    """Floating gripper that starts open, at a distance from the grasp to try. The asset (body "asset") is at rest."""
 
     def __init__(
         self,
@@ -51,16 +54,16 @@ class GripperBench:
         approach_m: float,
         lowest_m: float = -np.inf,
     ) -> None:
-        """Place asset and gripper.
+        """Place the asset and the gripper.
 
         Args:
-            model: A table with the asset and the gripper of :func:`add_floating_gripper`.
-            data: Its state, which is changed.
-            robot: Robot description.
-            step: Takes one physics step.
-            rest: Pose ``T_world_object`` at rest.
-            grasp: The grasp.
-            approach_m: Distance from the grasp, against the approach [m].
+            model: Model with a table, the asset, and the gripper that :func:`add_floating_gripper` adds.
+            data: State of the model, which is changed.
+            robot: Description of the robot.
+            step: Function that executes one physics step.
+            rest: Pose ``T_world_object`` of the asset at rest.
+            grasp: The grasp to try.
+            approach_m: Distance from the grasp at which the gripper starts, against its approach direction [m].
             lowest_m: Minimum height of the tool center point at the grasp [m].
         """
         self._model, self._data, self._step = model, data, step
@@ -87,7 +90,7 @@ class GripperBench:
         self._data.ctrl[self._gripper] = self._jaw.control_at(self.width)
 
     def move(self, to: np.ndarray, speed: float) -> None:
-        """Move the gripper straight to a point [m] with a smooth start and end, at a mean ``speed`` [m/s]."""
+        """Move the gripper straight to a point [m] at the mean ``speed`` [m/s], with a smooth start and end."""
         start = self.at.copy()
         steps = max(1, round(float(np.linalg.norm(to - start)) / speed / PHYSICS.timestep_s))
         for k in range(1, steps + 1):
@@ -97,17 +100,17 @@ class GripperBench:
             self._step()
 
     def close(self, seconds: float) -> None:
-        """Close the jaw at its own speed and press, for a time [s]."""
+        """Close the jaws at the speed of the gripper and keep pressing, for the given time in total [s]."""
         for _ in range(round(seconds / PHYSICS.timestep_s)):
             self.width = max(self._closed, self.width - self._speed * PHYSICS.timestep_s)
             self._command()
             self._step()
 
     def asset_pose(self) -> Pose:
-        """Return ``T_world_object``."""
+        """Return the current pose ``T_world_object`` of the asset."""
         return pose_of(self._data.qpos[self._asset : self._asset + 7])
 
     def asset_in_tool(self) -> Pose:
-        """Return ``T_tool_object``."""
+        """Return the current pose ``T_tool_object`` of the asset."""
         tool = self._data.body(TOOL_BODY)
         return pose_of((*tool.xpos, *tool.xquat)).inverse() @ self.asset_pose()

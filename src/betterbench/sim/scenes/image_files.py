@@ -9,7 +9,7 @@ from PIL import Image
 
 
 def jpeg_bytes(image: np.ndarray | Image.Image, *, quality: int, whole_colors: bool = False) -> bytes:
-    """Return an image, or an array (height, width, 3) uint8, as JPEG. ``whole_colors`` disables chroma subsampling."""
+    """Encode an image, or an array (height, width, 3) uint8, as JPEG. ``whole_colors`` turns off chroma subsampling."""
     drawn = image if isinstance(image, Image.Image) else Image.fromarray(np.ascontiguousarray(image))
     buffer = io.BytesIO()
     drawn.save(buffer, "JPEG", quality=quality, subsampling=0 if whole_colors else -1)

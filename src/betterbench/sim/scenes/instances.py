@@ -1,4 +1,4 @@
-"""Instance ids for a model's bodies, and bounding boxes for its objects."""
+"""Instance ids of the bodies in a scene model, and bounding boxes of its objects."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.records.modalities.labels import FIRST_OBJECT, STAGE
 from betterbench.sim.robots import RobotSpec, robot, robot_names
 
 ROBOT_PREFIX = "robot/"
-"""Prefix for the names of the robot's parts in a scene model."""
+"""Prefix of the names of all robot parts in a scene model."""
 
 _OBJECT = re.compile(r"object(\d+)_")
 _VISIBLE_GROUPS = 3
@@ -19,7 +19,7 @@ _MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 
 
 def object_bodies(model: mujoco.MjModel) -> np.ndarray:
-    """Return the (n,) body ids of a model's objects, in scene order."""
+    """Return the body ids of the objects in a scene model (n,), in scene order."""
     found = {}
     for body in range(model.nbody):
         match = _OBJECT.match(model.body(body).name)
@@ -29,7 +29,7 @@ def object_bodies(model: mujoco.MjModel) -> np.ndarray:
 
 
 def robot_in(model: mujoco.MjModel) -> RobotSpec | None:
-    """Return the robot whose gripper is in a scene model, or None without a robot."""
+    """Return the robot whose gripper a scene model contains, or None if the model has no robot."""
     bodies = {model.body(body).name.removeprefix(ROBOT_PREFIX) for body in range(model.nbody)}
     for name in robot_names():
         known = robot(name)
@@ -39,7 +39,7 @@ def robot_in(model: mujoco.MjModel) -> RobotSpec | None:
 
 
 def instances_of_bodies(model: mujoco.MjModel) -> np.ndarray:
-    """Return each body's instance id, (nbody,) uint16. All links of the arm are one instance."""
+    """Return the instance id of each body as a (nbody,) uint16 array. All links of the arm are one instance."""
     description = robot_in(model)
     instances = np.full(model.nbody, 1 + STAGE.index("other"), dtype=np.uint16)
     for body in range(model.nbody):
@@ -54,9 +54,10 @@ def instances_of_bodies(model: mujoco.MjModel) -> np.ndarray:
 
 
 def visible_boxes(model: mujoco.MjModel, bodies: np.ndarray) -> np.ndarray:
-    """Return (n, 2, 3) float64: center and half extents of some bodies' visible shapes, in the body frames [m].
+    """Return the bounding boxes of the visible shapes of bodies, each in its body frame [m].
 
-    The boxes are tight for meshes and boxes. Round shapes are represented by their own bounding boxes.
+    The result is an (n, 2, 3) float64 array with the center and the half extents of each box. Boxes are tight around
+    meshes and boxes. Round shapes are represented by the bounding boxes of their geoms.
     """
     boxes = np.zeros((len(bodies), 2, 3))
     for i, body in enumerate(bodies):
@@ -72,7 +73,7 @@ def visible_boxes(model: mujoco.MjModel, bodies: np.ndarray) -> np.ndarray:
 
 
 def _points(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return (n, 3) points in a geom's body frame [m] whose bounding box contains the geom."""
+    """Return points (n, 3) in a geom's body frame [m] whose bounding box contains the geom."""
     if int(model.geom_type[geom]) == _MESH:
         mesh = int(model.geom_dataid[geom])
         start = int(model.mesh_vertadr[mesh])

@@ -1,11 +1,12 @@
-"""Rendering of untrusted stored scenes (MuJoCo's binary models) in a separate process with limits.
+"""Rendering of stored scenes that are not trusted, in a separate process with limits.
 
-MuJoCo does not validate such files, so a forged file can crash or hang the process or exhaust the memory. The process
-therefore has limits for memory and time, and returns only pixels or strings, never Python objects.
+A stored scene is a model in MuJoCo's binary format. MuJoCo does not validate such files, so a forged file can crash or
+hang the process or exhaust the memory. The process that opens them therefore has limits for memory and time, and sends
+only pixels or strings back, never Python objects.
 
-A process can also end for other reasons, for example if a renderer crashes or the system is short of memory. The
-request during which a process ended is therefore repeated once in a new process. It is rejected only if the new process
-ends too.
+A process can also end for other reasons, for example if a renderer crashes or the system is short of memory. Therefore,
+if a process ends during a request, the request is repeated once in a new process. The scene is rejected only if the new
+process ends as well.
 """
 
 from __future__ import annotations
@@ -44,11 +45,14 @@ if TYPE_CHECKING:
     from betterbench.records import Record, RunFolder
 
 MAX_MEMORY_BYTES = 16 * 1024**3
-"""Address space of the process [byte]. The software renderer maps 4 GB of it."""
+"""Maximum address space of the process [byte]. The software renderer alone maps 4 GB."""
 REQUEST_CPU_S = 60.0
-"""Maximum CPU time to open a scene or render an image [s]."""
+"""Maximum CPU time for opening a scene or rendering an image [s]."""
 REQUEST_S = 900.0
-"""Maximum wall-clock time of the same [s], including the start of the process: much more, for busy machines."""
+"""Maximum wall-clock time for opening a scene or rendering an image [s], including the start of the process.
+
+It is much longer than the CPU time because the machine may be busy.
+"""
 
 _JITTER = TypeAdapter(ViewJitter)
 _MOST_FACTS_BYTES = 1 << 22
@@ -60,7 +64,7 @@ _Number = Annotated[int, Field(ge=0, le=0xFFFF)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    """JSON representation of :class:`~betterbench.sim.scenes.sights.ModelFacts`, and the process's renderer."""
+    """JSON form of :class:`~betterbench.sim.scenes.sights.ModelFacts`, with the properties of the renderer."""
 
     instances: list[_Number]
     object_bodies: list[_Number]
@@ -74,16 +78,19 @@ _FACTS, _VIEWS = TypeAdapter(_Facts), TypeAdapter(list[ViewSpec])
 
 
 class _EndedError(RecordError):
-    """The process has ended without a request to end."""
+    """The process has ended unexpectedly."""
 
 
 class LimitedView:
-    """Renderer for recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
+    """Renderer of recorded states of stored scenes, with one open scene at a time.
+
+    The scenes are opened in a separate process, which ends when the context manager exits.
+    """
 
     def __init__(self, *, quality: str, size: int = 256) -> None:
-        """Start the process. ``size`` is the side length of the images from :meth:`draw` [pixel].
+        """Start the process. ``size`` is the side length of the images that :meth:`draw` returns [pixel].
 
-        Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device.
+        Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` does not name a device.
         """
         self._quality, self._size = quality, size
         self._told_to_end = False
@@ -114,11 +121,13 @@ class LimitedView:
 
     @property
     def size(self) -> int:
-        """Side of the images [pixel]."""
+        """Side length of the images [pixel]."""
         return self._size
 
     def set_look(self, *, quality: str, size: int) -> None:
-        """Use another preset and another size [pixel] for the next scene. The open scene is closed.
+        """Set the quality preset and the image size [pixel] for the next scene.
+
+        If one of them changes, the open scene is closed.
 
         Raises RecordError if the process does not answer.
         """
@@ -129,12 +138,12 @@ class LimitedView:
         self._at_most_twice(lambda: self._ask({"quality": quality, "size": size}, b""))
 
     def open(self, files: Mapping[str, bytes]) -> None:
-        """Open a stored scene from the result of :func:`betterbench.sim.scenes.stored.scene_files`.
+        """Open a stored scene, given its files (see :func:`betterbench.sim.scenes.stored.scene_files`).
 
         Raises:
-            RecordError: If it cannot be opened, because it is damaged or forged, or was written by another version of
-                MuJoCo.
-            MissingDependencyError: If no off-screen OpenGL works here.
+            RecordError: If the scene cannot be opened because it is damaged or forged, or was written by a different
+                version of MuJoCo.
+            MissingDependencyError: If off-screen OpenGL does not work on this machine.
         """
         self._opened, self._prepared, self._files = None, None, None
         self._at_most_twice(lambda: self._load(files))
@@ -144,7 +153,7 @@ class LimitedView:
         self._ask({"files": {name: len(data) for name, data in files.items()}}, b"".join(files.values()))
 
     def open_of(self, run: RunFolder, record: Record) -> None:
-        """Open the stored scene of a run's record, unless it is already open.
+        """Open the stored scene of a record, unless it is already open.
 
         Raises the same errors as :meth:`open`.
         """
@@ -158,7 +167,7 @@ class LimitedView:
             self._opened = scene
 
     def draw(self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter) -> np.ndarray:
-        """Return the view of one recorded state, (nq,), as (size, size, 3) uint8.
+        """Render a recorded state (nq,) with one camera, as a (size, size, 3) uint8 image.
 
         Raises the same errors as :meth:`open`.
         """
@@ -166,27 +175,28 @@ class LimitedView:
         request = {"camera": camera, "jitter": jitter.to_json()}
         pixels = self._at_most_twice(lambda: self._ask(request, numbers))
         if len(pixels) != 3 * self._size**2:
-            raise self._refused("its process returned an image of another size")
+            raise self._refused("its process returned an image with a wrong size")
         return np.frombuffer(pixels, np.uint8).reshape(self._size, self._size, 3)
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
-        """Return the pixels (n, 2) of world points (n, 3) [m] in the last view, or NaN behind the camera.
+        """Project points of the world frame (n, 3) [m] to pixels (n, 2) of the last rendered view.
 
-        Raises the errors of :meth:`open`.
+        Points behind the camera become NaN. Raises the same errors as :meth:`open`.
         """
         numbers = np.ascontiguousarray(points, dtype=np.float64).tobytes()
         found = self._ask({"project": camera}, numbers)
         if 3 * len(found) != 2 * len(numbers):
-            raise self._refused("its process returned another number of points")
+            raise self._refused("its process returned a wrong number of points")
         return np.frombuffer(found).reshape(-1, 2)
 
     def prepare(
         self, views: Sequence[ViewSpec], modalities: Sequence[str], *, gripper: bool = False
     ) -> tuple[ModelFacts, dict[str, str]]:
-        """Prepare to render sights of the open scene, and return their common properties and OpenGL's fingerprint.
+        """Prepare to render views of the open scene.
 
-        ``gripper`` has the same meaning as in :class:`~betterbench.sim.scenes.sights.Sights`. The last preparation for
-        the same scene is reused. Raises the errors of :meth:`open`.
+        Return the properties that all views share, and the properties of the renderer. ``gripper`` has the same meaning
+        as in :class:`~betterbench.sim.scenes.sights.Sights`. If the last preparation for this scene was the same, it is
+        reused. Raises the same errors as :meth:`open`.
         """
         wanted = (tuple(views), tuple(modalities), gripper)
         if self._prepared is None or self._prepared[0] != wanted:
@@ -209,17 +219,16 @@ class LimitedView:
         )
         known = bool((facts.object_bodies < len(facts.instances)).all())
         if not known or len(facts.boxes) != len(facts.object_bodies) or len(facts.focal_px) != len(views):
-            raise self._refused("its process returned other views")
+            raise self._refused("its process returned different views than requested")
         sizes = {"bodies": len(facts.instances), "objects": len(facts.object_bodies)}
         self._types = [sight_type(view, modalities, **sizes, gripper=gripper) for view in views]
         return facts, told.renderer
 
     def sights(self, qpos: np.ndarray, *, jitter: ViewJitter) -> Iterator[list[np.ndarray]]:
-        """Yield the sights of all views for each row of (T, nq) recorded states, as from ``StoredSights.draw``.
+        """Yield the rendered views of each row of recorded states (T, nq), as ``StoredSights.draw`` returns them.
 
-        Rows are rendered ahead, up to the size of the pipe. Consume all of them, or close the view. Raises the errors
-        of :meth:`open`.
-
+        The process renders rows ahead of the caller, as many as fit into the pipe. The caller must consume all rows or
+        close the view. Raises the same errors as :meth:`open`.
         """
         drawn, failed_at = 0, -1
         while True:
@@ -243,27 +252,30 @@ class LimitedView:
             for kind in self._types:
                 answer = self._receive(max(kind.itemsize, 4 * LONGEST_REASON))
                 if len(answer) != kind.itemsize:
-                    raise self._refused("its process returned an image of another size")
+                    raise self._refused("its process returned an image with a wrong size")
                 row.append(np.frombuffer(answer, kind)[0])
             yield row
 
     @property
     def row_bytes(self) -> int:
-        """Size of one row's sights [byte]."""
+        """Size of all views of one recorded state [byte]."""
         return sum(kind.itemsize for kind in self._types)
 
     @property
     def process_id(self) -> int:
-        """Process id."""
+        """Process id (PID)."""
         return self._process.pid
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended, or was requested to end."""
+        """Whether the process has ended or was told to end."""
         return self._process.is_closed
 
     def stop(self) -> None:
-        """End the process from another thread. A waiting thread then gets a RecordError."""
+        """End the process.
+
+        This method may be called from another thread. A thread that waits for an answer then gets a RecordError.
+        """
         self._told_to_end = True
         self._process.stop()
 
@@ -280,13 +292,13 @@ class LimitedView:
             self._process.send(request, data, within_s=REQUEST_S)
 
     def _receive(self, most: int) -> bytes | bytearray:
-        """Return an answer of at most ``most`` bytes. Raise the error that it describes, if any."""
+        """Receive an answer of at most ``most`` bytes. If the answer reports an error, raise that error."""
         with self._told_plainly():
             return self._process.receive(most=most, within_s=REQUEST_S)
 
     @contextlib.contextmanager
     def _told_plainly(self) -> Iterator[None]:
-        """Turn process errors into stored scene errors."""
+        """Convert errors of the rendering process into errors about the stored scene."""
         try:
             yield
         except RefusedError as problem:
@@ -297,13 +309,16 @@ class LimitedView:
             raise _EndedError(str(self._refused(str(problem)))) from None
         except ProcessLateError as problem:
             raise self._refused(
-                str(problem), "The machine may be too busy, or the file of the scene damaged or forged"
+                str(problem), "The machine may be too busy, or the scene file may be damaged or forged"
             ) from None
         except LimitedProcessError as problem:
             raise self._refused(str(problem)) from None
 
     def _at_most_twice(self, ask: Callable[[], _AnswerT]) -> _AnswerT:
-        """Return an answer, from a new process if the first one ends during the request."""
+        """Return the answer to a request.
+
+        If the process ends during the request, repeat the request once in a new process.
+        """
         try:
             return ask()
         except _EndedError:
@@ -311,7 +326,7 @@ class LimitedView:
             return ask()
 
     def _start_again(self) -> None:
-        """Start a new process in place of an ended one, and restore its state."""
+        """Start a new process to replace the one that ended, and open the same scene and views in it."""
         self._start()
         if self._files is not None:
             self._load(self._files)
@@ -319,21 +334,23 @@ class LimitedView:
             views, modalities, gripper = self._prepared[0]
             self._prepare(views, modalities, gripper=gripper)
 
-    def _refused(self, what: str, cause: str = "The file of the scene may be damaged or forged") -> RecordError:
+    def _refused(self, what: str, cause: str = "The scene file may be damaged or forged") -> RecordError:
         self.close()
         return RecordError(
-            f"stored scene: {what}. {cause}. Run the trial again to store the scene, or leave out films."
+            f"stored scene: {what}. {cause}. Run the trial again to store the scene, or run the command without films."
         )
 
 
 class LimitedViews:
-    """Views that are used again for other steps of one command. A context manager that ends their processes.
+    """Pool of processes that render stored scenes.
 
-    A new process takes half a second of CPU time before its first image.
+    They stay open for the later steps of a command until the pool is closed.
+
+    Reusing a process saves the half second of CPU time that a new process needs before its first image.
     """
 
     def __init__(self) -> None:
-        """Prepare. Processes are started on demand."""
+        """Create an empty pool. Processes are started when they are needed."""
         self._views: list[LimitedView] = []
 
     def __enter__(self) -> Self:
@@ -346,9 +363,10 @@ class LimitedViews:
             view.close()
 
     def take(self, count: int, *, quality: str, size: int) -> list[LimitedView]:
-        """Return views of a preset and a size [pixel]. Their earlier users must have finished.
+        """Return ``count`` views with the given preset and size [pixel].
 
-        Raises the errors of :class:`LimitedView`.
+        The caller must no longer use views from earlier calls, because they may be returned again. Raises the same
+        errors as :class:`LimitedView`.
         """
         self._views = [view for view in self._views if not view.is_closed]
         for view in self._views[:count]:
@@ -359,7 +377,7 @@ class LimitedViews:
 
 
 class _Drawer:
-    """Process state between two requests, with a scene, its view, and the renderer of its sights."""
+    """State of the rendering process between two requests: the open scene and its renderers."""
 
     def __init__(self, quality: str, size: int) -> None:
         self._quality, self._size = quality_preset(quality), size
@@ -380,7 +398,7 @@ class _Drawer:
             yield b""
             return
         if self._model is None:
-            raise RecordError("stored scene: no scene is open. Run the trial again to store it.")
+            raise RecordError("stored scene: no scene is open. Run the trial again to store its scene.")
         if "views" in request:
             yield self._prepare(request["views"], request["modalities"], gripper=request["gripper"])
         elif "sights" in request:
@@ -426,7 +444,7 @@ class _Drawer:
 
 
 def draw_for_parent(quality: str, size: int | str) -> None:
-    """Answer requests from standard input on standard output until the input ends. This is the main function."""
+    """Run the rendering process: answer requests from standard input on standard output until the input ends."""
     drawer = _Drawer(quality, int(size))
     answer_requests(drawer.answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=REQUEST_CPU_S, unexpected=_unexpected)
 
@@ -440,7 +458,7 @@ def _jitter_of(request: Mapping[str, Any]) -> ViewJitter:
 
 
 def _split(sizes: Mapping[str, int], data: bytes) -> dict[str, bytes]:
-    """Return the files that are concatenated in some bytes."""
+    """Split the concatenated contents of several files, given the size of each file."""
     files, at = dict[str, bytes](), 0
     for name, size in sizes.items():
         files[name] = data[at : at + size]

@@ -1,4 +1,4 @@
-"""Assets in MuJoCo: addition to a model, and resting pose on a flat surface."""
+"""Assets in MuJoCo: how to add an asset to a model, and how to compute its resting pose on a flat surface."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from betterbench.sim.robots.physics import PHYSICS
 VISUAL_GROUP, COLLISION_GROUP = 2, 3
 
 ROLLING_DAMPING = 3e-4
-"""Angular damping of a free object [N m s/rad], used instead of rolling friction: without any damping, a pushed orange
-rocks for a minute. The rolling resistance of fruit on wood, about 2 % of its weight at its radius, has the same effect
-on an orange that rolls at 4 rad/s. The same number as linear damping [N s/m] takes less than 1 % of the speed per
-second.
+"""Angular damping of a free object [N m s/rad], which replaces rolling friction.
+
+Without any damping, a pushed orange rocks for a minute. The rolling resistance of fruit on wood is about 2 % of its
+weight at its radius. At 4 rad/s, this damping has the same effect on an orange. MuJoCo uses the same number as linear
+damping [N s/m], which reduces the speed by less than 1 % per second.
 """
 
 _TYPES = {
@@ -33,7 +34,7 @@ _TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class DrawerRail:
-    """Drawer rail along its x axis, with the distance between its stops [m], friction [N] and damping [N s/m]."""
+    """Rail of a drawer along its x axis: distance between the stops [m], friction [N] and damping [N s/m]."""
 
     travel_m: float
     friction_n: float
@@ -41,7 +42,7 @@ class DrawerRail:
 
 
 def rail_of(asset: Asset) -> DrawerRail:
-    """Return the rail of a drawer, from its asset's parameters."""
+    """Return the rail of a drawer, given the parameters of its asset."""
     p = asset.parameters
     return DrawerRail(float(p["travel_m"]), float(p["friction_n"]), float(p["damping_n_s_m"]))
 
@@ -55,10 +56,13 @@ def add_asset(
     slide: DrawerRail | None = None,
     visuals: bool = True,
 ) -> mujoco.MjsBody:
-    """Add an asset to a model and return its new body. Meshes, materials and geometries are named after the body.
+    """Add an asset to a model and return the new body.
 
-    ``pose`` is its fixed ``T_world_object``, or None for an object that moves freely. ``slide`` is the rail along which
-    an object slides from that pose. Without ``visuals`` the object cannot be seen. Its physics is the same.
+    The names of its meshes, materials and geoms start with the name of the body.
+
+    ``pose`` is the fixed pose ``T_world_object``, or None for an object that moves freely. ``slide`` is the rail along
+    which an object slides, starting at ``pose``. If ``visuals`` is False, the object is invisible, but its physics is
+    the same.
     """
     body = spec.worldbody.add_body(name=name)
     if pose is None:
@@ -107,7 +111,7 @@ def _add_visuals(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, asset: As
             texture = spec.add_texture(
                 name=full, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=3
             )
-            # MuJoCo takes the first row of the data for v = 0; an asset's image starts at the top.
+            # MuJoCo's first row of data is at v = 0, the bottom, whereas the image of an asset starts at the top.
             texture.data = np.ascontiguousarray(part.texture.pixels[::-1]).tobytes()
             material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture.name
         body.add_geom(
@@ -144,10 +148,11 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
 
 @functools.lru_cache(maxsize=512)
 def rest_pose(asset: Asset) -> Pose:
-    """Return the pose ``T_surface_object`` of an asset at rest on a flat surface through the origin of its frame.
+    """Return the pose ``T_surface_object`` of an asset at rest on a flat surface (z = 0 in the surface frame).
 
-    The asset settles alone from its nominal pose. This changes the pose by a contact depth below a millimeter and a
-    tilt below a tenth of a degree. The result depends only on the asset, not on neighbors.
+    The asset settles alone, starting from its nominal pose. This changes its pose by a contact depth of less than a
+    millimeter and a tilt of less than a tenth of a degree. The result depends only on the asset, not on neighboring
+    objects.
     """
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)

@@ -1,4 +1,4 @@
-"""Images of single assets on a plain background."""
+"""Images of single assets in front of a plain background."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from betterbench.sim.scenes.stage import QUALITIES, add_camera
 
 _FIELD_DEGREES = 45.0
 _DOWN = math.radians(35.0)
-"""Downward angle of the camera, as for the front camera of scenes [rad]."""
+"""Angle by which the camera looks down, as the front camera of the scenes does [rad]."""
 _FILLED = 0.72
-"""Diagonal of the asset's box as a fraction of the image."""
+"""Diagonal of the asset's bounding box, as a fraction of the image."""
 _SMALLER = 2
-"""Number of pixels averaged along each side, to smooth edges."""
+"""Number of pixels that are averaged along each side, to smooth edges."""
 
 
 def asset_portrait(asset: Asset, *, pixels: int, turned_degrees: float = 0.0) -> np.ndarray:
-    """Return an image of an asset, (pixels, pixels, 3) uint8.
+    """Render an image of an asset as a (pixels, pixels, 3) uint8 array.
 
     Args:
-        asset: Asset to draw.
-        pixels: Side of the image.
-        turned_degrees: Angle of the camera from the front, about the vertical.
+        asset: Asset to render.
+        pixels: Width and height of the image.
+        turned_degrees: Angle about the vertical by which the camera is turned away from the front of the asset.
 
     Raises:
-        MissingDependencyError: If no off-screen OpenGL works here.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine.
     """
     spec = mujoco.MjSpec()
     spec.visual.headlight.ambient = [0.32, 0.32, 0.32]
@@ -43,7 +43,7 @@ def asset_portrait(asset: Asset, *, pixels: int, turned_degrees: float = 0.0) ->
         dir=[-0.35, 0.45, -1.0],
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         diffuse=[0.55, 0.54, 0.52],
-        castshadow=False,  # the shadow map does not cover the infinite ground, whose far part would be speckled
+        castshadow=False,  # the shadow map does not cover the infinite ground, whose far part would have speckles
     )
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], rgba=[0.80, 0.76, 0.70, 1])
     add_asset(spec, "asset", asset, pose=Pose())

@@ -1,12 +1,12 @@
-"""Scene images from MuJoCo's classic off-screen renderer: color, depth and instance masks.
+"""Images of a scene from MuJoCo's classic off-screen renderer: color, depth and body masks.
 
 A *color pass* renders lights, textures and shadows into the multisampled buffer. A *geometry pass* renders every
-visible shape in a flat color that encodes its index into the plain buffer, with one sample at each pixel's center, and
-gives both depth and masks. Ids are never blended with neighbors. Color with depth takes one pass if there is no
-multisampling and no transparency, because the depth is then the same. Otherwise it takes two passes. Depth and masks
-therefore never depend on the quality.
+visible shape into the plain buffer, in a flat color that encodes the index of the shape. One sample is taken at the
+center of each pixel, so indices are never blended with those of neighboring pixels. The geometry pass gives both depth
+and masks. Without multisampling and transparency, the color pass gives the same depth, so one pass is enough for color
+with depth. Otherwise, two passes are needed. Depth and masks therefore never depend on the render quality.
 
-All images are upright: row 0 is the top. Every returned array belongs to the caller.
+All images are upright, i.e. row 0 is the top. Every returned array belongs to the caller.
 """
 
 from __future__ import annotations
@@ -31,29 +31,29 @@ from betterbench.sim.scenes.stage import Quality
 logger = logging.getLogger(__name__)
 
 NO_BODY = -1
-"""Value of a mask where the image has no body: the sky."""
+"""Value of a mask at pixels that show the sky instead of a body."""
 
-# Capacity for scene elements other than geoms; there are none, so a small margin is enough.
+# Capacity for scene elements other than geoms. There are none, so a small margin is enough.
 _SPARE_GEOMS = 16
 _HIDDEN_GROUP = 3  # this group and all later groups are never shown
 _ALONE_GROUP = 5
-"""Geom group that is never visible, to which geoms are moved while others are rendered alone."""
+"""Geom group that is normally invisible. Geoms are moved to it when they are rendered alone."""
 _SKY = int(mujoco.mjtRndFlag.mjRND_SKYBOX)
 _EVERYTHING = int(mujoco.mjtCatBit.mjCAT_ALL)
-# the smallest font of MuJoCo, because no text is drawn and a larger font takes longer to upload
+# This is MuJoCo's smallest font. No text is drawn, and a larger font would take longer to upload.
 _FONT_SCALE = 50
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Images:
-    """Images of one view of a scene. Images that were not requested are None.
+    """Images of one view of a scene. An image that was not requested is None.
 
     Attributes:
-        rgb: (height, width, 3) uint8 colors.
-        depth: (height, width) float32 distances along the optical axis [m], infinite without a hit.
-            ``CameraMatrices.unproject`` gives the points.
-        masks: (height, width) int32 body ids. ``Renderer.body_names`` has their names. 0 is the world itself (the
-            floor), -1 is the sky.
+        rgb: Colors (height, width, 3) uint8.
+        depth: Distances along the optical axis (height, width) float32 [m], infinite where the ray hits nothing.
+            ``CameraMatrices.unproject`` converts them to points.
+        masks: Body ids (height, width) int32, with 0 for the world itself (the floor) and -1 for the sky.
+            ``Renderer.body_names`` contains the names of the bodies.
     """
 
     rgb: np.ndarray | None
@@ -62,19 +62,23 @@ class Images:
 
 
 class Renderer:
-    """Renderer of one model. It may be used as a context manager. :meth:`close` frees its buffers.
+    """Renderer of one model.
 
-    Creation uploads the model's meshes and textures, which takes 5 to 50 ms here. A process's first renderer also makes
-    the OpenGL context, which takes 0.1 to 0.3 s. Keep a renderer as long as its model. Poses, colors and materials may
-    change between images. Meshes and textures may not. The quality overrides the model's own visual settings.
+    Its buffers are freed by :meth:`close`, or on exit if the renderer is used as a context manager.
+
+    Creating a renderer uploads the meshes and textures of the model, which takes 5 to 50 ms. The first renderer of a
+    process also creates the OpenGL context, which takes 0.1 to 0.3 s. Keep a renderer for as long as its model is used.
+    Poses, colors and materials may change between images, but meshes and textures may not. The quality overrides the
+    visual settings of the model itself.
 
     Raises:
-        MissingDependencyError: If no off-screen OpenGL works here.
-        InvalidInputError: If the size is out of range, or the process or thread may not render.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine.
+        InvalidInputError: If the size is out of range, or if this process or thread is not allowed to render (see
+            :mod:`betterbench.sim.scenes.gl_context`).
     """
 
     def __init__(self, model: mujoco.MjModel, *, width: int = 256, height: int = 256, quality: Quality) -> None:
-        """Upload the model."""
+        """Upload the model to OpenGL."""
         check_size(width, height)
         self.model, self.width, self.height, self.quality = model, width, height, quality
         self._buffer_size = (width, height)
@@ -85,7 +89,7 @@ class Renderer:
         self._color_fbo = (int(self._context.offFBO), int(self._context.offSamples))
         if quality.samples and not self._color_fbo[1]:
             logger.warning(
-                "this OpenGL has no multisampled buffers: images of quality %r are not antialiased", quality.name
+                "OpenGL has no multisampled buffers here, so images with quality %r are not antialiased", quality.name
             )
 
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + _SPARE_GEOMS)
@@ -96,7 +100,7 @@ class Renderer:
         self._alone: tuple[mujoco.MjvScene, mujoco.MjvOption] | None = None
         self._camera_ids = {model.camera(number).name: number for number in range(model.ncam)}
         self.body_names: tuple[str, ...] = tuple(model.body(number).name for number in range(model.nbody))
-        """Names of the bodies by their id in masks."""
+        """Names of the bodies, in the order of their ids in masks."""
         self._body_of_segment: dict[bytes, np.ndarray] = {}
         extent = float(model.stat.extent)
         self._near_m, self._far_m = float(model.vis.map.znear) * extent, float(model.vis.map.zfar) * extent
@@ -106,7 +110,6 @@ class Renderer:
         RENDERERS.add(self)
 
     def __enter__(self) -> Self:
-        """Return the renderer itself."""
         return self
 
     def __exit__(
@@ -131,7 +134,10 @@ class Renderer:
         width: int | None = None,
         height: int | None = None,
     ) -> Images:
-        """Render one view like :meth:`render_views`. By default, in the size of the renderer [pixel]."""
+        """Render one view by calling :meth:`render_views` for it.
+
+        By default, the image has the width and height of the renderer [pixel].
+        """
         view = (camera, width or self.width, height or self.height)
         return self.render_views(data, (view,), rgb=rgb, depth=depth, masks=masks)[0]
 
@@ -144,15 +150,15 @@ class Renderer:
         depth: bool = False,
         masks: bool = False,
     ) -> list[Images]:
-        """Render several views of one state, slightly faster than one after the other.
+        """Render several views of one state. This is slightly faster than a separate call for each view.
 
-        Positions must be up to date (``mj_forward`` or a step). A view consists of a camera, an image width and a
-        height [pixel].
+        Each view consists of a camera name, an image width and an image height [pixel]. The positions in ``data`` must
+        be up to date (``mj_forward`` or a step).
 
         Raises:
-            UnknownNameError: If the model has no such camera.
-            InvalidInputError: If a size is out of range, the renderer is closed, or another thread or a forked process
-                uses it.
+            UnknownNameError: If the model does not have the camera.
+            InvalidInputError: If a size is out of range, the renderer is closed, or it is used in a different thread or
+                in a forked process.
         """
         if self._context is None:
             raise InvalidInputError("renderer", "is closed", "Create a new Renderer")
@@ -203,9 +209,9 @@ class Renderer:
     def draw_alone(
         self, data: mujoco.MjData, camera: str, bodies: Sequence[int], *, width: int, height: int
     ) -> np.ndarray:
-        """Return the mask that :meth:`render` would give with only the visible geoms of some bodies.
+        """Return the mask that :meth:`render` would give if only the visible geoms of the given bodies existed.
 
-        It is (height, width) int32. Raises the errors of :meth:`render_views`.
+        The mask is a (height, width) int32 array. Raises the same errors as :meth:`render_views`.
         """
         if self._context is None:
             raise InvalidInputError("renderer", "is closed", "Create a new Renderer")
@@ -240,7 +246,7 @@ class Renderer:
         return np.asarray(self._bodies_of(scene)[_segments(colors, scene.ngeom)])
 
     def close(self) -> None:
-        """Free the buffers. The renderer cannot be used afterward. Closing twice does nothing."""
+        """Free the buffers. The renderer cannot be used afterward. Closing it again does nothing."""
         context, self._context = self._context, None
         if context is None:
             return
@@ -251,7 +257,7 @@ class Renderer:
             context.free()
 
     def _fit(self, context: mujoco.MjrContext, columns: int, rows: int) -> None:
-        """Make the buffers large enough for an image of the given size [pixel]."""
+        """Enlarge the buffers if necessary so that an image of the given size [pixel] fits."""
         if columns > self._buffer_size[0] or rows > self._buffer_size[1]:
             check_size(columns, rows)
             self._buffer_size = (max(columns, self._buffer_size[0]), max(rows, self._buffer_size[1]))
@@ -264,7 +270,10 @@ class Renderer:
             check_size(columns, rows)
 
     def _buffers(self, columns: int, rows: int) -> tuple[mujoco.MjrRect, np.ndarray, np.ndarray]:
-        """Return the part of the buffer, and the reused arrays for the colors and raw depths of its pixels."""
+        """Return the part of the pixel buffer for the image, and arrays for the image's colors and raw depths.
+
+        The next image overwrites the arrays.
+        """
         buffers = self._pixels.get((columns, rows))
         if buffers is None:
             buffers = (
@@ -287,7 +296,7 @@ class Renderer:
         mujoco.mjr_render(view, self._scene, context)
 
     def _prepare(self, context: mujoco.MjrContext, *, geometry: bool) -> None:
-        """Set the flags and choose the buffer of a pass."""
+        """Set the render flags and select the buffer for a color or a geometry pass."""
         flags, flag = self._scene.flags, mujoco.mjtRndFlag
         flags[:] = 0
         flags[flag.mjRND_CULL_FACE] = 1
@@ -295,26 +304,29 @@ class Renderer:
             flags[flag.mjRND_SEGMENT] = flags[flag.mjRND_IDCOLOR] = 1
         else:
             flags[flag.mjRND_SHADOW] = int(self.quality.shadows)
-        # MuJoCo renders into and reads from offFBO; the buffer for resolved samples is a complete framebuffer, too
+        # MuJoCo renders into offFBO and reads from it. The buffer for resolved samples is also a full framebuffer.
         context.offFBO, context.offSamples = self._plain_fbo if geometry and self._color_fbo[1] else self._color_fbo
         self._geometry = geometry
 
     def _has_transparency(self) -> bool:
-        """Return whether a part may be transparent, because the color pass omits such parts from the depth."""
+        """Return whether any part of the model may be transparent.
+
+        The color pass does not write transparent parts to the depth buffer.
+        """
         for alpha in (self.model.geom_rgba[:, 3], self.model.mat_rgba[:, 3]):
             if bool(((alpha > 0.0) & (alpha < 1.0)).any()):
                 return True
         return False
 
     def _bodies(self, colors: np.ndarray) -> np.ndarray:
-        """Return upright (height, width) int32 body ids of a geometry pass: segments plus one, low byte first."""
+        """Convert the colors of a geometry pass to upright body ids, (height, width) int32."""
         return np.asarray(self._segment_table()[_segments(colors, self._scene.ngeom)])
 
     def _segment_table(self) -> np.ndarray:
-        """Return the (n,) int32 body id by segment index plus one. Entry 0 is the background.
+        """Return a table (n,) int32 that maps a segment index plus one to a body id. Entry 0 is the background.
 
-        MuJoCo numbers the rendered geoms in model order and skips invisible geoms, so the table depends only on which
-        geoms have an opacity of zero.
+        MuJoCo numbers the rendered geoms in the order of the model and skips invisible geoms. The table therefore
+        depends only on which geoms have an opacity of zero.
         """
         model = self.model
         key = (model.geom_rgba[:, 3] > 0.0).tobytes() + (model.mat_rgba[:, 3] > 0.0).tobytes()
@@ -326,7 +338,7 @@ class Renderer:
         return table
 
     def _bodies_of(self, scene: mujoco.MjvScene) -> np.ndarray:
-        """Return the (n,) int32 body id by segment index plus one of a filled scene."""
+        """Return the table (n,) int32 that maps segment indices plus one to body ids, given the rendered geoms."""
         table = np.full(scene.ngeom + 1, NO_BODY, np.int32)
         geom_type = int(mujoco.mjtObj.mjOBJ_GEOM)
         for geom in scene.geoms[: scene.ngeom]:
@@ -335,7 +347,7 @@ class Renderer:
         return table
 
     def _meters(self, raw: np.ndarray) -> np.ndarray:
-        """Return upright distances along the optical axis [m] of a depth buffer: 1 at the near, 0 at the far plane."""
+        """Convert a depth buffer (1 near, 0 far) to distances along the optical axis [m], with the top row first."""
         near, far = self._near_m, self._far_m
         upright = as_upright(raw)
         distances: np.ndarray = np.multiply(upright, np.float32(far - near))
@@ -346,7 +358,10 @@ class Renderer:
 
 
 def _segments(colors: np.ndarray, geoms: int) -> np.ndarray:
-    """Return the upright (height, width) segment indices plus one of a geometry pass with ``geoms`` geoms."""
+    """Decode the colors of a geometry pass with ``geoms`` geoms.
+
+    Return the segment index plus one of each pixel of the upright image (height, width).
+    """
     upright = as_upright(colors)
     segments = upright[:, :, 0].astype(np.int32)
     if geoms >= 0xFF:
@@ -356,7 +371,7 @@ def _segments(colors: np.ndarray, geoms: int) -> np.ndarray:
 
 
 def _upload(model: mujoco.MjModel, quality: Quality, width: int, height: int) -> mujoco.MjrContext:
-    """Upload a model with buffers of the given size [pixel] and quality, leaving the model as it was."""
+    """Upload a model to OpenGL, with buffers of the given size [pixel] and quality. The model itself is not changed."""
     visual = model.vis
     kept = (visual.global_.offwidth, visual.global_.offheight, visual.quality.offsamples, visual.quality.shadowsize)
     try:
@@ -377,7 +392,7 @@ def _upload(model: mujoco.MjModel, quality: Quality, width: int, height: int) ->
 
 
 def _visible_groups() -> mujoco.MjvOption:
-    """Return rendering options for the visible groups 0 to 2, without marks, sites or contacts."""
+    """Return rendering options that show the geom groups 0 to 2, without marks, sites or contacts."""
     option = mujoco.MjvOption()
     option.flags[:] = 0
     option.flags[mujoco.mjtVisFlag.mjVIS_TEXTURE] = 1
@@ -388,15 +403,18 @@ def _visible_groups() -> mujoco.MjvOption:
 
 
 class Renderers:
-    """Cache of the renderers for the most recent models, because creating a renderer takes tens of milliseconds."""
+    """Cache of renderers for the most recently used models, because creating a renderer takes tens of milliseconds."""
 
     def __init__(self, most: int) -> None:
-        """Prepare the cache. ``most`` is the number of cached renderers, one per model."""
+        """Create an empty cache. ``most`` is the maximum number of renderers, one per model."""
         self._most = max(1, most)
         self._kept: OrderedDict[str, Renderer] = OrderedDict()
 
     def of(self, key: str, model: mujoco.MjModel, *, width: int, height: int, quality: Quality) -> Renderer:
-        """Return the renderer of the model named ``key``. Width and height are the size of its largest image."""
+        """Return the renderer of a model that is identified by ``key``.
+
+        ``width`` and ``height`` are the largest image size that the renderer needs.
+        """
         if key in self._kept:
             self._kept.move_to_end(key)
             return self._kept[key]

@@ -1,8 +1,8 @@
-"""Rooms: the table top, wall, floor and light of a scene, drawn by a trial's seed.
+"""Rooms: the table top, wall, floor and light of a scene. The seed of a trial determines its room.
 
-No table top has a color that instructions use, so reds, blues, yellows, bright greens, white, black and the browns of
-food are visible on all of them. Ambient, key and fill light add up to at most 1 on any surface, so that no color is
-clipped and white stays distinguishable from light gray.
+No table top has a color that instructions use. Objects in red, blue, yellow, bright green, white, black or the browns
+of food are therefore visible on all table tops. Ambient, key and fill light add up to at most 1 on any surface, so that
+no color is clipped and white can still be told from light gray.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from betterbench.geometry import Vector
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """Light of a room, from two directions and uniformly from all directions.
+    """Light of a room: two directional lights and a uniform ambient light.
 
     Attributes:
-        key_direction: Direction of the light that casts the shadow. It need not have length 1.
-        key: Color (r, g, b) of that light, each in [0, 1].
-        ambient: Color of the uniform light.
-        fill: Brightness of the second light, from the other side without a shadow.
+        key_direction: Direction of the key light, which casts the shadow. The vector need not be normalized.
+        key: Color (r, g, b) of the key light, each component in [0, 1].
+        ambient: Color of the uniform ambient light.
+        fill: Brightness of the fill light, which comes from the other side and casts no shadow.
     """
 
     key_direction: Vector
@@ -33,12 +33,12 @@ class Light:
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """A table top, its surroundings and their light.
+    """Appearance of a table top and its surroundings, and the light in which they are seen.
 
     Attributes:
         name: Name of the room.
         surface: Material of the table top, one of ``SURFACES``.
-        table: Mean color (r, g, b) of the table top, each in [0, 1].
+        table: Mean color (r, g, b) of the table top, each component in [0, 1].
         wall: Color of the wall behind the robot.
         floor: Color of the floor.
     """
@@ -70,27 +70,27 @@ ROOMS: tuple[Room, ...] = (
     Room("weathered planks", "planks", (0.48, 0.46, 0.44), (0.70, 0.74, 0.66), (0.58, 0.56, 0.52), _DAYLIGHT),
     Room("striped sage", "stripes", (0.60, 0.65, 0.59), (0.75, 0.68, 0.70), (0.52, 0.46, 0.42), _CEILING),
 )
-"""The rooms of training and test."""
+"""Rooms that are used in training and evaluation."""
 
 UNSEEN_ROOMS: tuple[Room, ...] = (
     Room("rose tiles", "tiles", (0.68, 0.56, 0.54), (0.64, 0.70, 0.76), (0.45, 0.47, 0.50), _STRONG_RIGHT),
     Room("pale blue stripes", "stripes", (0.58, 0.65, 0.71), (0.84, 0.78, 0.68), (0.55, 0.48, 0.40), _EVENING),
     Room("plum terrazzo", "terrazzo", (0.45, 0.38, 0.44), (0.70, 0.76, 0.72), (0.60, 0.60, 0.58), _DAYLIGHT),
 )
-"""The held-out rooms. They do not occur in demonstrations."""
+"""Held-out rooms, which do not occur in demonstrations."""
 
 
 CLOTHS: Mapping[str, Vector] = {"blue": (0.24, 0.36, 0.60), "green": (0.27, 0.48, 0.31)}
-"""Mean colors (r, g, b) of the tablecloths that conditions may name."""
+"""Mean colors (r, g, b) of the tablecloths that a condition may name."""
 
 
 def with_cloth(room: Room, cloth: str | None) -> Room:
-    """Return a room with a tablecloth. None leaves the table bare.
+    """Return a room with a tablecloth of the given color. If the color is None, the table stays bare.
 
-    Wall, floor and light are those of the room, so that conditions of one seed differ in the cloth alone.
+    Wall, floor and light stay those of the room, so that conditions with the same seed differ only in the cloth.
 
     Raises:
-        UnknownNameError: If there is no cloth of this color.
+        UnknownNameError: If there is no tablecloth of this color.
     """
     if cloth is None:
         return room
@@ -100,7 +100,7 @@ def with_cloth(room: Room, cloth: str | None) -> Room:
 
 
 def room_named(name: str) -> Room:
-    """Return a room by its name. Raises UnknownNameError if it does not exist."""
+    """Return the room with the given name. Raises UnknownNameError if there is none."""
     known = {room.name: room for room in (*ROOMS, *UNSEEN_ROOMS)}
     try:
         return known[name]

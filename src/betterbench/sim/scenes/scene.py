@@ -1,4 +1,4 @@
-"""Scene: a compiled model with its state. Only reset and step change the state."""
+"""Simulated scene of a trial: a compiled model and its state. Only reset, step and restore change the state."""
 
 from __future__ import annotations
 
@@ -55,16 +55,17 @@ if TYPE_CHECKING:
     from betterbench.sim.scenes.rendering import Images, Renderers
 
 TIMESTEP_S = PHYSICS.timestep_s
-"""Step of the simulation [s]."""
+"""Duration of one physics step [s]."""
 CONTROL_RATE_HZ = PHYSICS.control_rate_hz
-"""Rate at which actions are executed [Hz]."""
+"""Number of actions that are executed per second [Hz]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneSnapshot:
-    """Snapshot of the complete state of a scene, from which it continues with bit-identical results.
+    """Snapshot of the complete state of a scene. Continuing a scene from a snapshot gives bit-identical results.
 
-    The engine also needs its warm start and its sleeping bodies, so a snapshot contains all of the engine's data.
+    The snapshot contains all of the engine's data, because the results also depend on the solver's warm start and on
+    the bodies that are asleep.
     """
 
     data: mujoco.MjData
@@ -75,10 +76,10 @@ class SceneSnapshot:
 
 
 class Scene:
-    """Simulated scene of one trial, with changing state.
+    """Simulated scene of one trial. Implements :class:`betterbench.sim.worlds.TrialScene`.
 
     The initial state is computed, not simulated: every object starts in the resting pose of its asset, independently of
-    the other objects. Implements :class:`betterbench.sim.worlds.TrialScene`.
+    the other objects.
     """
 
     world: ClassVar[str] = OURS.name
@@ -99,10 +100,12 @@ class Scene:
         looks: Looks = "seen",
         steady_views: bool = False,
     ) -> None:
-        """Build, compile and reset the scene. A control step is an integer number of physics steps of 2 ms.
+        """Build, compile and reset the scene.
 
-        By default, the robot is the one for which the task is laid out. With ``steady_views``, cameras and light are in
-        their nominal poses, as for a real camera that is not moved between trials.
+        By default, the robot is the one for which the task was designed. With ``steady_views``, the cameras and the
+        light are in their nominal poses, as with a real camera that is not moved between trials. A control step
+        consists of an integer number of physics steps of 2 ms, so ``control_rate_hz`` is rounded to a rate with such a
+        period.
         """
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
         self.action_space, self.looks = action_space, looks
@@ -141,7 +144,7 @@ class Scene:
         self._find_memory()
 
     def _find_memory(self) -> None:
-        """Store views of the engine's arrays, which stay at fixed addresses, for reading states."""
+        """Store functions that read the state from the engine's arrays, which never move in memory."""
         data, bodies = self._data, self.compiled.bodies.tolist()
         self._simulator_state = {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl, "act": data.act}
         self._positions, self._quaternions = row_reader(data.xpos, bodies), row_reader(data.xquat, bodies)
@@ -190,19 +193,19 @@ class Scene:
 
     @property
     def content_hash(self) -> str:
-        """Name of the stored scene."""
+        """Hash of the compiled model, under which the scene is stored."""
         return self.compiled.content_hash
 
     @property
     def step_limit(self) -> int:
-        """Control steps after which an episode ends."""
+        """Number of control steps after which the episode ends."""
         return self.task.step_limit(self.condition)
 
     @property
     def data(self) -> mujoco.MjData:
-        """The engine's data with updated poses of bodies, cameras and lights.
+        """The engine's data, with poses of bodies, cameras and lights that are up to date.
 
-        Get this property again after each step.
+        Read this property again after each step. Only reading it updates the poses of cameras and lights.
         """
         self._tool = None  # the caller may move the arm in the data
         if not self._views_are_placed:  # skipped for steps without images
@@ -211,7 +214,7 @@ class Scene:
         return self._data
 
     def simulator_state(self) -> dict[str, np.ndarray]:
-        """Return views of the physics state: qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
+        """Return views of the engine's arrays qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
         return self._simulator_state
 
     def body_poses(self) -> tuple[np.ndarray, np.ndarray]:
@@ -220,25 +223,25 @@ class Scene:
 
     @property
     def arm_addresses(self) -> np.ndarray:
-        """(n,) indices of the arm joints into qpos."""
+        """Indices of the arm joints in the engine's array qpos, (n,)."""
         return self._arm_qpos
 
     @property
     def finger_addresses(self) -> np.ndarray:
-        """Indices of the finger joints into qpos, (2,) for two moving fingers."""
+        """Indices of the finger joints in the engine's array qpos, (2,) if the gripper has two moving fingers."""
         return self._finger_qpos
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Names in contacts, with objects first and then the parts of the robot and the stage."""
+        """Names that contacts use: first the names of the objects, then the names of robot parts and the stage."""
         return self._labels
 
     def files(self) -> dict[str, bytes]:
-        """Return the compiled model as files, to be stored once per distinct scene."""
+        """Return the compiled model as files, which are stored once for each distinct scene."""
         return scene_files(self.compiled.model, self.compiled.content_hash)
 
     def tracker(self) -> GoalTracker:
-        """Return the judge of an episode."""
+        """Return the tracker that judges the goal during an episode."""
         return GoalTracker(self.condition, self.info, template=self.task.template, control_rate_hz=self.control_rate_hz)
 
     def described(self, *, images: bool) -> SceneDescription:
@@ -261,7 +264,10 @@ class Scene:
         )
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
-        """Return the images of the current state by camera. Raises MissingDependencyError without off-screen OpenGL."""
+        """Return the images of the current state by camera.
+
+        Raises MissingDependencyError if off-screen OpenGL is not available.
+        """
         largest = max(spec.cameras, key=lambda c: c.width * c.height)
         renderer = renderers.of(
             self.content_hash, self.compiled.model, width=largest.width, height=largest.height, quality=self.quality
@@ -271,19 +277,20 @@ class Scene:
         return dict(zip((c.name for c in spec.cameras), images, strict=True))
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return no further state parts, because policies use our own ones."""
+        """Return an empty dictionary, because policies get only the standard observation in this world."""
         return {}
 
     def draw_next(self, *, wanted: bool) -> None:
-        """Do nothing, because images are rendered on request."""
+        """Do nothing, because images are rendered when they are requested."""
 
     def close(self, *, well: bool) -> None:
-        """Do nothing, because the scene has no process."""
+        """Do nothing, because this scene runs in this process and has no separate simulator to close."""
 
     def reset(self, *, check_premise: bool = True) -> WorldState:
-        """Reset the scene to the start of the trial and return the state.
+        """Reset the scene to the start of the trial, and return the state at the start.
 
-        With ``check_premise``, raises a PremiseError if the scene contradicts its instruction's premise.
+        Raises PremiseError if ``check_premise`` is True and the scene contradicts what the task takes for granted about
+        its start.
         """
         mujoco.mj_resetData(self.model, self._data)
         self._data.qpos[:] = self._home_qpos
@@ -300,7 +307,7 @@ class Scene:
                 text = "; ".join(problems)
                 msg = (
                     f"{self.condition.id} seed {self.seed}: the scene contradicts the premise of the instruction "
-                    f"({text}). A changed asset or a new version of the physics library (MuJoCo "
+                    f"({text}). A changed asset or a new version of the physics engine (MuJoCo "
                     f"{mujoco.__version__}) can cause this. The run stops, so that the trial is not counted as a "
                     "failure."
                 )
@@ -308,7 +315,7 @@ class Scene:
         return state
 
     def snapshot(self) -> SceneSnapshot:
-        """Return the complete current state, for :meth:`restore`."""
+        """Return the complete current state as a snapshot, to which :meth:`restore` can return."""
         return SceneSnapshot(
             copy.copy(self._data),
             self.controller.state(),
@@ -318,7 +325,7 @@ class Scene:
         )
 
     def restore(self, snapshot: SceneSnapshot) -> WorldState:
-        """Restore a saved moment of this scene, any number of times, and return the state."""
+        """Go back to a snapshot of this scene, and return its state. A snapshot can be restored any number of times."""
         mujoco.mj_copyData(self._data, self.model, snapshot.data)
         self.controller.restore(snapshot.controller)
         self._contacts.restore(snapshot.contacts)
@@ -327,9 +334,9 @@ class Scene:
         return self.state()
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Execute one action for one control step and return the applied action, after clipping.
+        """Execute an action for one control step, and return the action after clipping.
 
-        Raises InvalidActionError if the action is not finite or has the wrong shape.
+        Raises InvalidActionError if the action is not finite or has a wrong shape.
         """
         applied = self.controller.apply(self._data, action, measured=self._tool_pose())
         self._gripper_command = self.controller.gripper_command(applied, self._gripper_command)
@@ -343,14 +350,17 @@ class Scene:
         return applied
 
     def _step_and_watch(self) -> None:
-        """Take the physics steps one by one, to detect every brief contact where contacts are forbidden."""
+        """Execute the physics steps of a control step one by one, and note the contacts after each of them.
+
+        This is used if the task forbids contacts, because even a brief contact must be detected.
+        """
         self._contacts.start_step()
         for _ in range(self.physics_steps):
             mujoco.mj_step(self.model, self._data)
             self._contacts.see_step(self._data)
 
     def state(self) -> WorldState:
-        """Return the complete current state, with derived values."""
+        """Return the complete current state, including derived values."""
         data = self._data
         linear_speeds, angular_speeds = self._speeds()
         positions = self._positions()
@@ -374,7 +384,7 @@ class Scene:
         )
 
     def _tool_pose(self) -> Pose:
-        """Return the measured pose of the tool center point. Positions are updated after a reset and a step."""
+        """Return the measured pose of the tool center point, as of the last reset or step."""
         if self._tool is None:
             mujoco.mju_mat2Quat(self._quaternion, self._tool_matrix)
             self._tool = Pose(self._tool_position(), unit_quaternion(self._tool_quaternion()))
@@ -383,7 +393,10 @@ class Scene:
 
 @functools.lru_cache(maxsize=4)
 def _with_dynamics(compiled: CompiledScene, dynamics: tuple[tuple[str, tuple[float, ...]], ...]) -> mujoco.MjModel:
-    """Return the model of a scene with the dynamics of a trial. Trials with the same objects and seed share it."""
+    """Return the model of a scene with the dynamics of a trial.
+
+    Trials with the same objects and the same seed share the model.
+    """
     return with_dynamics(compiled.model, compiled.robot, dict(dynamics), prefix=ROBOT_PREFIX)
 
 

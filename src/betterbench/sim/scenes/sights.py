@@ -1,6 +1,6 @@
-"""Sights: rendered views of a state with ground truth (images, body masks, camera pose and image boxes).
+"""Sights: rendered views of a scene state, with their ground truth (body masks, camera pose and boxes of objects).
 
-The same class renders live scenes and recorded states, which therefore give the same numbers.
+The same class renders live scenes and recorded states, so both give the same numbers.
 """
 
 from __future__ import annotations
@@ -25,26 +25,31 @@ from betterbench.sim.scenes.stored import StoredState
 
 _NEAR_M = 0.01
 _SUNK_M = 0.002
-"""Depth to which an object above the table may sink into it [m]."""
+"""Depth to which an object that counts as above the table may sink into it [m]."""
 _LAST_FURNITURE = 1 + STAGE.index("pedestal")
 _CORNERS = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij"), axis=-1).reshape(8, 3).astype(np.float64)
 _NO_BOX = (-1, -1, -1, -1)
 
 GRIPPER_INSTANCES = tuple(1 + STAGE.index(name) for name in sorted(GRIPPER_BODIES))
-"""Instance ids of the gripper's parts."""
+"""Instance ids of the parts of the gripper."""
 
 
 def sight_type(
     view: ViewSpec, modalities: Collection[str], *, bodies: int, objects: int, gripper: bool = False
 ) -> np.dtype[np.void]:
-    """Return the array type of one rendered view. The byte layout is the same in every process.
+    """Return the NumPy structured type of one rendered view. Its byte layout is the same in every process.
 
-    Fields: ``rgb`` (height, width, 3), ``depth`` (height, width) [m], ``bodies`` (height, width) body id plus one, 0
-    for the sky; ``camera`` (7,) position [m] and quaternion (w, x, y, z) ``T_world_camera``; ``poses`` (bodies, 7)
-    ``T_world_body``; ``visible_box`` and ``full_box`` (objects, 4), boxes
-    (:data:`betterbench.interface.state.seen.Box`) of an object's visible part and of its unoccluded outline, -1 without
-    any pixel; ``visible_pixels`` and ``full_pixels`` (objects,) the numbers of pixels; ``gripper_pixels`` (2,) those of
-    the gripper, visible and full, only with ``gripper``. Images that no modality needs are omitted.
+    Images that none of the modalities needs are omitted. The fields are:
+
+    - ``rgb`` (height, width, 3), ``depth`` (height, width) [m];
+    - ``bodies`` (height, width): the body id plus one, or 0 for the sky;
+    - ``camera`` (7,): the pose ``T_world_camera``, as position [m] and quaternion (w, x, y, z);
+    - ``poses`` (bodies, 7): the poses ``T_world_body``;
+    - ``visible_box`` and ``full_box`` (objects, 4): the boxes (:data:`betterbench.interface.state.seen.Box`) around the
+      visible part of each object and around its unoccluded outline, or -1 if there is no such pixel;
+    - ``visible_pixels`` and ``full_pixels`` (objects,): the numbers of pixels in the visible part and in the unoccluded
+      outline;
+    - ``gripper_pixels`` (2,), only with ``gripper``: the numbers of visible and of unoccluded pixels of the gripper.
     """
     shape = view.height, view.width
     images = {"rgb": ("u1", (*shape, 3)), "depth": ("<f4", shape), "bodies": ("<u2", shape)}
@@ -66,9 +71,9 @@ class ModelFacts:
     """Properties of a model that are the same in all its rendered views.
 
     Attributes:
-        instances: (bodies,) instance id of each body.
-        object_bodies: (objects,) body number of each object.
-        boxes: (objects, 2, 3) center and half extents of each object's visible shape in its own frame [m].
+        instances: Instance id of each body (bodies,).
+        object_bodies: Body id of each object (objects,).
+        boxes: Center and half extents of each object's visible shape in its own frame (objects, 2, 3) [m].
         focal_px: Focal length of each view [pixel].
     """
 
@@ -80,7 +85,7 @@ class ModelFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drawn:
-    """A rendered view, with its index, its camera in the model, and the masks and depth of its image."""
+    """Rendered view: its index, its camera in the model, and the masks and the depth of its image."""
 
     number: int
     camera: str
@@ -91,7 +96,7 @@ class _Drawn:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """An image region that contains an object, the object's lowest height [m], and its farthest depth [m]."""
+    """Region of an image around an object, with the lowest height and the largest depth of the object [m]."""
 
     rect: Box
     low_m: float
@@ -99,7 +104,7 @@ class _Part:
 
 
 class Sights:
-    """Renderer for the same views of one model, state after state."""
+    """Renderer of the states of a model, one after another, in the same views."""
 
     def __init__(
         self,
@@ -110,9 +115,9 @@ class Sights:
         *,
         gripper: bool = False,
     ) -> None:
-        """Upload the model. Raises the errors of :class:`~betterbench.sim.scenes.rendering.Renderer`.
+        """Upload the model. Raises the same errors as :class:`~betterbench.sim.scenes.rendering.Renderer`.
 
-        With ``gripper`` the pixels of the gripper are counted too.
+        If ``gripper`` is True, the pixels of the gripper are counted too.
         """
         self.model, self.views = model, tuple(views)
         self._bodies = object_bodies(model)
@@ -132,14 +137,15 @@ class Sights:
         )
 
     def facts(self) -> ModelFacts:
-        """Return the common properties of all sights. Raises UnknownNameError if the model lacks a camera."""
+        """Return the properties that all views share. Raises UnknownNameError if the model does not have a camera."""
         focal = tuple(focal_length_px(self._fovy_deg(view), view.height) for view in self.views)
         return ModelFacts(instances_of_bodies(self.model), self._bodies, self._boxes, focal)
 
     def draw(self, data: mujoco.MjData) -> Iterator[np.ndarray]:
-        """Yield the sight of each view, a scalar of its type in :attr:`types`, in view order.
+        """Yield the rendered views in order, each as a scalar of its type in :attr:`types`.
 
-        Poses of bodies, cameras and lights must be up to date. Raises the same errors as ``Renderer.render``.
+        The poses of bodies, cameras and lights in ``data`` must be up to date. Raises the same errors as
+        ``Renderer.render``.
         """
         for number, view in enumerate(self.views):
             yield self._sight(data, number, view)
@@ -155,7 +161,10 @@ class Sights:
 
     @contextmanager
     def _camera_of(self, data: mujoco.MjData, view: ViewSpec) -> Iterator[str]:
-        """Return the model's camera for a view. A custom camera temporarily replaces another one."""
+        """Yield the name of the model's camera for a view.
+
+        For a camera that the user has placed freely, a camera of the model is temporarily moved to the same pose.
+        """
         placed, slot = view.placed, self._slot
         if placed is None:
             yield view.camera
@@ -205,7 +214,10 @@ class Sights:
             sight["full_pixels"][i], sight["full_box"][i] = outline
 
     def _parts(self, data: mujoco.MjData, matrices: CameraMatrices) -> list[_Part | None]:
-        """Return for each object an image region that contains all of it, or None if it is outside the image."""
+        """Return for each object a region of the image that contains the whole object.
+
+        The region is None if the object is outside the image.
+        """
         rotations = data.xmat.take(self._bodies, 0).reshape(-1, 1, 3, 3)
         points = np.matmul(rotations, self._corners[..., None])[..., 0] + data.xpos.take(self._bodies, 0)[:, None]
         pixels, depth = matrices.project(points.reshape(-1, 3))
@@ -226,9 +238,9 @@ class Sights:
         return parts
 
     def _may_be_hidden(self, drawn: _Drawn, body: int, part: _Part) -> bool:
-        """Return whether another body may be in front of an object within the object's image region.
+        """Return whether another body may occlude an object, judged by the pixels in the object's region of the image.
 
-        For a camera above the table, neither table nor floor occludes an object above the table.
+        If the camera and the object are above the table, neither the table nor the floor can occlude the object.
         """
         left, top, right, bottom = part.rect
         masks, depth = drawn.masks[top:bottom, left:right], drawn.depth[top:bottom, left:right]
@@ -239,10 +251,10 @@ class Sights:
     def _full_outlines(
         self, data: mujoco.MjData, drawn: _Drawn, wanted: Sequence[tuple[int, Box]]
     ) -> list[tuple[int, tuple[int, Box]]]:
-        """Return pixels and box of some objects' unoccluded outlines, by object index.
+        """Return, for each given object, its index, and the number of pixels and the box of its unoccluded outline.
 
-        Objects with separate image parts are rendered together. An outline is reused while neither the object nor the
-        camera has moved.
+        Objects whose regions of the image do not overlap are rendered together. An outline is reused as long as neither
+        the object nor the camera moves.
         """
         matrices, known = drawn.matrices, self._outlines[drawn.number]
         where = np.array([*matrices.T_world_camera.position, *matrices.T_world_camera.quaternion]).tobytes()
@@ -273,7 +285,7 @@ class Sights:
 
 
 class StoredSights:
-    """Renderer for recorded states of a stored scene."""
+    """Renderer of recorded states of a stored scene."""
 
     def __init__(
         self,
@@ -284,18 +296,19 @@ class StoredSights:
         *,
         gripper: bool = False,
     ) -> None:
-        """Upload the model. Raises the errors of :class:`Sights`."""
+        """Upload the model. Raises the same errors as :class:`Sights`."""
         self._sights = Sights(model, quality, views, modalities, gripper=gripper)
         self._state = StoredState(model)
 
     def facts(self) -> ModelFacts:
-        """Return the properties that all sights share, as :meth:`Sights.facts`."""
+        """Return the properties that all views share, as :meth:`Sights.facts` does."""
         return self._sights.facts()
 
     def draw(self, qpos: np.ndarray, *, jitter: ViewJitter) -> Iterator[np.ndarray]:
-        """Yield the sights of a recorded state, (nq,), with the record's jitter, as :meth:`Sights.draw`.
+        """Yield the rendered views of a recorded state (nq,), as :meth:`Sights.draw` does.
 
-        Raises RecordError if the record belongs to another model.
+        ``jitter`` is the jitter of the cameras and the light in the record. Raises RecordError if the record belongs to
+        a different model.
         """
         self._state.take(qpos, jitter)
         return self._sights.draw(self._state.data)
@@ -310,7 +323,7 @@ def _apart(a: Box, b: Box) -> bool:
 
 
 def _outline(masks: np.ndarray, body: int, rect: Box) -> tuple[int, Box]:
-    """Return the number of a body's pixels in part of a mask, and the tight box around them."""
+    """Return the number of pixels that a body has in a region of a mask, and the tight box around these pixels."""
     left, top, right, bottom = rect
     hit = masks[top:bottom, left:right] == body
     rows = np.flatnonzero(hit.any(axis=1))
@@ -322,7 +335,7 @@ def _outline(masks: np.ndarray, body: int, rect: Box) -> tuple[int, Box]:
 
 
 def _looking(camera: PlacedCamera) -> np.ndarray:
-    """Return the (3, 3) rotation of a camera in MuJoCo's convention: x right, y up, z toward the viewer."""
+    """Return the rotation (3, 3) of a camera in MuJoCo's convention: x right, y up, z toward the viewer."""
     back = np.subtract(camera.position, camera.target)
     back = back / np.linalg.norm(back)
     up = np.array([1.0, 0.0, 0.0] if abs(back[2]) > 0.999 else [0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""Stage: the empty base scene of every task, and the quality presets of its images.
+"""Stage: the empty base scene that all tasks share, and the quality presets of its images.
 
 World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z = 0``.
 The robot stands on the table at the origin, over a pedestal, and the floor is at ``z = -0.75``.
@@ -8,7 +8,7 @@ Cameras of the base scene:
 ===================  =========================  ==========================================================
 name                 position [m]               purpose
 ===================  =========================  ==========================================================
-``front``            (1.45, 0, 0.95)            default view toward the robot; the workspace fills it
+``front``            (1.45, 0, 0.95)            default view toward the robot; shows the workspace
 ``front_official``   (1.6, 0, 0.9)              the wider view of the official preset
 ``left_shoulder``    (-0.3, 0.9, 0.9)           over the robot's left shoulder
 ``right_shoulder``   (-0.3, -0.9, 0.9)          over the robot's right shoulder
@@ -16,7 +16,7 @@ name                 position [m]               purpose
 ===================  =========================  ==========================================================
 
 The physical part of the base scene (bodies, collision shapes, solver options) is always the same. A room changes only
-colors and light, and a quality changes only the rendering. The physics is always the same.
+the colors and the light, and a quality preset changes only the rendering.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from betterbench.sim.scenes.rooms import ROOMS, Light, Room
 from betterbench.sim.scenes.surfaces import SURFACES
 
 FLOOR_HEIGHT_M = -0.75
-"""Height of the floor below the table top [m]: a desk is 0.72 to 0.76 m high (ISO 9241-5 working heights)."""
+"""Height of the floor in the world frame [m]. Desks are 0.72 to 0.76 m high (working heights of ISO 9241-5)."""
 
 TABLE_X_M = (-0.20, 0.95)
 """Extent of the table top along x [m]."""
@@ -51,16 +51,16 @@ TABLE_THICKNESS_M = 0.04
 """Thickness of the table top [m]."""
 
 CAMERAS = ("front", "front_official", "left_shoulder", "right_shoulder")
-"""Cameras of the base scene. ``wrist`` comes with the robot."""
+"""Cameras of the base scene. The camera ``wrist`` is added with the robot."""
 
 WRIST_CAMERA = "wrist"
 """Name of the camera on the gripper."""
 
 FRONT_CAMERA = CameraMount((1.45, 0.0, 0.95), (0.49, 0.0, 0.095), (0.0, 0.0, 1.0), 27.5)
-"""Front camera of a stage, unless the robot has its own."""
+"""Front camera of the stage. A robot may replace it with its own."""
 
 KEY_LIGHT = "key"
-"""Name of the light that may cast a shadow."""
+"""Name of the only light that may cast a shadow."""
 
 _PEDESTAL_X_M = (-0.23, 0.13)
 _PEDESTAL_HALF_WIDTH_M = 0.16
@@ -72,13 +72,13 @@ _MAX_SHADOW_MAP = 8192
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """Render preset for images. It is part of every record, because pixels differ between presets.
+    """Render preset of images. It is part of every record, because pixels differ between presets.
 
-    Depth and masks do not depend on the quality, because they are always sampled at pixel centers.
+    Depth and masks do not depend on the preset, because they are always sampled at pixel centers.
 
     Attributes:
-        shadow_map_size: Side of the shadow map [texel], or 0 without shadows.
-        samples: Samples per pixel of the multisampled buffer, or 0 for none.
+        shadow_map_size: Side length of the shadow map [texel], or 0 if there are no shadows.
+        samples: Number of samples per pixel in the multisampled buffer, or 0 for no multisampling.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -92,47 +92,55 @@ class Quality:
         """Reject values that OpenGL does not support."""
         if not 0 <= self.samples <= _MAX_SAMPLES or self.samples == 1:
             raise InvalidInputError(
-                "quality.samples", f"{self.samples} samples per pixel", f"Use 0 or 2 to {_MAX_SAMPLES}"
+                "quality.samples",
+                f"{self.samples} samples per pixel is not possible",
+                f"Use 0, or a number from 2 to {_MAX_SAMPLES}",
             )
         if self.shadows and not 1 <= self.shadow_map_size <= _MAX_SHADOW_MAP:
             raise InvalidInputError(
-                "quality.shadow_map_size", f"{self.shadow_map_size} texels", f"Use 1 to {_MAX_SHADOW_MAP}"
+                "quality.shadow_map_size",
+                f"{self.shadow_map_size} texels is out of range",
+                f"Use a number from 1 to {_MAX_SHADOW_MAP}",
             )
         if not self.shadows and self.shadow_map_size != 0:
-            raise InvalidInputError("quality.shadow_map_size", "set, but shadows are off", "Use 0 without shadows")
+            raise InvalidInputError(
+                "quality.shadow_map_size", "is not 0, although shadows are off", "Use 0 if shadows are off"
+            )
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the preset in JSON form."""
         return asdict(self)
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Quality:
-        """Read the quality from JSON. A missing, unknown or wrong field raises an InvalidInputError."""
+        """Read a preset from its JSON form. Raises InvalidInputError if a field is missing, unknown or wrong."""
         try:
             return _QUALITY.validate_json(json.dumps(dict(value)))
         except ValidationError as error:
             problem = error.errors()[0]
             field = ".".join(("quality", *map(str, problem["loc"])))
-            raise InvalidInputError(field, problem["msg"], f"Give the fields {', '.join(cls.__slots__)}") from None
+            raise InvalidInputError(
+                field, problem["msg"], f"Use exactly the fields {', '.join(cls.__slots__)}"
+            ) from None
 
 
 _QUALITY = TypeAdapter(Quality)
 
 FAST = Quality("fast", shadows=False, shadow_map_size=0, samples=0)
-"""No shadows, no multisampling: for large sweeps on machines without a graphics card."""
+"""Neither shadows nor multisampling: for large sweeps on machines without a graphics card."""
 
 STANDARD = Quality("standard", shadows=True, shadow_map_size=512, samples=4)
-"""One shadow (4 mm texels, about a pixel of the front view) and four samples per pixel: for reported scores."""
+"""One shadow (4 mm texels, about one pixel of the front view) and four samples per pixel: for scores to report."""
 
 HIGH = Quality("high", shadows=True, shadow_map_size=2048, samples=8)
 """Fine shadow edges and eight samples per pixel: for figures and videos."""
 
 QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, STANDARD, HIGH)}
-"""The presets by name."""
+"""All presets by name."""
 
 
 def require_cameras(names: Iterable[str]) -> None:
-    """Raise UnknownNameError if scenes have no camera with one of these names."""
+    """Raise UnknownNameError if scenes do not have a camera with one of the given names."""
     known = (*CAMERAS, WRIST_CAMERA)
     unknown = next((name for name in names if name not in known), None)
     if unknown is not None:
@@ -140,7 +148,7 @@ def require_cameras(names: Iterable[str]) -> None:
 
 
 def quality_preset(name: str) -> Quality:
-    """Return the preset "fast", "standard" or "high". Another name raises an UnknownNameError."""
+    """Return the preset with the given name. Raises UnknownNameError if there is none."""
     try:
         return QUALITIES[name]
     except KeyError:
@@ -148,11 +156,11 @@ def quality_preset(name: str) -> Quality:
 
 
 def stage_spec(quality: Quality, *, room: Room = ROOMS[0], front: CameraMount | None = None) -> mujoco.MjSpec:
-    """Return a new description of the empty world, with options, table, pedestal, floor, lights and fixed cameras.
+    """Return a new description of the empty world: options, table, pedestal, floor, lights and fixed cameras.
 
-    The caller attaches the robot, adds objects and compiles. ``front`` replaces the front camera. Calls with equal
-    arguments describe the same model and share nothing. The quality is written to the visual settings, so that other
-    viewers show the same as the renderer.
+    The caller attaches the robot, adds the objects and compiles the model. ``front`` replaces the front camera. Two
+    calls with equal arguments describe the same model, but do not share any data. The quality preset is also written to
+    the model's visual settings, so that other viewers show the same image as the renderer of betterbench.
     """
     spec = mujoco.MjSpec()
     spec.modelname = "betterbench"
@@ -166,12 +174,12 @@ def stage_spec(quality: Quality, *, room: Room = ROOMS[0], front: CameraMount | 
 
 
 def add_mounted_camera(body: mujoco.MjsBody, name: str, mount: CameraMount) -> mujoco.MjsCamera:
-    """Add a robot's camera to the body that carries it."""
+    """Add one of the robot's cameras to the body that carries it."""
     return add_camera(body, name, mount.position, mount.target, up=mount.up, fovy_deg=mount.fovy_deg)
 
 
 def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
-    """Set everything that MuJoCo would otherwise derive from the scene's content, and write the quality."""
+    """Set the quality, and all visual settings that MuJoCo would otherwise derive from the content of the scene."""
     # With a fixed extent, clipping planes and shadow bounds do not depend on the objects on the table.
     spec.stat.extent = 1.0
     spec.stat.center = [0.5, 0.0, 0.0]
@@ -196,12 +204,15 @@ def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
 
 @functools.lru_cache(maxsize=16)
 def _table_top(surface: str, color: Vector) -> bytes:
-    """Return the pixels of a table top, cached because painting one takes 40 ms, a quarter of building a scene."""
+    """Return the pixels of a table top.
+
+    The pixels are cached, since painting them takes 40 ms, which is a quarter of the time for building a scene.
+    """
     return SURFACES[surface](np.asarray(color), _TEXTURE_SIZE).tobytes()
 
 
 def _add_materials(spec: mujoco.MjSpec, room: Room) -> None:
-    """Add the sky, the textures and the materials."""
+    """Add the sky, the textures and the materials to the model."""
     texture2d, rgb_role = mujoco.mjtTexture.mjTEXTURE_2D, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
     spec.add_texture(
         name="sky",
@@ -227,8 +238,8 @@ def _add_materials(spec: mujoco.MjSpec, room: Room) -> None:
 
 
 def _add_furniture(spec: mujoco.MjSpec) -> None:
-    """Add floor, pedestal and table, all of them static."""
-    # MuJoCo uses the larger friction of two surfaces; low values here let the object's friction decide
+    """Add the floor, the pedestal and the table, which are all static."""
+    # MuJoCo uses the larger friction of two touching surfaces. With these low values, it uses that of the object.
     friction = [0.5, 0.005, 0.0001]
 
     def add_box(body: mujoco.MjsBody, name: str, center: Vector, half_size: Vector, material: str) -> None:
@@ -269,7 +280,7 @@ def _add_furniture(spec: mujoco.MjSpec) -> None:
 
 
 def _add_lights(spec: mujoco.MjSpec, light: Light) -> None:
-    """Add a key light that may cast the only shadow, and a fill light from the other side."""
+    """Add a key light, which is the only one that may cast a shadow, and a fill light from the other side."""
     aim = np.array([0.45, 0.0, 0.1])
     for name, direction, diffuse, specular in (
         (KEY_LIGHT, light.key_direction, list(light.key), 0.3),
@@ -289,10 +300,9 @@ def _add_lights(spec: mujoco.MjSpec, light: Light) -> None:
 
 
 def _add_cameras(spec: mujoco.MjSpec, front: CameraMount) -> None:
-    """Add the four fixed cameras."""
     world = spec.worldbody
     add_mounted_camera(world, "front", front)
-    # Positions and lens from the paper's own release; all three cameras look at the table's center.
+    # Positions and lens are those of the paper's own release. All three cameras look at the center of the table.
     add_camera(world, "front_official", (1.6, 0.0, 0.9), (0.45, 0.0, 0.05), fovy_deg=47.0)
     add_camera(world, "left_shoulder", (-0.3, 0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
     add_camera(world, "right_shoulder", (-0.3, -0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
@@ -301,7 +311,7 @@ def _add_cameras(spec: mujoco.MjSpec, front: CameraMount) -> None:
 def add_camera(
     body: mujoco.MjsBody, name: str, position: Vector, target: Vector, *, up: Vector = (0.0, 0.0, 1.0), fovy_deg: float
 ) -> mujoco.MjsCamera:
-    """Add a fixed camera at a position [m] with a target [m]. ``up`` points upward in the image."""
+    """Add a fixed camera that looks from a position [m] at a target [m]. ``up`` points upward in the image."""
     backward = np.asarray(position) - np.asarray(target)
     backward = backward / np.linalg.norm(backward)
     right = np.cross(np.asarray(up), backward)

@@ -1,4 +1,4 @@
-"""Stored scenes (compiled models as written by MuJoCo), and images of recorded states."""
+"""Stored scenes, i.e. compiled models in MuJoCo's binary format, and images of recorded states."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MODEL_FILE, INDEX_FILE = "model.mjb", "scene.json"
 
 
 def scene_files(model: mujoco.MjModel, content_hash: str) -> dict[str, bytes]:
-    """Return the files of a compiled scene: the model in MuJoCo's binary form, and an index with its version."""
+    """Return the files of a compiled scene: the model in MuJoCo's binary format, and an index with MuJoCo's version."""
     buffer = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
     mujoco.mj_saveModel(model, None, buffer)
     index = {"mujoco": mujoco.__version__, "hash": content_hash, "bodies": int(model.nbody), "geoms": int(model.ngeom)}
@@ -27,9 +27,9 @@ def scene_files(model: mujoco.MjModel, content_hash: str) -> dict[str, bytes]:
 
 
 def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
-    """Return the model of a stored scene, from the result of :func:`scene_files`.
+    """Return the model of a stored scene, given the files that :func:`scene_files` has returned.
 
-    Raises RecordError if a file is missing or malformed, or was written by another version of MuJoCo.
+    Raises RecordError if a file is missing or malformed, or was written by a different version of MuJoCo.
     """
     try:
         index = parse_json(files[INDEX_FILE])
@@ -42,7 +42,7 @@ def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
     if wrote != mujoco.__version__:
         raise RecordError(
             f"stored scene: it was written by MuJoCo {wrote}, but {mujoco.__version__} is installed. "
-            "Install that version to open it."
+            "Install that version to open the scene."
         )
     try:
         return mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary})
@@ -53,19 +53,19 @@ def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
 
 
 class StoredState:
-    """Recorded state of a stored scene, with bodies, cameras and lights."""
+    """Recorded state of a stored scene: the poses of its bodies, cameras and lights."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model, self.data = model, mujoco.MjData(model)
         self._jitter, self._placement = NO_JITTER, ViewPlacement(model, NO_JITTER)
 
     def take(self, qpos: np.ndarray, jitter: ViewJitter) -> None:
-        """Set a recorded state, (nq,), with the record's jitter of cameras and light.
+        """Load a recorded state (nq,). ``jitter`` is the jitter of the cameras and the light in the record.
 
-        Raises RecordError if the record belongs to another model.
+        Raises RecordError if the record belongs to a different model.
         """
         if qpos.shape != (self.model.nq,):
-            raise RecordError(f"record: expected {self.model.nq} positions for this scene, got {qpos.shape[0]}.")
+            raise RecordError(f"record: expected {self.model.nq} joint positions for this scene, got {qpos.shape[0]}.")
         self.data.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
@@ -75,25 +75,28 @@ class StoredState:
 
 
 class StoredView:
-    """Renderer for recorded states of one stored scene."""
+    """Renderer of recorded states of one stored scene."""
 
     def __init__(self, model: mujoco.MjModel, quality: Quality, *, width: int, height: int) -> None:
-        """Prepare a renderer for a model, with sizes in pixels."""
+        """Create a renderer for a model. ``width`` and ``height`` are in pixels."""
         self._state = StoredState(model)
         self._renderer = Renderer(model, width=width, height=height, quality=quality)
 
     def draw(
         self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter, depth: bool = False, masks: bool = False
     ) -> Images:
-        """Return the view of one recorded state, (nq,), with the record's camera and light jitter.
+        """Render a recorded state (nq,). ``jitter`` is the jitter of the cameras and the light in the record.
 
-        Raises RecordError if the record belongs to another model.
+        Raises RecordError if the record belongs to a different model.
         """
         self._state.take(qpos, jitter)
         return self._renderer.render(self._state.data, camera, depth=depth, masks=masks)
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
-        """Return the pixels (n, 2) of world points (n, 3) [m] in the last view, or NaN behind the camera."""
+        """Project points of the world frame (n, 3) [m] to pixels (n, 2) of the view that was rendered last.
+
+        Points behind the camera become NaN.
+        """
         size = {"width": self._renderer.width, "height": self._renderer.height}
         return camera_matrices(self._state.model, self._state.data, camera, **size).project(points)[0]
 

@@ -1,7 +1,7 @@
-"""Textures of table tops. The materials differ in pattern, not only in color.
+"""Textures of table tops. The materials differ in their pattern, not only in their color.
 
-Strong patterns are coarse and fine patterns are faint. At 256 pixels, a front camera image has about 2.7 mm of table
-per pixel, and high-contrast stripes or grains of that size would cause moire.
+Strong patterns are coarse and fine patterns are faint. In an image of 256 pixels, the front camera shows about 2.7 mm
+of table per pixel, so high-contrast stripes or grains of that size would cause moire.
 """
 
 from __future__ import annotations
@@ -12,13 +12,14 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 Painter = Callable[[np.ndarray, int], np.ndarray]
-"""Function from a mean color (3,) in [0, 1] and a side [pixel] to (side, side, 3) uint8 pixels."""
+"""Function from a mean color (3,) in [0, 1] and a side length [pixel] to pixels (side, side, 3) uint8."""
 
 
 def _smooth_noise(rng: np.random.Generator, size: int, cells: tuple[int, int]) -> np.ndarray:
-    """Return periodic smooth noise in [-1, 1], shape (size, size): values on a coarse grid, blended by cosine weights.
+    """Return smooth periodic noise in [-1, 1] of shape (size, size), interpolated from a coarse random grid.
 
-    ``cells`` is the number of grid cells along the rows and the columns.
+    The grid values are blended with cosine weights. ``cells`` is the number of grid cells along the rows and the
+    columns.
     """
     grid = rng.uniform(-1.0, 1.0, size=cells)
     for axis, count in enumerate(cells):
@@ -32,14 +33,14 @@ def _smooth_noise(rng: np.random.Generator, size: int, cells: tuple[int, int]) -
 
 
 def _to_pixels(color: np.ndarray, brightness: np.ndarray) -> np.ndarray:
-    """Return (n, n, 3) uint8 pixels of a color (3,) in [0, 1] times a brightness (n, n) or (n, n, 3) about 1."""
+    """Multiply a color (3,) in [0, 1] by a brightness (n, n) or (n, n, 3), and return (n, n, 3) uint8 pixels."""
     factor = brightness if brightness.ndim == 3 else brightness[:, :, None]
     pixels: np.ndarray = np.clip(np.rint(255.0 * color * factor), 0, 255).astype(np.uint8)
     return pixels
 
 
 def _staves(color: np.ndarray, size: int, staves: int, contrast: float, seed: int) -> np.ndarray:
-    """Return glued wooden staves along the texture's columns. Their tones differ by ``contrast``."""
+    """Paint glued wooden staves along the columns of the texture. The tones of the staves differ by ``contrast``."""
     rng = np.random.default_rng(seed)
     stave = np.arange(size) * staves // size
     tone = (contrast * rng.uniform(-1.0, 1.0, staves))[stave]
@@ -53,24 +54,24 @@ def _staves(color: np.ndarray, size: int, staves: int, contrast: float, seed: in
 
 
 def _wood(color: np.ndarray, size: int) -> np.ndarray:
-    """Return broad wooden staves, low in contrast."""
+    """Paint broad wooden staves with low contrast."""
     return _staves(color, size, 8, 0.045, 20_011)
 
 
 def _planks(color: np.ndarray, size: int) -> np.ndarray:
-    """Return five weathered planks whose tones differ clearly."""
+    """Paint five weathered planks whose tones differ clearly."""
     return _staves(color, size, 5, 0.11, 20_014)
 
 
 def _laminate(color: np.ndarray, size: int) -> np.ndarray:
-    """Return a plain laminate with a fine speckle."""
+    """Paint a plain laminate with fine speckles."""
     rng = np.random.default_rng(20_012)
     speckle = 0.6 * _smooth_noise(rng, size, (128, 128)) + 0.4 * _smooth_noise(rng, size, (24, 24))
     return _to_pixels(color, 1.0 + 0.035 * speckle)
 
 
 def _cloth(color: np.ndarray, size: int) -> np.ndarray:
-    """Return a woven cloth of two crossed threads."""
+    """Paint a woven cloth of two crossed threads."""
     rng = np.random.default_rng(20_013)
     place = np.arange(size) * (2.0 * math.pi * 64 / size)
     weave = np.sin(place)[:, None] * np.sin(place)[None, :]
@@ -78,7 +79,7 @@ def _cloth(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _stone(color: np.ndarray, size: int) -> np.ndarray:
-    """Return polished concrete with clouds of several sizes."""
+    """Paint polished concrete with clouds of several sizes."""
     rng = np.random.default_rng(20_015)
     clouds = sum(
         weight * _smooth_noise(rng, size, (cells, cells)) for weight, cells in ((0.45, 6), (0.35, 14), (0.2, 40))
@@ -87,7 +88,7 @@ def _stone(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _terrazzo(color: np.ndarray, size: int) -> np.ndarray:
-    """Return chips of lighter and darker stone, one to three centimeters wide, on an even ground."""
+    """Paint terrazzo: chips of lighter and darker stone, one to three centimeters wide, on an even ground."""
     rng = np.random.default_rng(20_016)
     brightness = 1.0 + 0.02 * _smooth_noise(rng, size, (96, 96))
     for cells, level, tone in ((70, 0.66, 0.09), (90, 0.70, -0.14), (80, 0.70, -0.07)):
@@ -96,7 +97,7 @@ def _terrazzo(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _stripes(color: np.ndarray, size: int) -> np.ndarray:
-    """Return a table cloth with soft stripes of ten centimeters along the texture's columns."""
+    """Paint a tablecloth with soft stripes, ten centimeters wide, along the columns of the texture."""
     rng = np.random.default_rng(20_017)
     wave = np.sin(np.arange(size) * (2.0 * math.pi * 6 / size))
     band = np.tanh(6.0 * wave)[:, None] * np.ones((1, size))
@@ -104,7 +105,7 @@ def _stripes(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _tiles(color: np.ndarray, size: int) -> np.ndarray:
-    """Return glazed tiles of fifteen centimeters with darker joints. Their tones differ a little."""
+    """Paint glazed tiles, fifteen centimeters wide, with darker joints. The tones of the tiles differ slightly."""
     rng = np.random.default_rng(20_018)
     number = np.arange(size) * 8 // size
     tone = 0.06 * rng.uniform(-1.0, 1.0, (8, 8))[number][:, number]
@@ -115,7 +116,7 @@ def _tiles(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _checks(color: np.ndarray, size: int) -> np.ndarray:
-    """Return a table cloth with twelve-centimeter checks, woven from two tones of one color."""
+    """Paint a tablecloth with checks, twelve centimeters wide, woven from two tones of one color."""
     rng = np.random.default_rng(20_019)
     wave = np.tanh(6.0 * np.sin(np.arange(size) * (2.0 * math.pi * 5 / size)))
     return _to_pixels(color, 1.0 + 0.05 * (wave[:, None] + wave[None, :]) + 0.02 * _smooth_noise(rng, size, (96, 96)))
@@ -132,4 +133,4 @@ SURFACES: Mapping[str, Painter] = {
     "tiles": _tiles,
     "checks": _checks,
 }
-"""Painters by the name of the surface."""
+"""Painters by the name of their surface."""

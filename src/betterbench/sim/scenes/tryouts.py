@@ -1,6 +1,6 @@
-"""Short trials of one asset for its human reviewer: a drop on a table, and a lift by a grasp.
+"""Short trials of one asset for the person who reviews it: a drop onto a table, and a lift with a grasp.
 
-Each trial returns the motion, for display, and a sentence with the result.
+Each trial returns the motion, which is displayed, and a sentence that states the result.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DROP_M = 0.03
 """Height from which an asset is dropped [m]."""
 _WATCHED_S, _STILL_S = 2.0, 0.5
 _STILL_M_S = 0.004
-"""Surface speed below which an asset is at rest [m/s]."""
+"""Surface speed below which an asset counts as at rest [m/s]."""
 _TIPPED_DEGREES = 8.0
 _APPROACH_M, _LIFT_M = 0.08, 0.12
 _CLOSE_S, _HOLD_S = 0.9, 0.5
@@ -36,14 +36,14 @@ _SLIP_M, _SWING_DEGREES = 0.010, 15.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tryout:
-    """Trial outcome.
+    """Result of a short trial of an asset.
 
     Attributes:
         passed: Whether the trial succeeded.
         sentence: Result in one sentence.
-        asset: (T, 7) positions [m] and quaternions (w, x, y, z) of the asset, one row every :data:`FRAME_S`.
-        gripper: The same for the gripper's bodies by name ("hand", "left_finger", "right_finger"), or empty without a
-            gripper.
+        asset: Positions [m] and quaternions (w, x, y, z) of the asset, one row every :data:`FRAME_S`, (T, 7).
+        gripper: Poses of each body of the gripper ("hand", "left_finger", "right_finger"), in the same format. Empty if
+            there is no gripper.
     """
 
     passed: bool
@@ -53,7 +53,7 @@ class Tryout:
 
 
 class _Trial:
-    """A simulation whose poses are noted in regular frames."""
+    """Simulation that records the poses of its bodies at regular intervals."""
 
     def __init__(self, spec: mujoco.MjSpec, bodies: tuple[str, ...]) -> None:
         self.model = spec.compile()
@@ -64,7 +64,7 @@ class _Trial:
         self._steps = 0
 
     def step(self) -> None:
-        """Take one physics step."""
+        """Execute one physics step."""
         mujoco.mj_step(self.model, self.data)
         if self._steps % self._every == 0:
             for name, body in self._bodies.items():
@@ -72,7 +72,7 @@ class _Trial:
         self._steps += 1
 
     def wait(self, seconds: float) -> None:
-        """Let time pass."""
+        """Execute physics steps for the given time."""
         for _ in range(round(seconds / PHYSICS.timestep_s)):
             self.step()
 
@@ -81,20 +81,19 @@ class _Trial:
         return _pose(self.data, name)
 
     def outcome(self, sentence: str, *, passed: bool) -> Tryout:
-        """Return the noted motion with a result."""
+        """Return the recorded motion together with a result."""
         frames = {name: np.array(rows) for name, rows in self._frames.items()}
         gripper = {name.removeprefix(PREFIX): rows for name, rows in frames.items() if name != "asset"}
         return Tryout(passed, sentence, frames["asset"], gripper)
 
 
 def _pose(data: mujoco.MjData, name: str) -> Pose:
-    """Return ``T_world_body``."""
     body = data.body(name)
     return pose_of((*body.xpos, *body.xquat))
 
 
 def try_drop(asset: Asset) -> Tryout:
-    """Drop an asset upright on a table, and report whether it stays upright and comes to rest."""
+    """Drop an asset upright onto a table, and report whether it stays upright and comes to rest."""
     spec = table_model()
     add_asset(spec, "asset", asset)
     trial = _Trial(spec, ())
@@ -120,7 +119,7 @@ def try_drop(asset: Asset) -> Tryout:
 
 
 def try_lift(asset: Asset, grasp: Grasp) -> Tryout:
-    """Lift an asset from a table by one grasp with the usual robot's gripper, and report whether it is held."""
+    """Lift an asset from a table using one grasp of the default robot's gripper, and report whether it is held."""
     rest = rest_pose(asset)
     spec = table_model()
     add_asset(spec, "asset", asset)
@@ -149,7 +148,7 @@ def try_lift(asset: Asset, grasp: Grasp) -> Tryout:
 
 
 def asset_glb(asset: Asset) -> bytes:
-    """Return the visual parts of an asset as GLB, in the object frame with z up."""
+    """Return the visual parts of an asset as a GLB file, in the object frame with z up."""
     spec = mujoco.MjSpec()
     add_asset(spec, "asset", asset, pose=Pose())
     model = spec.compile()
@@ -157,7 +156,10 @@ def asset_glb(asset: Asset) -> bytes:
 
 
 def collision_surfaces(asset: Asset) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return (n, 3) vertices [m] and (m, 3) faces of each collision part, with round primitives as boxes."""
+    """Return the vertices (n, 3) [m] and the faces (m, 3) of each collision part of an asset.
+
+    Round primitives are shown as boxes.
+    """
     spec = mujoco.MjSpec()
     add_asset(spec, "asset", asset, pose=Pose())
     model = spec.compile()
@@ -170,7 +172,7 @@ def collision_surfaces(asset: Asset) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def gripper_glbs() -> dict[str, bytes]:
-    """Return the visual meshes of the usual robot's gripper bodies as GLB, each in its own frame."""
+    """Return the visual meshes of the default robot's gripper as GLB files, one per body, in the body's frame."""
     from betterbench.sim.robots.spec import build_robot_spec, robot  # noqa: PLC0415 - only the page shows it
 
     known = robot(USUAL_ROBOT)
@@ -180,7 +182,7 @@ def gripper_glbs() -> dict[str, bytes]:
 
 
 def gripper_poses(width_m: float) -> dict[str, Pose]:
-    """Return ``T_tcp_body`` of the gripper's bodies, opened by a width [m]."""
+    """Return the poses ``T_tcp_body`` of the gripper's bodies when the gripper is open by the given width [m]."""
     spec = mujoco.MjSpec()
     PHYSICS.set_solver(spec)
     robot = add_floating_gripper(spec)

@@ -2,13 +2,14 @@
 
 - ``world``: interfaces of worlds and scenes.
 - ``registry``: all worlds by name.
-- ``betterbench``, ``libero``, ``libero_plus``, ``calvin``: one folder for each.
-- ``installation``, ``process``, ``environment``, ``frames``, ``rows``, ``simulator_loop``: simulators in separate
-  environments that answer over a local socket.
-- ``scene``: a trial in such a simulator.
-- ``authoring``: imports for a file that adds a world.
+- ``betterbench``, ``libero``, ``libero_plus``, ``calvin``: one folder for each world.
+- ``installation``, ``process``, ``environment``, ``frames``, ``rows``, ``simulator_loop``: simulators that are
+  installed in environments of their own and answer requests over a local socket.
+- ``scene``: the scene of a trial in one of these simulators.
+- ``authoring``: everything that a file adding a new world has to import.
 
-Each public name is imported from its module at first use, so a run in our own scenes does not import CALVIN.
+Each public name is imported from its module when it is first used, so a run in betterbench's own scenes does not import
+CALVIN.
 """
 
 from typing import TYPE_CHECKING

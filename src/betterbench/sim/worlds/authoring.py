@@ -1,4 +1,4 @@
-"""Imports for a file that adds a world (see docs/adding-a-world.md)."""
+"""Names to import in a file that adds a world (see docs/adding-a-world.md)."""
 
 from betterbench.interface.actions import TRANSLATION_PER_UNIT_M
 from betterbench.sim.worlds.bare import BareScene, bare_object

@@ -1,4 +1,4 @@
-"""Base class of scenes in a world that computes its own states."""
+"""Base class for scenes of a world that computes its own states, without MuJoCo or a separate simulator process."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from betterbench.sim.scenes.rendering import Images, Renderers
 
 OPENING_M = 0.08
-"""Distance of the finger pads in a world without a gripper [m]."""
+"""Distance between the finger pads that is reported by a world without a gripper [m]."""
 
 _JOINTS = 7
 
@@ -35,14 +35,14 @@ class _Task:
 
 
 class BareScene(ABC):
-    """Scene whose state is the positions of a hand and objects, and whose goal is a set of named relations.
+    """Scene whose state consists of the positions of a hand and of objects, and whose goal is a set of named relations.
 
-    A subclass sets :attr:`hand` and :attr:`positions` in :meth:`start`, changes them in :meth:`move`, and returns the
+    A subclass sets :attr:`hand` and :attr:`positions` in :meth:`start`, changes them in :meth:`move`, and evaluates the
     relations of the goal in :meth:`relations`. It may override any other method, such as :meth:`state`.
 
     Attributes:
-        hand: (3,) position of the hand [m].
-        positions: (n, 3) positions of the objects [m].
+        hand: Position of the hand (3,) [m].
+        positions: Positions of the objects (n, 3) [m].
     """
 
     draws_in_step: ClassVar[bool] = False
@@ -64,7 +64,7 @@ class BareScene(ABC):
         step_limit: int,
         objects: Sequence[ObjectInfo] = (),
     ) -> None:
-        """Store the trial. The episode begins with :meth:`reset`."""
+        """Store the settings of the trial. The episode begins with :meth:`reset`."""
         self.world, self.control_rate_hz = world.name, world.control_rate_hz
         self.task = _Task(task)
         self.condition = Instructed.of(f"{task}/{condition}", condition, instruction)
@@ -75,25 +75,28 @@ class BareScene(ABC):
 
     @abstractmethod
     def start(self) -> None:
-        """Place the hand and objects for the start of the trial. Their positions may depend only on the seed."""
+        """Place the hand and the objects at their start positions, which may depend only on the seed of the trial."""
 
     @abstractmethod
     def move(self, action: np.ndarray) -> None:
-        """Update the hand and objects by one action. The action is within the bounds of the action space."""
+        """Move the hand and the objects by one action, which lies within the bounds of the action space."""
 
     @abstractmethod
     def relations(self) -> Mapping[str, bool]:
-        """Return whether each relation holds now, by name. The goal is met when all hold."""
+        """Return the name of each relation of the goal, and whether it holds now.
+
+        The goal is met when all of them hold.
+        """
 
     def reset(self) -> WorldState:
-        """Go to the start of the trial and return the state."""
+        """Go back to the start of the trial, and return the state at the start."""
         self._step, self._gripper_command = 0, -1.0
         self.start()
         self.info = SceneInfo(self._objects, (), _vector(self.hand), OPENING_M)
         return self.state()
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Execute an action for one control step and return the applied action, after clipping."""
+        """Execute an action for one control step, and return the action after clipping."""
         applied = self.action_space.clip(action)
         self.move(applied)
         self._step += 1
@@ -123,12 +126,12 @@ class BareScene(ABC):
         )
 
     def simulator_state(self) -> dict[str, np.ndarray]:
-        """Return the positions as ``qpos``, and nothing else."""
+        """Return the positions of the hand and the objects as ``qpos``. The other arrays are empty."""
         qpos = np.concatenate([np.ravel(self.hand), np.ravel(self.positions)]).astype(np.float64)
         return {"qpos": qpos, "qvel": np.zeros(0), "ctrl": np.zeros(0), "act": np.zeros(0)}
 
     def tracker(self) -> BareTracker:
-        """Return the judge of an episode."""
+        """Return the tracker that judges the goal during an episode."""
         return BareTracker(self)
 
     def described(self, *, images: bool) -> SceneDescription:
@@ -142,30 +145,30 @@ class BareScene(ABC):
         )
 
     def files(self) -> dict[str, bytes]:
-        """Return the stored files of the scene, which describe its objects."""
+        """Return the files that are stored with the record: one JSON file that lists the objects of the scene."""
         objects = [{"name": o.name, "kind": o.kind, "size": o.size_m} for o in self._objects]
         return {"scene.json": json.dumps({"task": self.task.id, "objects": objects}, indent=1).encode()}
 
     @property
     def content_hash(self) -> str:
-        """Name of the stored scene."""
+        """SHA-256 digest of the scene's files, under which the scene is stored."""
         return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
-        """Return an empty dictionary, because the scene has no images."""
+        """Return an empty dictionary, because the scene has no cameras."""
         del spec, renderers
         return {}
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return no further state parts, because policies use our own ones."""
+        """Return an empty dictionary, because policies get only the standard observation in this world."""
         return {}
 
     def draw_next(self, *, wanted: bool) -> None:
-        """Do nothing, because no images are rendered."""
+        """Do nothing, because the scene renders no images."""
         del wanted
 
     def close(self, *, well: bool) -> None:
-        """Do nothing, because the scene has no process."""
+        """Do nothing, because the scene has no simulator process to close."""
         del well
 
 
@@ -175,19 +178,19 @@ class BareTracker:
     undecided_states: ClassVar[int] = 0
 
     def __init__(self, scene: BareScene) -> None:
-        """Begin an episode. The scene must have been reset."""
+        """Begin to judge an episode of a scene that has already been reset."""
         self._scene = scene
         self.relation_names = self.subgoal_names = tuple(scene.relations())
 
     def update(self, state: WorldState) -> Truth:
-        """Return the relations that hold in the current state of the scene."""
+        """Return the relations that hold in the current state of the scene. ``state`` is not used."""
         del state
         holds = tuple(self._scene.relations().values())
         return Truth(holds, holds, in_order=True, goal=all(holds), forbidden=False, success=all(holds))
 
 
 def bare_object(name: str, kind: str, *, size_m: Vector = (0.04, 0.04, 0.04)) -> ObjectInfo:
-    """Return an object with only a name and a size."""
+    """Return an object of which only the name, kind and size are known."""
     return ObjectInfo(
         name=name, kind=kind, asset=kind, category=kind, color="", shape="", role="fixture", fixed=True, mass_kg=0.0,
         size_m=size_m,

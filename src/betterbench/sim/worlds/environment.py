@@ -1,8 +1,9 @@
-"""Environment variables for a simulator's process, without user variables that would affect it.
+"""Environment variables for a simulator's process. The user's variables that would affect the simulator are removed.
 
-robosuite 1.4.0 interprets ``CUDA_VISIBLE_DEVICES`` as the number of an EGL device, and asserts that it contains
+robosuite 1.4.0 interprets ``CUDA_VISIBLE_DEVICES`` as the index of an EGL device and asserts that it contains
 ``MUJOCO_EGL_DEVICE_ID`` (``utils/binding_utils.py``, ``renderers/context/egl_context.py``). Under SLURM, both
-conditions cannot hold together. Python's own variables would change the imports and results of its interpreter.
+conditions cannot hold together. Python's own variables would change the packages that the simulator imports, and thus
+its results.
 """
 
 from __future__ import annotations
@@ -17,29 +18,30 @@ _LEFT_OUT = (
     *("MUJOCO_", "PYOPENGL_", "EGL_VISIBLE_DEVICES", "EGL_DEVICE_ID", "DISPLAY", "WAYLAND_DISPLAY"),
     *("PYTHON", "VIRTUAL_ENV", "CONDA_", "LIBERO_", "ROBOSUITE_", "NUMBA_", "HYDRA_"),
 )
-"""Prefixes of variables that are not passed to a simulator."""
+"""Prefixes of the variables that are not passed on to a simulator."""
 
 _OWN = {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONNOUSERSITE": "1", "PYTHONUTF8": "1"}
 _NO_HOME = "/nonexistent"
 
 
 def python_environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return an environment without the variables that would make another Python load foreign packages."""
+    """Return the environment variables, except those that make a different Python load packages of this Python."""
     names = ("PYTHON", "VIRTUAL_ENV", "CONDA_PREFIX", "PIP_USER", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV")
     return {name: value for name, value in given.items() if not name.startswith(names)}
 
 
 def simulator_environment() -> dict[str, str]:
-    """Return the environment of the next simulator's process.
+    """Return the environment variables for the next simulator process.
 
-    Several EGL devices are assigned in turn. A device in ``MUJOCO_EGL_DEVICE_ID`` is used for all.
+    If there are several EGL devices, the processes get them in turn. If ``MUJOCO_EGL_DEVICE_ID`` is set, all processes
+    get that device.
 
     Raises:
-        GraphicsError: If that variable does not name a device.
+        GraphicsError: If ``MUJOCO_EGL_DEVICE_ID`` does not name a device.
     """
     kept = {name: value for name, value in os.environ.items() if not name.startswith(_LEFT_OUT)}
     # robosuite renders only with EGL or OSMesa, independently of our own renderer
     backend = "osmesa" if gl_backend() == "osmesa" else "egl"
     devices = next_device_variables() if backend == "egl" else {}
-    # some library reads the home directory at import, which fails for a user without a name
+    # Some libraries read the home directory when they are imported. That fails for a user without a name.
     return {"HOME": _NO_HOME, **kept, **_OWN, "MUJOCO_GL": backend, **devices}

@@ -1,4 +1,4 @@
-"""Installation of a simulator into a separate environment, and the program run by its process."""
+"""Installation of a simulator into an environment of its own, and the program that its process runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.jobs.places import open_in_place
 from betterbench.sim.worlds.environment import python_environment
 
 INSTALL_LIMIT_S = 3600.0
-"""Maximum duration of one installation step [s]. LIBERO's packages have 360 MB."""
+"""Maximum duration of one installation step [s]. LIBERO's packages are 360 MB."""
 
 _COMPLETE = "complete"
 _PACKAGE = Path(__file__).resolve().parent
@@ -32,9 +32,9 @@ _START = (
     "from {module} import main\n"
     "main()\n"
 )
-"""Program that runs a module of betterbench in an environment without betterbench.
+"""Program that runs a module of betterbench in an environment in which betterbench is not installed.
 
-Its packages are replaced by stand-ins that only have a path.
+The packages of betterbench are replaced by empty modules that only have a search path.
 """
 _STAND_INS = (
     "betterbench",
@@ -45,12 +45,12 @@ _STAND_INS = (
     "betterbench.tasks",
     "betterbench.tasks.worlds",
 )
-"""Packages that contain the modules imported by a simulator. The packages' own code is not run."""
+"""Packages that contain the modules imported by a simulator. Their ``__init__`` modules are not executed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Installation:
-    """Environment of a world's simulator.
+    """Environment in which the simulator of a world is installed.
 
     Attributes:
         name: World name on the command line.
@@ -58,9 +58,9 @@ class Installation:
         module: Module that the simulator's process runs.
         size: Size of the packages for messages, such as "270 MB (0.9 GB unpacked)".
         summary: Description in a few words.
-        beside: Installation whose Python runs the simulator, or None for a separate one. In the environment of another
-            installation, the simulator's packages are only read and not imported, so their dependencies are not
-            installed.
+        beside: Installation of another world whose Python runs this simulator, or None if this simulator has a Python
+            of its own. In the first case, this simulator's packages are only read and never imported, so their
+            dependencies are not installed.
     """
 
     name: str
@@ -72,25 +72,28 @@ class Installation:
 
     @property
     def lock_path(self) -> Path:
-        """Path of the locked requirements, next to this file in an installed package, or else in the checkout."""
+        """Path of the locked requirements.
+
+        The file is next to this module in an installed package, and in the folder ``requirements`` in a checkout.
+        """
         packaged = _PACKAGE / "locks" / self.lock
         return packaged if packaged.exists() else _PACKAGE.parents[3] / "requirements" / self.lock
 
     @property
     def folder(self) -> Path:
-        """Environment folder. Its name depends on the lock. `make bench` uses LIBERO's folder."""
+        """Folder of the environment. Its name contains a digest of the lock. `make bench` uses LIBERO's folder."""
         digest = hashlib.sha256(self.lock_path.read_bytes()).hexdigest()[:16]
         return platformdirs.user_cache_path("betterbench") / "peers" / f"{self.name}-{digest}"
 
     @property
     def is_installed(self) -> bool:
-        """Whether the environment, and the environment of the world that runs it, are complete."""
+        """Whether this environment is complete, and the environment whose Python runs the simulator is complete too."""
         return (self.folder / _COMPLETE).exists() and (self.beside is None or self.beside.is_installed)
 
     def command(self) -> tuple[str, ...]:
-        """Return the command of the simulator's process, to which the socket's descriptor is added.
+        """Return the command that starts the simulator process. The caller appends the socket's file descriptor.
 
-        If another world's Python runs the simulator, the simulator's own folder is the first argument.
+        If another world's Python runs the simulator, the first argument is the folder of this installation.
 
         Raises:
             MissingDependencyError: If the world is not installed.
@@ -103,13 +106,14 @@ class Installation:
         return (str(python), "-c", start_code(self.module), *([] if self.beside is None else [str(self.folder)]))
 
     def install(self, *, waits: Callable[[], None] = lambda: None) -> Path:
-        """Make the environment unless it is complete, and return its folder.
+        """Create the environment unless it is already complete, and return its folder.
 
-        The environment is marked as complete at the end, so an interrupted installation starts again. If another
-        process is installing, the function calls ``waits`` and waits for its end.
+        The environment is marked as complete at the very end, so an interrupted installation starts again from the
+        beginning. If another process is installing the same world, ``waits`` is called once, and the method returns
+        when that process has finished.
 
         Raises:
-            MissingDependencyError: If a step fails. The message has its last output.
+            MissingDependencyError: If a step fails. The message contains the last output of the step.
         """
         if self.is_installed:
             return self.folder
@@ -122,7 +126,10 @@ class Installation:
 
     @contextlib.contextmanager
     def _alone(self, waits: Callable[[], None]) -> Iterator[int]:
-        """Hold the folder lock until all processes with its file descriptor have ended, and yield the descriptor."""
+        """Hold the lock of the folder until all processes that inherited it have ended.
+
+        Yields the lock's file descriptor.
+        """
         path = self.folder.with_name(f".{self.folder.name}.lock")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -157,7 +164,7 @@ class Installation:
         (target / _COMPLETE).touch()
 
     def _run(self, command: list[str], lock: int) -> None:
-        """Run a step. It keeps the lock and continues if this process is killed."""
+        """Run one step of the installation. If this process is killed, the step goes on and still holds the lock."""
         try:
             done = subprocess.run(  # noqa: S603 - uv or pip with our own lock
                 command,
@@ -174,12 +181,12 @@ class Installation:
             said = last_line(done.stderr) or last_line(done.stdout) or "no output"
             raise MissingDependencyError(
                 f"the world {self.name} cannot be installed: {Path(command[0]).name} reported: {said}. "
-                "Its packages come from the package index: check the connection, and run the same command again."
+                "Its packages come from the package index. Check the connection, and run the same command again."
             )
 
 
 def start_code(module: str) -> str:
-    """Return the program that runs the ``main`` function in a module for a world's process."""
+    """Return the Python program that runs the ``main`` function of the given module in a simulator's environment."""
     source = _PACKAGE.parents[2]
     packages = tuple((name, str(source.joinpath(*name.split(".")))) for name in _STAND_INS)
     return _START.format(packages=packages, module=module)

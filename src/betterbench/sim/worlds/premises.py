@@ -1,4 +1,8 @@
-"""Premise checks for LIBERO: do the scenes in the installed simulator fulfill the premises of their instructions?"""
+"""Premise checks of the scenes in the installed LIBERO.
+
+A premise is a relation between objects that an instruction takes for granted. It should hold in every initial state of
+the task.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +32,7 @@ from betterbench.tasks.worlds.libero_plus import MOVING_AXES, read_variant
 _MAX_BYTES = 1 << 26
 
 JUMP_M = 0.03
-"""Sideways motion of an object during settling that counts as a jump [m]."""
+"""Distance [m] that counts as a jump if an object moves sideways by more than this while settling."""
 
 
 _MOST_LINE = 1 << 20
@@ -37,17 +41,18 @@ _MOST_LINE = 1 << 20
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PremiseEntry:
-    """The premises of one task.
+    """Result of checking the premises of one task.
 
     Attributes:
-        task: Index in the suite.
-        instruction: Task instruction.
-        states: Number of initial states.
-        broken: Initial states in which a premise is false after settling, by relation.
-        jumps: Initial states in which an object moves by more than :data:`JUMP_M` while settling, by object.
-        engine: Simulator versions and its packages.
+        task: Index of the task in the suite.
+        instruction: Instruction of the task.
+        states: Number of initial states that were checked.
+        broken: For each premise, the initial states in which it is false after settling. A premise is a relation
+            between objects that the instruction takes for granted.
+        jumps: For each object, the initial states in which it moves by more than :data:`JUMP_M` while settling.
+        engine: Versions of the simulator and of its packages.
         bddl_sha256: SHA-256 of the task's file.
-        variant: Name of the LIBERO-Plus variant. It is empty for another task.
+        variant: Name of the LIBERO-Plus variant. It is empty for a task that is not a variant.
     """
 
     suite: str
@@ -62,25 +67,25 @@ class PremiseEntry:
 
     @property
     def broken_states(self) -> tuple[int, ...]:
-        """The initial states in which some premise is false."""
+        """Initial states in which at least one premise is false."""
         return tuple(sorted({state for states in self.broken.values() for state in states}))
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict."""
+        """Return the entry in JSON form."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
 def check_premises(process: WorldProcess, suite: str, *, known: Sequence[PremiseEntry] = ()) -> Iterator[PremiseEntry]:
-    """Yield the entry for every task in a suite, reusing known entries for the same file and engine.
+    """Yield the entry of every task in a suite. Known entries with the same task file and engine are reused.
 
-    For LIBERO-Plus, variants with other motions of objects or the robot are checked, in the only state that a run uses.
-    Variants that change only images or language have the premises of the base suite.
+    For LIBERO-Plus, only variants that move objects or the robot are checked, and only in the state that a run uses.
+    Variants that merely change images or language have the premises of the base suite.
 
     Raises:
         WorldError: If the simulator fails or sends an invalid answer.
     """
     said = process.suite(suite)
-    with as_agreed(f"describes {suite} in a way"):
+    with as_agreed(f"sent a description of {suite}"):
         tasks = [_AskedTask.of(suite, number, task) for number, task in enumerate(said["tasks"])]
         if not tasks:
             raise ValueError("the suite has no tasks")
@@ -96,12 +101,14 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
         request: dict[str, Any] = {"suite": suite, "task": task.number, "settle": SETTLING_STEPS, "seed": SEED}
         request |= {"variant": task.variant, "states": 1} if task.variant else {}
         document, arrays = process.premises(request)
-        with as_agreed("answers for its premises in a way"):
+        with as_agreed("sent an answer about its premises"):
             holds, moved = arrays["holds"], arrays["moved"]
             names = [tuple(sent_text(name) for name in document[key]) for key in ("premises", "objects")]
             due = tuple((len(moved), len(listed)) for listed in names)
             if (holds.shape, moved.shape) != due or holds.dtype != bool or not np.isfinite(moved).all():
-                raise ValueError(f"holds {holds.dtype} {holds.shape}, moved {moved.dtype} {moved.shape}")
+                raise ValueError(
+                    f"unexpected arrays: holds {holds.dtype} {holds.shape}, moved {moved.dtype} {moved.shape}"
+                )
             broken = {name: _where(~holds[:, k]) for k, name in enumerate(names[0])}
             jumps = {name: _where(moved[:, k] > JUMP_M) for k, name in enumerate(names[1])}
             engine = sent_texts(document["engine"])
@@ -120,7 +127,7 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
 
 @dataclass(frozen=True, slots=True)
 class _AskedTask:
-    """A task in a suite, as described by its world. ``variant`` and ``needs`` are specific to LIBERO-Plus."""
+    """Task of a suite, as described by the simulator. ``variant`` and ``needs`` are used only for LIBERO-Plus."""
 
     number: int
     instruction: str
@@ -130,7 +137,10 @@ class _AskedTask:
 
     @classmethod
     def of(cls, suite: str, number: int, said: Mapping[str, Any]) -> _AskedTask:
-        """Return the task of a world's description. Raises LookupError, TypeError or ValueError if it is malformed."""
+        """Read a task from the simulator's description.
+
+        Raises LookupError, TypeError or ValueError if it is malformed.
+        """
         plus = suite in PLUS_SUITES
         return cls(
             index(said["task"] if plus else said.get("task", number)),
@@ -146,7 +156,7 @@ def _where(flags: Any) -> list[int]:  # noqa: ANN401 - a row of flags
 
 
 def is_premise_file(path: Path) -> bool:
-    """Return whether the first line of a file is an entry. Raises OSError unless the file is missing."""
+    """Return whether a file exists and its first line is a premise entry. Raises OSError if it cannot be read."""
     try:
         with open_ordinary(path) as file:
             return isinstance(PremiseEntry(**parse_json(file.readline(_MOST_LINE))), PremiseEntry)
@@ -157,21 +167,21 @@ def is_premise_file(path: Path) -> bool:
 
 
 def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
-    """Return the entries in a JSON lines file, empty if the file does not exist.
+    """Read the entries from a JSON lines file. If the file does not exist, there are none.
 
     Raises:
         InvalidInputError: If a line is not an entry.
     """
     if not path.exists():
         return ()
-    cure = "Give another file with --out, which repeats the check"
+    cure = "Give a different file with --out, in which the check starts again"
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
     lines = enumerate(open_sealed_lines(data, where=str(path), cure=cure), start=1)
     return tuple(read_form(_ENTRY, line, where=f"{path}, line {number}", cure=cure) for number, line in lines)
 
 
 def entries_bytes(entries: Iterable[PremiseEntry]) -> bytes:
-    """Return the file content for :func:`read_entries`."""
+    """Return the content of a file with the given entries, as :func:`read_entries` expects it."""
     return sealed_lines("".join(json.dumps(entry.to_json()) + "\n" for entry in entries).encode())
 
 

@@ -1,4 +1,4 @@
-"""Worker side of a simulator process. If the process fails, at most its own trial is lost."""
+"""Simulator processes that run the trials of a worker. If a simulator process fails, only its current trial is lost."""
 
 from __future__ import annotations
 
@@ -19,35 +19,38 @@ from betterbench.jobs.frames import FrameContent, FrameError
 from betterbench.sim.worlds.environment import simulator_environment
 
 START_LIMIT_S = 300.0
-"""Maximum wait for a process to load, build an environment and settle [s].
+"""Maximum wait until a process has loaded, built its environment and executed the settling steps [s].
 
-LIBERO takes 10 s, and a minute under load.
+LIBERO takes 10 s, or a minute under load.
 """
 
 PREMISES_LIMIT_S = 1800.0
-"""Maximum wait for all initial states of a task to settle [s]. LIBERO's 50 states take half a minute."""
+"""Maximum wait until all initial states of a task have settled [s]. LIBERO's 50 states take half a minute."""
 
 STEP_LIMIT_S = 120.0
 """Maximum wait for one control step [s]. LIBERO takes 0.15 to 0.5 s without a graphics card."""
 
 _END_S = 5.0
 _LONGEST_TEXT = 10_000
-"""Maximum characters of a name, an instruction or a version."""
+"""Maximum number of characters in a name, an instruction or a version that a simulator sends."""
 _SAID_BYTES = 4000
 """Number of bytes at the end of a simulator's output that are searched for its last line."""
 _MISSING = re.compile(r"No module named '?([\w.]+)")
 
 
 class WorldError(BetterError):
-    """Error of a simulator process that has ended, hangs or gives an invalid answer.
+    """Error of a simulator process: it has ended, does not answer in time, or gives an invalid answer.
 
-    Its trial is broken and is repeated.
+    The trial that the process was running is broken and will be repeated.
     """
 
 
 @contextlib.contextmanager
 def as_agreed(what: str) -> Iterator[None]:
-    """Turn errors from reading an answer into a WorldError, "the simulator WHAT ..."."""
+    """Convert errors from reading a simulator's answer into a WorldError.
+
+    ``what`` says in the message what the simulator did, for example "sent a state".
+    """
     try:
         yield
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as problem:
@@ -56,26 +59,30 @@ def as_agreed(what: str) -> Iterator[None]:
 
 
 def sent_text(value: object) -> str:
-    """Return a string sent by a simulator. Raises TypeError for other types, ValueError if it is too long."""
+    """Check that a simulator has sent a string, and return it.
+
+    Raises TypeError for other types and ValueError if the string is too long.
+    """
     if not isinstance(value, str):
         raise TypeError(f"expected a string, got a {type(value).__name__}")
     if len(value) > _LONGEST_TEXT:
-        raise ValueError(f"a string of {len(value)} characters")
+        raise ValueError(f"a string of {len(value)} characters is too long")
     return value
 
 
 def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
-    """Return strings by name sent by a simulator, such as versions, checked like in :func:`sent_text`."""
+    """Check that a simulator has sent a mapping of strings, such as its versions, and return the mapping."""
     return {sent_text(name): sent_text(found) for name, found in value.items()}
 
 
 class WorldProcess(AskedProcess):
-    """Simulator process that ends when its socket is closed. A context manager that ends the process."""
+    """Simulator process. It ends when its socket is closed, or when the context manager exits."""
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
         """Start the process. Raises WorldError if this fails.
 
-        Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device (:mod:`betterbench.sim.worlds.environment`).
+        Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` does not name a device
+        (:mod:`betterbench.sim.worlds.environment`).
         """
         self._start_limit_s, self._python = start_limit_s, command[0]
         environment = simulator_environment()
@@ -93,31 +100,34 @@ class WorldProcess(AskedProcess):
         self.close()
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return a suite's tasks. Raises WorldError if the simulator fails."""
+        """Return the simulator's description of a suite and its tasks. Raises WorldError if the simulator fails."""
         return self._ask({"do": "suite", "suite": name}, {}, self._start_limit_s)[0]
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle all initial states of a task. Raises WorldError if the simulator fails."""
+        """Check the premises of a task in all initial states. Raises WorldError if the simulator fails."""
         return self._ask({"do": "premises", **request}, {}, PREMISES_LIMIT_S)
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin an episode. Raises WorldError if the simulator fails."""
+        """Begin an episode in the requested scene. Raises WorldError if the simulator fails."""
         return self._ask({"do": "start", **request}, {}, self._start_limit_s)
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
-        """Take one control step. Raises WorldError if the simulator fails."""
+        """Execute one control step. Raises WorldError if the simulator fails."""
         return self._ask({"do": "step", "look": look}, {"action": action}, STEP_LIMIT_S)
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> np.ndarray:
-        """Return images (n, size, size, 3) of a task's scene at n states. Raises WorldError if the simulator fails."""
+        """Render n states of a task's scene as images (n, size, size, 3). Raises WorldError if the simulator fails."""
         images = self._ask({"do": "draw", **request}, {"qpos": qpos}, self._start_limit_s)[1].get("images")
         size = int(request["size"])
         if images is None or images.shape != (len(qpos), size, size, 3) or images.dtype != np.uint8:
-            raise WorldError("the simulator did not send the requested images")
+            raise WorldError("the simulator did not send the requested images, or sent them with a different shape")
         return images
 
     def close(self, within_s: float = _END_S) -> None:
-        """End the process, at once without a time limit [s]. This is harmless if it has ended."""
+        """End the process, and kill it if it has not ended within the time limit [s].
+
+        Does nothing if it has already ended.
+        """
         self.hang_up()
         self.end(within_s)
         self._said.close()
@@ -134,21 +144,18 @@ class WorldProcess(AskedProcess):
         return document, answer
 
     def _with_cure(self, message: str) -> str:
-        """Return a message with the remedy for a module that the simulator's environment lacks."""
+        """Return an error message. If a module is missing in the simulator's environment, append how to install it."""
         missing = _MISSING.search(message)
         if missing is None:
             return message
         name = missing[1].partition(".")[0]
         return (
-            f"{message}. The simulator's environment has no module {name}: if its lock does not list it, add the "
-            f"package that contains it (`{package_command(name, python=str(self._python))}`)"
+            f"{message}. The simulator's environment does not contain the module {name}. If its lock file does not "
+            f"list it either, install its package (`{package_command(name, python=str(self._python))}`)"
         )
 
     def _last_words(self) -> str:
-        """Return the process's exit status and the last line of its output, as text.
-
-        The result is empty if it is running.
-        """
+        """Return the process's exit status and the last line of its output as text, or "" if the process still runs."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             status = self._process.wait(0.5)
             self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _SAID_BYTES))
@@ -158,20 +165,20 @@ class WorldProcess(AskedProcess):
 
 
 class WorldProcesses:
-    """Processes of one worker, one per running trial. They are reused for the next trial of the same task.
+    """Simulator processes of one worker, one per running trial.
 
-    With the key None, a process runs one trial and ends. The next process is started early, so that it has loaded when
-    the next trial begins.
+    A process is reused for the next trial of the same task, if possible. A process with the key None runs only one
+    trial and ends. Its successor is started early, so that it has finished loading when the next trial begins.
     """
 
     def __init__(self, command: Sequence[str]) -> None:
-        """Prepare. Processes are started on demand."""
+        """Store the command that starts a process. Processes are started when they are needed."""
         self._command = tuple(command)
         self._idle: list[tuple[object, WorldProcess]] = []
         self._next: WorldProcess | None = None
 
     def take(self, key: object) -> WorldProcess:
-        """Return an idle process, preferably one that ran the same ``key``, or a new process.
+        """Return an idle process, preferably one that has run a trial with the same ``key``, or else a new process.
 
         Raises:
             WorldError: If a process cannot be started.
@@ -184,7 +191,7 @@ class WorldProcesses:
         return self._idle.pop(best)[1]
 
     def give_back(self, key: object, process: WorldProcess) -> None:
-        """Keep a process whose trial has ended well, or end the process if ``key`` is None."""
+        """Keep a process whose trial has ended without an error. If ``key`` is None, end the process."""
         if key is None:
             process.close(0.0)
         else:
@@ -197,7 +204,7 @@ class WorldProcesses:
         self._drop_next()
 
     def _take_fresh(self) -> WorldProcess:
-        """Return an unused process, and start the next one."""
+        """Return a process that has not run a trial yet, and start another process for the next trial."""
         if self._next is not None and self._next.has_ended:
             self._drop_next()
         process = WorldProcess(self._command) if self._next is None else self._next

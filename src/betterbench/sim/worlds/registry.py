@@ -1,7 +1,7 @@
-"""Registry of built-in and user-defined worlds.
+"""Registry of the built-in worlds and of worlds defined in user files.
 
-A built-in world is a folder of the same name next to this file. Its ``__init__``, which registers the world, is
-imported at the first use of the name. A user's file registers worlds when it is loaded.
+A built-in world is a folder next to this file that has the same name as the world. Its ``__init__`` registers the world
+and is imported when the name is first used. A user file registers its worlds when it is loaded.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _WORLDS: dict[str, World] = {}
 
 
 def register_world(world: AnyWorld) -> AnyWorld:
-    """Register a world with its facts, and return the world.
+    """Register a world and the facts that describe it, and return the world.
 
     Raises:
-        InvalidInputError: If the name of the world or of a suite is taken.
+        InvalidInputError: If the name of the world or of one of its suites is already used.
     """
     registered("world", world.name, type(world), {**_WORLDS, **dict.fromkeys(_built_in())})
     if world.name in _WORLDS:
@@ -40,19 +40,19 @@ def register_world(world: AnyWorld) -> AnyWorld:
 
 
 def forget_world(name: str) -> None:
-    """Remove a world and its facts from the registry, for tests."""
+    """Remove a world and its facts from the registry. Only tests need this."""
     _WORLDS.pop(name, None)
     forget_facts(name)
 
 
 def world_names() -> tuple[str, ...]:
-    """Return the names of all worlds, our own first."""
+    """Return the names of all worlds, starting with betterbench's own."""
     load_declared()
     return (OURS.name, *(name for name in dict.fromkeys((*_built_in(), *_WORLDS)) if name != OURS.name))
 
 
 def world_named(name: str) -> World:
-    """Return a world by name. Raises UnknownNameError for an unknown name."""
+    """Return the world with the given name. Raises UnknownNameError if there is none."""
     load_declared()
     if name not in _WORLDS and name in _built_in():
         importlib.import_module(f"{_PACKAGE}.{name}")
@@ -62,12 +62,12 @@ def world_named(name: str) -> World:
 
 
 def all_worlds() -> tuple[World, ...]:
-    """Return all worlds, our own first."""
+    """Return all worlds, starting with betterbench's own."""
     return tuple(map(world_named, world_names()))
 
 
 def world_of_suite(suite: str) -> World:
-    """Return the world with a suite. Raises UnknownNameError for an unknown suite."""
+    """Return the world to which a suite belongs. Raises UnknownNameError if no world has the suite."""
     load_declared()
     facts = facts_of_suite(suite)
     if facts is not None:
@@ -79,13 +79,16 @@ def world_of_suite(suite: str) -> World:
 
 
 def _built_in() -> list[str]:
-    """Return the names of the built-in worlds. Each is a folder."""
+    """Return the names of the built-in worlds, which are the folders next to this file."""
     package = importlib.import_module(_PACKAGE)
     return [module.name for module in pkgutil.iter_modules(package.__path__) if module.ispkg]
 
 
 def _by_name(world: World) -> tuple[Callable[..., World], tuple[object, ...]]:
-    """Return a world for unpickling, loading the user's file that defines it if necessary."""
+    """Return the pickle form of a world: its name, its field values, and the user files that define it.
+
+    When the world is unpickled, these files are loaded first.
+    """
     files = loaded_files() if code_of("world", world.name) else ()
     return _unpickled, (world.name, files, {f.name: getattr(world, f.name) for f in fields(world)})  # type: ignore[arg-type]
 

@@ -1,6 +1,6 @@
-"""Rows: all numbers of a control step in one array. The layout is sent once at the start of an episode.
+"""Rows: all numbers of a control step concatenated in one array. Their layout is sent once, at the start of an episode.
 
-Between two control steps the CPU's caches are cold, and sending and receiving twenty arrays takes twenty times as long
+Between two control steps the CPU's caches are cold, so sending and receiving twenty arrays takes twenty times as long
 as one array. Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.
 """
 
@@ -17,40 +17,42 @@ MAX_NUMBERS = 1 << 20
 
 
 def row_of(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return float64 arrays concatenated as one array (n,)."""
+    """Concatenate arrays into one float64 array (n,)."""
     return np.concatenate(tuple(arrays.values()), axis=None)
 
 
 def form_of(arrays: Mapping[str, np.ndarray]) -> list[list[Any]]:
-    """Return name and shape of each array, in order, as JSON data for :class:`RowForm`."""
+    """Return the layout of a row: the name and shape of each array in order, as JSON data for :class:`RowForm`."""
     return [[name, list(array.shape)] for name, array in arrays.items()]
 
 
 class RowForm:
-    """Layout of a row: the position and shape of each array in it."""
+    """Layout of a row, i.e. the position and the shape of each array in it."""
 
     def __init__(self, form: object) -> None:
-        """Read a form from :func:`form_of`. Raises ValueError or TypeError if it has another structure."""
+        """Read the layout that :func:`form_of` returned. Raises ValueError or TypeError if it is malformed."""
         if not isinstance(form, list):
-            raise TypeError("the form of its rows is missing")
+            raise TypeError("the layout of the rows is missing or is not a list")
         self.places: dict[str, slice] = {}
         self.shapes: dict[str, tuple[int, ...]] = {}
         at = 0
         for entry in form:
             name, shape = entry if isinstance(entry, list) and len(entry) == 2 else (None, None)
             if not isinstance(name, str) or not isinstance(shape, list) or name in self.places:
-                raise ValueError(f"the form of its rows has the entry {str(entry)[:60]}")
+                raise ValueError(
+                    f"each entry of the rows' layout must be a unique name and a shape, got {str(entry)[:60]}"
+                )
             if not all(type(length) is int and 0 <= length <= MAX_NUMBERS for length in shape):
-                raise ValueError(f"the form of its rows gives {name[:40]!r} the shape {str(shape)[:60]}")
+                raise ValueError(f"the rows' layout gives {name[:40]!r} the invalid shape {str(shape)[:60]}")
             end = at + math.prod(shape)
             self.places[name], self.shapes[name] = slice(at, end), tuple(shape)
             at = end
         if at > MAX_NUMBERS:
-            raise ValueError(f"its rows have {at} numbers")
+            raise ValueError(f"the rows have {at} numbers, which is too long")
         self.size = at
 
     def array(self, row: np.ndarray, name: str) -> np.ndarray:
-        """Return one array of a row (n,) with its shape, as a view."""
+        """Return the array with the given name as a view of the row (n,), in its own shape."""
         return row[self.places[name]].reshape(self.shapes[name])
 
     def not_finite(self, row: np.ndarray) -> Sequence[str]:

@@ -1,4 +1,4 @@
-"""Trial in a world whose simulator runs in a separate process and answers over a socket."""
+"""Scene of a trial whose simulator runs in a separate process and answers over a socket."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from betterbench.sim.scenes.rendering import Images, Renderers
 
 PROCESSES = 2
-"""Initial number of environments per worker, each of which is a process with a simulator far slower than ours."""
+"""Initial number of environments per worker. It is small, since each of them is a process with a slow simulator."""
 
 PANDA_OPENING_M = 0.08
 """Largest opening width of robosuite's Panda gripper [m]."""
@@ -50,11 +50,11 @@ _NUMBERS: Mapping[str, int | None] = {
     "controller_position": 3,
     "controller_rotation": 9,
 }
-"""Row arrays with their number of values, or None if it depends on the task."""
+"""Arrays of a row and the number of values in each of them, or None if that number depends on the task."""
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
-"""Row arrays that have one entry per object, with the number of values per entry."""
+"""Arrays of a row that have one entry per object, and the number of values in each entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
-"""Arrays, (n,) each, sent at each step in addition to the images, with their possible NumPy kinds."""
+"""One-dimensional arrays that are sent at each step besides the images, and the NumPy kinds that they may have."""
 _ARRAYS = frozenset(_KINDS)
 _IMAGES = frozenset({"image_front", "image_wrist"})
 _SHOWN = _ARRAYS | _IMAGES
@@ -110,7 +110,7 @@ class WorldTask:
         suite: Suite name ("libero_spatial_swap").
         number: Index of the task in the suite.
         name: Name of the task in the world.
-        instruction: Instruction to the policy.
+        instruction: Instruction for the policy.
         bddl_sha256: SHA-256 fingerprint of the task's BDDL file.
     """
 
@@ -122,34 +122,37 @@ class WorldTask:
 
     @property
     def id(self) -> str:
-        """Task name in plans and records, from the base suite, because twins share it."""
+        """Name of the task in plans and records.
+
+        The name contains the base suite, so that a modified task and its base task have the same name.
+        """
         return task_id(self.suite, self.number)
 
     @property
     def condition(self) -> str:
-        """Condition name: the change of the suite, or "base"."""
+        """Name of the condition: the change that the suite makes to its base suite, or "base"."""
         return suite_named(self.suite).change or "base"
 
     def asked(self) -> dict[str, Any]:
-        """Return the fields by which the simulator identifies the scene."""
+        """Return the fields of a request that tell the simulator which scene to build."""
         return {"suite": self.suite, "task": self.number}
 
 
 def task_id(suite: str, number: int) -> str:
-    """Return a task's name in plans and records ("libero_spatial-05")."""
+    """Return the name of a task in plans and records, such as "libero_spatial-05"."""
     return f"{suite_named(suite).base}-{number:02d}"
 
 
 @dataclass(frozen=True, slots=True)
 class ProcessWorld(World):
-    """World whose simulator runs in a separate process, with the small, picklable additions of a run.
+    """World whose simulator runs in a separate process. The fields contain what a run adds to the registered world.
 
     Attributes:
         command: Command of the simulator's process.
-        tasks: The tasks by a string of id and condition ("libero_spatial-05/base").
-        versions: Package versions in its environment.
+        tasks: The tasks, by task name and condition ("libero_spatial-05/base").
+        versions: Versions of the packages in the simulator's environment.
         regime: Training distribution of the base suite.
-        refuse_broken: Whether a scene that contradicts its instruction's premise stops the run.
+        refuse_broken: Whether the run stops at a scene that contradicts what its instruction takes for granted.
     """
 
     drawn_by: ClassVar[str] = "the simulator's process"
@@ -163,7 +166,7 @@ class ProcessWorld(World):
 
     @property
     def simulator(self) -> str:
-        """Simulator name. Records of different simulators are not compared."""
+        """Name of the simulator. Records from different simulators are not compared."""
         return self.name
 
     def step_limit(self, task: WorldTask) -> int:
@@ -182,7 +185,10 @@ class ProcessWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> ProcessScene:
-        """Return a trial's scene, set up by its reset. With ``depth``, depth images are rendered too."""
+        """Open the scene of a trial. The scene must then be reset.
+
+        If ``depth`` is True, depth images are rendered too.
+        """
         del options
         scene = self._scene_class()(
             self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
@@ -194,12 +200,15 @@ class ProcessWorld(World):
         return ProcessScene
 
     def environments(self, usual: int) -> int:
-        """Return a worker's initial number of environments. Each is a process with a slow simulator."""
+        """Return the initial number of environments of a worker.
+
+        Each environment is a process with a slow simulator.
+        """
         del usual
         return PROCESSES
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the world's conventions in words."""
+        """Return the world's conventions as short texts."""
         del robot
         return {
             "controller": (
@@ -213,7 +222,7 @@ class ProcessWorld(World):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, without the location of the world."""
+        """Return the world in JSON form, without the location of the simulator."""
         return {
             "name": self.name,
             "protocol": self.protocol.to_json(),
@@ -226,7 +235,10 @@ class ProcessWorld(World):
 
 
 class ProcessScene:
-    """Trial scene of a world whose simulator runs in a separate process. It is an initial state of a task."""
+    """Scene of a trial whose simulator runs in a separate process.
+
+    The trial starts from an initial state of the task.
+    """
 
     draws_in_step: ClassVar[bool] = True
 
@@ -241,9 +253,9 @@ class ProcessScene:
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare the scene. Nothing is simulated before :meth:`reset`. ``seed`` is the index of the initial state.
+        """Prepare the scene for the initial state with the index ``seed``. Nothing is simulated before :meth:`reset`.
 
-        ``instructed_anew`` is set by a step after which the policy gets another instruction.
+        After a step, ``instructed_anew`` says whether the policy gets a new instruction.
         """
         self.settings, self.seed, self.action_space = settings, seed, action_space
         self.task = settings.tasks[f"{task}/{condition}"]
@@ -266,53 +278,53 @@ class ProcessScene:
 
     @property
     def world(self) -> str:
-        """World in whose terms privileged policies read the state."""
+        """Name of the world that defines how privileged policies read the state."""
         return self.settings.simulator
 
     @property
     def info(self) -> SceneInfo:
-        """Constant properties of the scene in the episode, known after the reset."""
+        """Properties of the scene that are constant during the episode. They are known after the reset."""
         return self._info
 
     @property
     def whole_instruction(self) -> str:
-        """All instructions of the episode, as one string."""
+        """All instructions of the episode as one string."""
         return self.condition.instruction.text
 
     @property
     def over(self) -> bool:
-        """Whether the episode can no longer succeed and ends before its step limit."""
+        """Whether the episode ends before its step limit because it can no longer succeed."""
         return False
 
     @property
     def _process_key(self) -> object:
-        """Key under which a process is kept for the next trial of the same scene, or None if it runs only one trial."""
+        """Key under which the process is kept for the next trial of the same scene. None if it runs only one trial."""
         return tuple(self.task.asked().values())
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """The relations in the task's file: first the start relations, then the goal relations."""
+        """Names of the relations in the task's file: first those of the initial state, then those of the goal."""
         return tuple(self._fixed["relations"])
 
     @property
     def subgoal_names(self) -> tuple[str, ...]:
-        """The relations of the goal."""
+        """Names of the subgoals, which are the relations that make up the goal."""
         return tuple(self._fixed["goal"])
 
     @property
     def engine(self) -> dict[str, str]:
-        """Fingerprint of everything that can change the results."""
+        """Versions of everything that can change the results."""
         return {"simulator": self.settings.simulator, **self._fixed["engine"], "scene_file": self.task.bddl_sha256}
 
     @property
     def content_hash(self) -> str:
-        """Name of the stored scene."""
+        """SHA-256 digest of the scene's files, under which the scene is stored."""
         return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
 
     def files(self) -> dict[str, bytes]:
-        """Return a scene's stored files, which are the task's file and the poses of its objects after settling.
+        """Return the files that are stored for the scene: the task's file, and a description of the settled scene.
 
-        The models themselves belong to the world's packages and are not redistributed.
+        The models of the objects belong to the world's packages and are not redistributed.
         """
         known = {name: self._fixed[name] for name in _STORED}
         form = {**known, "suite": self.task.suite, "task": self.task.name, "engine": self.engine}
@@ -322,10 +334,11 @@ class ProcessScene:
         }
 
     def reset(self) -> WorldState:
-        """Go to the initial state, settle, and check that the scene fulfills the instruction's premise.
+        """Go to the initial state, execute the settling steps, and check what the instruction takes for granted.
 
         Raises:
-            PremiseError: If the scene contradicts the premise, and broken premises stop the run.
+            PremiseError: If the scene contradicts what the instruction takes for granted and the options say to refuse
+                such scenes.
             WorldError: If the simulator fails.
         """
         protocol = self.settings.protocol
@@ -340,25 +353,25 @@ class ProcessScene:
                 "size": IMAGE_SIDE,
             }
         )
-        with as_agreed("began an episode"):
+        with as_agreed("sent a start of an episode"):
             self._begin(answer)
         if self.broken_premises and self.settings.refuse_broken:
             raise PremiseError(
                 f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} is false after "
-                f"settling, but the instruction is {self.task.instruction!r}. An update of the physics engine can "
-                "break scenes; the installed version is MuJoCo "
+                f"settling, although the instruction {self.task.instruction!r} presupposes it. An update of the "
+                "physics engine can break scenes; installed is MuJoCo "
                 f"{self.engine.get('mujoco', 'of an unknown version')}. Run `better worlds install "
-                f"{self.settings.name}` for the one that is pinned, or give --broken-premises run to continue as "
+                f"{self.settings.name}` to install the pinned version, or give --broken-premises run to continue as "
                 "LIBERO does."
             )
         return self.state()
 
     def draw_next(self, *, wanted: bool) -> None:
-        """Set whether the policy needs images after the next step, because LIBERO renders during the step."""
+        """Set whether the policy needs images after the next step. LIBERO renders them during that step."""
         self._draws_next = self._images and wanted
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Apply an action for one control step, and return the applied action.
+        """Execute an action for one control step, and return the action that was applied.
 
         Raises:
             InvalidActionError: If the action is malformed.
@@ -374,7 +387,7 @@ class ProcessScene:
         return applied
 
     def state(self) -> WorldState:
-        """Return the privileged state. Raises WorldError if the simulator sent impossible values."""
+        """Return the privileged state. Raises WorldError if the simulator has sent impossible values."""
         with as_agreed("sent a state"):
             return self._state()
 
@@ -410,12 +423,12 @@ class ProcessScene:
         )
 
     def simulator_state(self) -> dict[str, np.ndarray]:
-        """Return the simulator's arrays: ``qpos``, ``qvel``, ``act`` and ``ctrl``."""
+        """Return the simulator's arrays ``qpos``, ``qvel``, ``act`` and ``ctrl``."""
         row, places = self._arrays["row"], self._row.places
         return {name: row[places[name]] for name in ("qpos", "qvel", "act", "ctrl")}
 
     def truth(self) -> Truth:
-        """Return the relations and subgoals that are true now. The world itself decides on success."""
+        """Return the relations and subgoals that hold now. The world itself decides whether the task succeeded."""
         holds = self._arrays["holds"].tolist()
         subgoals = tuple([holds[i] for i in self._goal])
         return Truth(
@@ -428,11 +441,11 @@ class ProcessScene:
         )
 
     def tracker(self) -> ProcessTracker:
-        """Return the judge of an episode after the reset. It uses the world's own verdict."""
+        """Return the tracker that reports the world's own verdict during an episode. Call it after the reset."""
         return ProcessTracker(self)
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return the metadata of the scene for a record, after a reset."""
+        """Return the scene's description for the record. Call it after a reset."""
         from betterbench.sim.scenes.described import SceneDescription  # noqa: PLC0415 - a list of suites needs none
 
         engine = {**self.engine, "machine": platform.machine()}
@@ -447,7 +460,7 @@ class ProcessScene:
         )
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
-        """Return this step's images, rendered by the process, by camera."""
+        """Return the images of the current step by camera. The simulator process has rendered them."""
         from betterbench.sim.scenes.rendering import Images  # noqa: PLC0415 - a simulator's tests need no renderer
 
         del spec, renderers
@@ -455,18 +468,18 @@ class ProcessScene:
         return {name: Images(image, depth.get(name), None) for name, image in self.images().items()}
 
     def images(self) -> dict[str, np.ndarray]:
-        """Return this step's images as in LIBERO's clients, rotated by 180 degrees, by camera."""
+        """Return the images of the current step by camera, rotated by 180 degrees as in LIBERO's clients."""
         return {name.removeprefix("image_"): a for name, a in self._arrays.items() if name.startswith("image_")}
 
     def depth(self) -> dict[str, np.ndarray]:
-        """Return the depth images of this step by camera, (height, width) float32 [m].
+        """Return the depth images of the current step by camera, as (height, width) float32 arrays [m].
 
-        The result is empty if depth was not rendered.
+        The result is empty if no depth is rendered.
         """
         return {name.removeprefix("depth_"): a for name, a in self._arrays.items() if name.startswith("depth_")}
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return the values that LIBERO's own clients compute from an observation, by our names of state parts."""
+        """Return the values that LIBERO's clients compute from an observation, under betterbench's names for them."""
         row, places = self._arrays["row"], self._row.places
         quaternion = row[places["native_quaternion"]]
         turned = row[places["controller_rotation"]].reshape(3, 3)
@@ -484,14 +497,14 @@ class ProcessScene:
     def _take_process(self) -> WorldProcess:
         """Return a process for a new episode.
 
-        A process whose last episode was ended by its policy is given back first.
+        If the policy ended the last episode early, the process of that episode is given back first.
         """
         self.close(well=True)
         self._process = self._processes.take(self._process_key)
         return self._process
 
     def close(self, *, well: bool) -> None:
-        """Return the process for reuse if the trial ended ``well``, or else end it."""
+        """Give the process back for reuse if the trial ended without an error (``well``). Otherwise end the process."""
         process, self._process = self._process, None
         if process is None:
             return
@@ -501,37 +514,45 @@ class ProcessScene:
             process.close(0.0)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Store an answer. Raises WorldError if an array has a non-finite number or another size than expected."""
+        """Store the simulator's answer after checking it.
+
+        Raises WorldError if an array is missing, has an unexpected size or contains a non-finite number.
+        """
         document, arrays = answer
         due = _SHOWN if self._draws_next else _ARRAYS
         if not arrays.keys() >= due:
-            raise WorldError(f"the simulator did not send {', '.join(sorted(due - arrays.keys()))}")
+            raise WorldError(f"the simulator did not send the arrays {', '.join(sorted(due - arrays.keys()))}")
         if not isinstance(document.get("done"), bool):
-            raise WorldError(f"the simulator sent {str(document.get('done'))[:40]!r} as the success of the task")
+            raise WorldError(
+                f"the simulator must send a boolean as the success of the task, got {str(document.get('done'))[:40]!r}"
+            )
         for name, kinds in _KINDS.items():
             if arrays[name].ndim != 1 or (arrays[name].dtype.kind not in kinds and arrays[name].size):
                 found = f"{arrays[name].dtype} {arrays[name].shape}"
-                raise WorldError(f"the simulator sent {name} that cannot be read: {found}")
+                raise WorldError(f"the simulator sent the array {name} with an unexpected type or shape: {found}")
         row = arrays["row"]
         if row.shape != (self._row.size,) or row.dtype.char != "d":
             raise WorldError(f"the simulator sent a row of {row.size} numbers, expected {self._row.size}")
         if arrays["holds"].shape != (len(self._fixed["relations"]),):
-            raise WorldError(f"the simulator sent {arrays['holds'].size} of {len(self._fixed['relations'])} relations")
+            raise WorldError(
+                f"the simulator sent the values of {arrays['holds'].size} relations, "
+                f"expected {len(self._fixed['relations'])}"
+            )
         for name in _IMAGES if self._draws_next else ():
             require_image(name, arrays[name], (IMAGE_SIDE, IMAGE_SIDE, 3))
         numbers = row.tolist()
-        # a sum is finite only if all terms are, and computing it takes a third of the time of testing each term
+        # The sum is finite only if all numbers are, and computing it takes a third of the time of testing each number.
         if not math.isfinite(sum(numbers)) and (wrong := self._row.not_finite(row)):
             raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
         self._document, self._arrays, self._numbers = document, arrays, numbers
 
     def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Store the reply to the start of an episode. Raises WorldError if a row lacks a required array.
+        """Store the reply to the start of an episode. Raises WorldError if the rows lack a required array.
 
-        Other malformed replies raise exceptions that :func:`~betterbench.sim.worlds.process.as_agreed` turns into a
+        Other malformed replies raise exceptions that :func:`~betterbench.sim.worlds.process.as_agreed` converts into a
         WorldError.
         """
-        where, cure = "the start that the simulator sent", "Install its world again (better worlds install)"
+        where, cure = "the start that the simulator sent", "Install the world again (better worlds install)"
         start = read_form(_EPISODE_START, answer[0], where=where, cure=cure, raises=WorldError)
         self._row = RowForm(answer[0].get("row"))
         self._pairs = start.pairs
@@ -540,7 +561,7 @@ class ProcessScene:
         for name, count in due.items():
             shape = self._row.shapes.get(name)
             if shape is None or (count is not None and math.prod(shape) != count):
-                raise WorldError(f"the simulator's rows contain {name} with the shape {shape}")
+                raise WorldError(f"the simulator's rows contain {name} with the unexpected shape {shape}")
         self._fixed = answer[0]
         self._take(answer)
         self._goal = [self.relation_names.index(name) for name in self.subgoal_names]
@@ -550,7 +571,7 @@ class ProcessScene:
         self.broken_premises = tuple(name for name in self._fixed["premises"] if not holds[name])
 
     def _get(self, name: str) -> list[float]:
-        """Return the values of one array in the row."""
+        """Return the values of one array in the current row."""
         return self._numbers[self._row.places[name]]
 
     def _describe(self) -> SceneInfo:
@@ -579,38 +600,39 @@ class ProcessScene:
 
 
 class ProcessTracker:
-    """Tracker of an episode's goal, like :class:`betterbench.tasks.GoalTracker` in our own scenes."""
+    """Goal tracker for scenes of other worlds, the counterpart of :class:`betterbench.tasks.GoalTracker`."""
 
     def __init__(self, scene: ProcessScene) -> None:
-        """Prepare for an episode that has been reset."""
+        """Prepare to track an episode. The scene must already have been reset."""
         self._scene = scene
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """Names of the relation columns."""
+        """Names of the recorded relations."""
         return self._scene.relation_names
 
     @property
     def subgoal_names(self) -> tuple[str, ...]:
-        """Names of the subgoals."""
+        """Names of the subgoals, which are the relations that make up the goal."""
         return self._scene.subgoal_names
 
     @property
     def undecided_states(self) -> int:
-        """0, because the world evaluates relations in every state."""
+        """Always 0, because the world evaluates its relations in every state."""
         return 0
 
     def update(self, state: WorldState) -> Truth:
-        """Return the relations and subgoals that are true in the current state of the world."""
+        """Return the relations and subgoals that hold in the world's current state. ``state`` is not used."""
         del state
         return self._scene.truth()
 
 
 def quat2axisangle(quaternion: np.ndarray) -> np.ndarray:
-    """Return the rotation vector (3,) [rad] of a quaternion (x, y, z, w), without choosing the shorter one.
+    """Return the rotation vector (3,) [rad] of a quaternion (x, y, z, w), without choosing the shorter rotation.
 
-    Bit-identical to the function of this name in robosuite and openpi's ``examples/libero/main.py``: for w < 0, the
-    vector is longer than half a turn, as in training.
+    The result is bit-identical to that of the function with this name in robosuite and in openpi's
+    ``examples/libero/main.py``. For w < 0, the vector is longer than half a turn, as in the training data of LIBERO's
+    policies.
     """
     w = min(max(float(quaternion[3]), -1.0), 1.0)
     den = np.sqrt(1.0 - w * w)
@@ -629,7 +651,7 @@ def _role(thing: Mapping[str, Any], goal: str) -> str:
 
 
 def held_object(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
-    """Return the object that both fingers and no other body touch."""
+    """Return the name of the object that is touched by both fingers and by nothing else, or None if there is none."""
     left = _touching(contacts, "left_finger")
     between = left & _touching(contacts, "right_finger") if left else left
     if between:
@@ -640,12 +662,12 @@ def held_object(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
 
 
 def _touching(contacts: tuple[Contact, ...], name: str) -> set[str]:
-    """Return the names of the bodies that a body touches."""
+    """Return the names of all bodies in contact with the given body."""
     return {b if a == name else a for a, b, _ in contacts if name in (a, b)}
 
 
 def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
-    """Raise WorldError if an array sent by a simulator has a non-finite number."""
+    """Raise WorldError if an array that a simulator has sent contains a non-finite number."""
     floats = [array.ravel() for array in arrays.values() if array.dtype.kind == "f"]
     if floats and not np.isfinite(np.concatenate(floats)).all():
         wrong = [n for n, array in arrays.items() if array.dtype.kind == "f" and not np.isfinite(array).all()]
@@ -653,7 +675,7 @@ def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def require_image(name: str, image: np.ndarray, shape: tuple[int, ...]) -> None:
-    """Raise WorldError if an image or a depth image sent by a simulator has another shape or type than agreed."""
+    """Raise WorldError if an image or depth image from a simulator does not have the agreed shape and type."""
     agreed = np.float32 if name.startswith("depth_") else np.uint8
     if image.shape != shape or image.dtype != agreed:
         raise WorldError(
@@ -662,13 +684,16 @@ def require_image(name: str, image: np.ndarray, shape: tuple[int, ...]) -> None:
 
 
 def vector_of(values: np.ndarray | Sequence[float]) -> Vector:
-    """Return three numbers as a vector of floats."""
+    """Convert three numbers to a vector of Python floats."""
     x, y, z = map(float, values)
     return (x, y, z)
 
 
 def _from_matrix(numbers: Sequence[float]) -> Quaternion:
-    """Return the quaternion (w, x, y, z) of a rotation matrix given row by row, by its largest part (Shepperd 1978)."""
+    """Return the quaternion (w, x, y, z) of a rotation matrix given row by row.
+
+    The quaternion is computed from its largest component (Shepperd 1978), which is numerically stable.
+    """
     m = (numbers[0:3], numbers[3:6], numbers[6:9])
     trace = m[0][0] + m[1][1] + m[2][2]
     squares = [trace, m[0][0], m[1][1], m[2][2]]

@@ -1,4 +1,4 @@
-"""Main loop of a simulator process. It answers requests until the run closes the connection.
+"""Main loop of a simulator process, which answers requests until the run closes the connection.
 
 Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.
 """
@@ -22,31 +22,36 @@ _LONGEST_PROBLEM = 2000
 
 
 class Simulator(Protocol):
-    """A simulator with one environment."""
+    """Interface of a simulator with one environment, as the main loop of the simulator process requires it."""
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return a suite's "versions" and its "tasks", a list with "name", "instruction" and "states"."""
+        """Describe a suite: "versions", and "tasks" as a list of dicts with "name", "instruction" and "states"."""
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle every initial state of a task.
+        """Check the premises of a task in every initial state, after the settling steps.
 
-        Return the names of the premises and whether each holds in each state.
+        A premise is a relation between objects that the instruction takes for granted.
+
+        Return the names of the premises, and whether each premise holds in each state.
         """
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin an episode and settle, and return the constant properties and the first row."""
+        """Begin an episode and execute the settling steps.
+
+        Return the constant properties and the first row of numbers.
+        """
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
-        """Take one control step, and return the row after the step, with images if ``look``."""
+        """Execute one control step. Return the row of numbers after the step, with images if ``look`` is True."""
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Return "images" (n, size, size, 3) from the front camera at n states of a task's scene."""
+        """Render n states of a task's scene with the front camera, as an array "images" (n, size, size, 3)."""
 
 
 def answer_requests(simulator: Simulator, descriptor: int) -> None:
     """Answer requests from a socket until the socket is closed.
 
-    Output of the simulator goes to standard error. Only frames are sent over the socket.
+    Output that the simulator prints goes to standard error. Only frames are sent over the socket.
     """
     sys.stdout.flush()
     os.dup2(2, 1)
@@ -64,7 +69,7 @@ def answer_requests(simulator: Simulator, descriptor: int) -> None:
 
 
 def _told(problem: BaseException) -> str:
-    """Return an error in one line, with the first cause, and with the last error if libraries wrap the cause."""
+    """Describe an error in one line by its first cause. If libraries wrapped the cause, add the last error."""
     first = problem
     while first.__cause__ is not None:
         first = first.__cause__

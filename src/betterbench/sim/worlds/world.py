@@ -1,4 +1,4 @@
-"""Interfaces for worlds (the environments of trials) and for scenes in a world."""
+"""Interfaces of worlds, which are the simulated environments of trials, and of the scenes in a world."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ Form = TypeVar("Form")
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """Moment in a trial to render.
+    """Recorded state of a trial that should be rendered.
 
     Attributes:
         scene: Task and condition of the trial as one text ("libero_spatial-05/base").
-        record: Trial record.
-        row: Row of the record.
+        record: Record of the trial.
+        row: Row of the record that contains the state.
     """
 
     scene: str
@@ -44,14 +44,15 @@ class Photo:
 
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
-    """Choice of a run's trials.
+    """The trials that a user has chosen for a run.
 
     Attributes:
         suite: Suite name.
-        tasks: Tasks to run, by name or number. By default, all tasks in the suite.
-        trials: Number of trials in the world's unit. If None, the usual number is used.
-        seed: First seed, initial state or chain.
-        options: This world's options, by name.
+        tasks: Tasks to run, by name or number. By default, all tasks in the suite are run.
+        trials: Number of trials, as the world counts them (per variation, initial states or chains). If it is None, the
+            world's usual number is used.
+        seed: First seed, first initial state or first chain, depending on the world.
+        options: Values of the options that only this world has, by name.
     """
 
     suite: str
@@ -61,17 +62,17 @@ class PlanRequest:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def options_as(self, form: Callable[..., Form], *, world: str) -> Form:
-        """Return the options as a dataclass. Raises UnknownNameError for an unknown option."""
+        """Return the options as an instance of the given dataclass. Raises UnknownNameError for an unknown option."""
         known = [f.name for f in fields(form)]  # type: ignore[arg-type]
         for name in self.options:
             if name not in known:
-                raise UnknownNameError(f"option of {world}", name, known)
+                raise UnknownNameError(f"{world} option", name, known)
         return form(**self.options)
 
 
 @dataclass(frozen=True, slots=True)
 class SceneOptions:
-    """Scene options supported only by some worlds: render preset, robot, and looks of objects."""
+    """Scene options that only some worlds support: render preset, robot, and the variants of objects to use."""
 
     quality: str = "standard"
     robot: str = USUAL_ROBOT
@@ -79,23 +80,23 @@ class SceneOptions:
 
 
 USUAL_SCENE = SceneOptions()
-"""Default options."""
+"""Scene options that are used if none are given."""
 
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """Trial instruction for the policy."""
+    """Instruction of a trial for the policy."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Instructed:
-    """Condition in another world, with the fields that an episode needs.
+    """Condition of a trial in another world, reduced to the fields that an episode needs.
 
     Attributes:
         id: Task and condition as one text ("libero_spatial-05/base").
-        name: Condition name.
+        name: Name of the condition.
     """
 
     id: str
@@ -105,71 +106,71 @@ class Instructed:
 
     @classmethod
     def of(cls, whole: str, name: str, sentence: str) -> Instructed:
-        """Return the condition ``whole`` ("libero_spatial-05/base") with an instruction text."""
+        """Return a condition with the id ``whole`` ("libero_spatial-05/base") and the given instruction."""
         return cls(whole, name, Instruction(sentence))
 
 
 class Named(Protocol):
-    """Task of a scene."""
+    """Task of a scene, reduced to the properties that an episode needs."""
 
     @property
     def id(self) -> str:
-        """Task name in plans and records."""
+        """Name of the task in plans and records."""
 
 
 class Told(Protocol):
-    """Instruction of a condition."""
+    """Instruction of a condition, reduced to the properties that an episode needs."""
 
     @property
     def text(self) -> str:
-        """Text for the policy."""
+        """Text of the instruction, as the policy gets it."""
 
 
 class SceneCondition(Protocol):
-    """Condition of a scene."""
+    """Condition of a scene, reduced to the properties that an episode needs."""
 
     @property
     def id(self) -> str:
-        """Task and condition as one text."""
+        """Task and condition as one text, such as "libero_spatial-05/base"."""
 
     @property
     def name(self) -> str:
-        """Condition name."""
+        """Name of the condition."""
 
     @property
     def instruction(self) -> Told:
-        """Instruction to the policy."""
+        """Instruction for the policy."""
 
     @property
     def expected(self) -> Expected:
-        """Behavior of a correct policy."""
+        """Behavior that is expected of a correct policy."""
 
 
 class Tracker(Protocol):
-    """Judge of the goal in an episode."""
+    """Tracker that judges whether the goal is met during an episode."""
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """Names of a record's relation columns."""
+        """Names of the relations that are recorded."""
 
     @property
     def subgoal_names(self) -> tuple[str, ...]:
-        """Names of the subgoals, in their order."""
+        """Names of the subgoals, in order."""
 
     @property
     def undecided_states(self) -> int:
-        """Minimum number of states before the episode can succeed, or 0 if the next state may be a success."""
+        """Minimum number of further states before the episode can succeed, or 0 if the next state may succeed."""
 
     def update(self, state: WorldState) -> Truth:
-        """Return the relations and subgoals that hold in a state. Pass the states in order, starting at reset."""
+        """Return the relations and subgoals that hold in a state. Pass the states in order, starting with the reset."""
 
 
 class TrialScene(Protocol):
-    """Interface of a trial's scene for an episode."""
+    """Interface of a trial's scene, i.e. the properties and methods that an episode uses."""
 
     @property
     def world(self) -> str:
-        """Name of the world that defines the state for privileged policies."""
+        """Name of the world that defines how privileged policies read the state."""
 
     @property
     def draws_in_step(self) -> bool:
@@ -184,19 +185,19 @@ class TrialScene(Protocol):
 
     @property
     def over(self) -> bool:
-        """Whether the episode can no longer succeed and ends before its step limit."""
+        """Whether the episode ends before its step limit because it can no longer succeed."""
 
     @property
     def task(self) -> Named:
-        """Trial task."""
+        """Task of the trial."""
 
     @property
     def condition(self) -> SceneCondition:
-        """Trial condition, with its instruction."""
+        """Condition of the trial, with its instruction."""
 
     @property
     def seed(self) -> int:
-        """Trial seed."""
+        """Seed of the trial."""
 
     @property
     def action_space(self) -> ActionSpace:
@@ -204,31 +205,31 @@ class TrialScene(Protocol):
 
     @property
     def control_rate_hz(self) -> float:
-        """Actions per second."""
+        """Number of actions per second [Hz]."""
 
     @property
     def step_limit(self) -> int:
-        """Control steps after which an episode ends."""
+        """Number of control steps after which the episode ends."""
 
     @property
     def info(self) -> SceneInfo:
-        """Constant properties of the scene, known after the reset."""
+        """Properties of the scene that are constant during the episode. They are known after the reset."""
 
     @property
     def content_hash(self) -> str:
-        """Name of the stored scene: a digest of :meth:`files`."""
+        """Digest of :meth:`files`, under which the scene is stored."""
 
     def files(self) -> dict[str, bytes]:
-        """Return the files that are stored once per distinct scene."""
+        """Return the files that describe the scene. They are stored once for each distinct scene."""
 
     def reset(self) -> WorldState:
-        """Go to the start of the trial and return the state.
+        """Go to the start of the trial, and return the state at the start.
 
-        Raises PremiseError if the scene contradicts its premise.
+        Raises PremiseError if the scene contradicts what the task takes for granted about its start.
         """
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Execute an action for one control step and return the applied action.
+        """Execute an action for one control step, and return the action that was applied.
 
         Raises InvalidActionError if the action is malformed.
         """
@@ -237,13 +238,13 @@ class TrialScene(Protocol):
         """Set whether the policy needs images after the next step."""
 
     def state(self) -> WorldState:
-        """Return the privileged state."""
+        """Return the current privileged state."""
 
     def simulator_state(self) -> Mapping[str, np.ndarray]:
         """Return the arrays ``qpos``, ``qvel``, ``ctrl`` and ``act`` that are stored in the episode record."""
 
     def tracker(self) -> Tracker:
-        """Return the judge of an episode, after the reset."""
+        """Return the tracker that judges the goal during an episode. Call it after the reset."""
 
     def described(self, *, images: bool) -> SceneDescription:
         """Return the scene description that is stored in the episode record.
@@ -252,37 +253,37 @@ class TrialScene(Protocol):
         """
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> Mapping[str, Images]:
-        """Return the current images by camera. ``renderers`` are the worker's renderers for MuJoCo models."""
+        """Return the current images by camera. ``renderers`` are the worker's renderers of MuJoCo models."""
 
     def native(self) -> Mapping[str, np.ndarray]:
-        """Return the state as read by the world's own clients, by the names of our state parts.
+        """Return the values that the world's own clients read from the state, under the names that betterbench uses.
 
-        The result is empty if none.
-
-        If not empty, "ee_position" is the tool position for the policy.
+        The result is empty if the world's clients read only values that betterbench's observations contain as well.
+        Otherwise, it includes the tool position "ee_position" that the policy gets.
         """
 
     def close(self, *, well: bool) -> None:
-        """Free the resources of the trial. ``well`` is True if its record was written."""
+        """Free the resources of the trial. ``well`` is True if the record of the trial was written."""
 
 
 class World(ABC):
     """World: tasks, scenes and conventions, as a frozen value.
 
-    The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world. :meth:`plan` returns a run's
-    trials and the value for ``plan.world``, which may contain additional data of this run. Subclasses are frozen
-    dataclasses with picklable fields. The registry pickles worlds by name.
+    The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world. :meth:`plan` returns the trials
+    of a run and the value that is stored as ``plan.world``, which may contain additional data of this run. Subclasses
+    are frozen dataclasses whose fields can be pickled. A world is pickled by its name in the registry.
 
     Attributes:
-        facts: Facts that need no simulator.
-        control_rate_hz: Actions per second.
-        action_spaces: Supported action spaces, the default first.
-        observations: Supported observation presets: the preset to use, by requested name.
-        dialect: World whose conventions are used with a policy server ("libero"). It is empty for our own scenes.
-        drawn_by: Renderer of the images, for the manifest. It is empty if the workers render MuJoCo models.
+        facts: Properties of the world that can be read without its simulator.
+        control_rate_hz: Number of actions per second.
+        action_spaces: Supported action spaces, starting with the default.
+        observations: Supported observation presets. Keys are the requested names, values the presets that are used.
+        dialect: World whose conventions are used with a policy server ("libero"). It is empty for betterbench's own
+            scenes.
+        drawn_by: Component that renders the images, for messages. It is empty if the workers render MuJoCo models.
         options: Dataclass of the options that only this world has, for :attr:`PlanRequest.options`.
-        installation: Environment of the simulator, or None.
-        command: Command of the simulator's process. It is empty without a process.
+        installation: Environment in which the simulator is installed, or None if there is none.
+        command: Command of the simulator's process. It is empty if the world has no such process.
     """
 
     __slots__ = ()
@@ -299,20 +300,20 @@ class World(ABC):
 
     @property
     def name(self) -> str:
-        """Name in plans and on the command line."""
+        """Name of the world in plans and on the command line."""
         return self.facts.name
 
     @property
     def is_ready(self) -> bool:
-        """Whether trials can be run without another installation."""
+        """Whether trials can run without installing anything else."""
         return self.installation is None or self.installation.is_installed
 
     @abstractmethod
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], World]:
-        """Return a run's trials, and the world for the stored plan.
+        """Return the trials of a run, and the world that is stored with the plan.
 
         Raises:
-            InvalidInputError: If a number is out of range or nothing is left to run.
+            InvalidInputError: If a number is out of range or no trial is left to run.
             UnknownNameError: If a suite, task or option does not exist.
             MissingDependencyError: If the world is not installed.
             WorldError: If the simulator does not answer.
@@ -331,87 +332,90 @@ class World(ABC):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> TrialScene:
-        """Return a trial's scene.
+        """Open the scene of a trial.
 
         Args:
-            processes: Pool of processes that run :attr:`command`, from which the scene may take one.
+            processes: Pool of processes that run :attr:`command`. The scene may take one of them.
             task: Task name.
             condition: Condition name.
-            seed: Trial seed.
+            seed: Seed of the trial.
             action_space: Action space of the run.
             images: Whether the policy gets images.
             depth: Whether the policy also gets depth images.
-            options: Options that only some worlds have.
+            options: Scene options that only some worlds support.
         """
 
     def start_command(self) -> tuple[str, ...]:
-        """Return the command of the simulator's process, with default options."""
+        """Return the command of the simulator's process with default options.
+
+        It is empty if there is no such process.
+        """
         return () if self.installation is None else self.installation.command()
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict for plans, so that a run can be read without the world's code."""
+        """Return the world in JSON form for plans, so that a run can be read without the world's code."""
         return {"name": self.name, "facts": self.facts.to_json()}
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
-        """Return the plan fields that describe the world and its task versions."""
+        """Return the fields of a plan that describe the world and the versions of the tasks."""
         del tasks
         return {"world": self.to_json()}
 
     def plan_options(self, options: SceneOptions) -> dict[str, Any]:
-        """Return the fields of a plan about options that only some worlds have."""
+        """Return the fields in which a plan stores the scene options that only some worlds support."""
         del options
         return {}
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return a description of the world's conventions. ``robot`` is the name of the run's robot."""
+        """Return the world's conventions as short texts. ``robot`` is the name of the run's robot."""
         del robot
         return {"control_rate_hz": self.control_rate_hz, "units": "m, kg, s, rad"}
 
     def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
-        """Return the message before a run: extent and limitations."""
+        """Return the messages that are shown before a run: its extent and its limitations."""
         return (f"{len(trials)} trial{'' if len(trials) == 1 else 's'} of {suite}.",)
 
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:  # noqa: B027 - most need nothing
-        """Prepare this machine once, before any worker starts.
+        """Prepare this machine once, before the workers start.
 
-        ``on_progress`` is called with the work's name, the steps done and the total steps.
+        ``on_progress`` is called with the name of the work, the number of steps done and the total number of steps.
         """
 
     def environments(self, usual: int) -> int:
-        """Return the initial number of environments for a worker whose policy answers from another process."""
+        """Return the initial number of environments of each worker, if the policy answers from another process."""
         return usual
 
     def step_limits(self, trials: Sequence[Trial]) -> Mapping[TrialId, int]:
-        """Return the step limit of each trial, or an empty mapping if unknown."""
+        """Return the step limit of each trial, or an empty mapping if the limits are unknown."""
         del trials
         return {}
 
     def in_order(self, trials: Sequence[Trial], *, last: int) -> list[Trial]:
-        """Return the trials in execution order. The order does not affect results.
+        """Return the trials in the order in which they are executed. The order does not affect the results.
 
-        Workers wait for the ``last`` trials at the end of a run.
+        ``last`` is the number of trials at the end of a run, when idle workers may have to wait for others.
         """
         del last
         return sorted(trials, key=lambda t: (t.task, t.seed))
 
     def interventions(self, trial: Trial) -> tuple[str, ...]:
-        """Return the interventions of a variation, for the record."""
+        """Return the interventions of the trial's variation, as the record stores them."""
         return () if trial.variation is None else (f"{self.name}: {trial.variation}",)
 
     def photos(
         self, stored: Mapping[str, Any], wanted: Sequence[Photo], *, size: int, where: str
     ) -> Iterator[np.ndarray]:
-        """Yield one image (size, size, 3) for each requested moment in a run.
+        """Yield one image (size, size, 3) for each requested recorded state of a run.
 
         Args:
-            stored: the world as JSON, from the run plan.
-            wanted: Moments, grouped by scene.
+            stored: The world in JSON form, from the run's plan.
+            wanted: Recorded states to render, grouped by scene.
             size: Width and height of an image [pixel].
             where: Name of the plan file, for messages.
 
         Raises:
             RecordError: If the plan is malformed.
-            MissingDependencyError: If rendering is not possible here.
+            MissingDependencyError: If the states cannot be rendered on this machine.
             WorldError: If the simulator fails.
         """
         del stored, size, where

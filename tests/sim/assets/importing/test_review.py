@@ -294,7 +294,7 @@ def test_values_out_of_range_are_not_written(tmp_path, decision):
 
 
 def test_a_rejection_needs_a_reason():
-    with pytest.raises(ValueError, match="needs a reason"):
+    with pytest.raises(ValueError, match="must have a reason"):
         Verdict("reject", "  ")
 
 

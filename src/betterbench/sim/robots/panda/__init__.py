@@ -1,19 +1,19 @@
 """The Franka Emika Panda with its two-finger hand, modeled from Franka's public description.
 
-Kinematics (joint origins, limits of position and speed, the hand on the flange turned by -45 degrees, the fingers 58.4
+Kinematics (joint origins, limits of position and speed, the hand turned by -45 degrees on the flange, the fingers 58.4
 mm and the tool center point 103.4 mm below the hand frame): the URDF of Franka's own ``franka_description``
-(Apache-2.0) and the Denavit-Hartenberg table of the Franka Control Interface documentation.
+(Apache-2.0) and the Denavit-Hartenberg table in the documentation of the Franka Control Interface.
 
 Masses and inertias of the links: C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic
 Identification of the Franka Emika Panda Robot With Retrieval of Feasible Parameters Using Penalty-Based Optimization",
-IEEE RA-L 4(4), 2019; hand and fingers: ``franka_description``, ``inertial.yaml``.
+IEEE RA-L 4(4), 2019. Hand and fingers: ``franka_description``, ``inertial.yaml``.
 
 Reflected rotor inertias: 0.6057 (joints 1-2), 0.4625 (3-4) and 0.2055 kg m2 (5-7), given by Franka for the successor
-FR3 and published in Drake's ``franka_description`` README. Joint friction is omitted, because the Panda's joint torque
-controllers compensate it, as they compensate gravity (``gravcomp``).
+FR3 and published in the README of Drake's ``franka_description``. Joint friction is omitted, because the Panda's joint
+torque controllers compensate it, as they compensate gravity (``gravcomp``).
 
-Collision shapes are capsules, cylinders and boxes fitted to the visual meshes. ``tests/sim/robots`` measures their
-deviation.
+Collision shapes are capsules, cylinders and boxes fitted to the visual meshes. ``tests/sim/robots`` measures how far
+they deviate from the meshes.
 """
 
 from __future__ import annotations
@@ -51,19 +51,25 @@ from betterbench.sim.robots.spec import (
 )
 
 FACE_BUDGET = 7600
-"""Triangles of arm and hand together, with two fingers counted once. The complete robot's budget is 8,000 (design,
-section 3).
+"""Number of triangles of the arm and the hand together, counting the two fingers once.
+
+The budget of the complete robot is 8,000 (design, section 3).
 """
 
 PAD_HALF_SIZE = (0.010, 0.004, 0.012)
-"""Half extents of a finger pad [m]: a face of 20 x 24 mm, 8 mm deep."""
+"""Half extents of a finger pad [m]. Its face is 20 x 24 mm, and it is 8 mm deep."""
 
 PAD_CENTER_Z = 0.042
-"""Height of the pad's center in the finger frame [m]: its lower edge is flush with the finger tip at 54 mm."""
+"""Height of the pad's center in the finger frame [m].
+
+The lower edge of the pad is flush with the fingertip at 54 mm.
+"""
 
 PAD_FRICTION = (1.2, 0.01, 0.0001)
-"""Sliding friction of rubber on a smooth solid; torsional: two thirds of the radius of a 15 mm contact patch; rolling:
-solver default.
+"""Sliding, torsional and rolling friction of a pad.
+
+Sliding: rubber on a smooth solid. Torsional: two thirds of the radius of a 15 mm contact patch. Rolling: the solver's
+default.
 """
 
 _HALF_PI = 0.5 * math.pi
@@ -204,7 +210,7 @@ _FINGER = Link(
     (0.0, 0.0, 0.0584),
     about("z", 0.0),
     0.015,
-    # The mesh spans 54 mm; the public description puts the center of mass at the finger frame, which is kept.
+    # The mesh spans 54 mm. Nevertheless, the center of mass stays where the public description has it.
     (0.0, 0.0, 0.0),
     (2.375e-06, 2.375e-06, 7.5e-07, 0.0, 0.0, 0.0),
     (
@@ -213,29 +219,32 @@ _FINGER = Link(
         Shape("box", (0.0, 0.0159, 0.0284), (0.00875, 0.0035, 0.0118), turn=("x", math.pi / 6.0)),
         Shape("box", (0.0, 0.0115, 0.0450), (0.00875, 0.0035, 0.0090)),
     ),
-    # The Franka Hand's spindle drive is not back-drivable; 0.1 kg per finger represents its reflected inertia.
+    # The spindle drive of the Franka Hand is not back-drivable. 0.1 kg per finger represents its reflected inertia.
     armature=0.1,
 )
 
 SERVO_STIFFNESS = (3500.0, 3500.0, 2500.0, 2500.0, 700.0, 700.0, 500.0)
-"""Position gain per arm joint [N m/rad].
+"""Position gain of each arm joint [N m/rad].
 
-It is the square of a natural frequency of about 45 rad/s times the largest inertia of the joint over the workspace. The
-slowest loop then settles within a tenth of a second and is far (1:20) from the 500 Hz of the physics.
+The gain is the square of a natural frequency of about 45 rad/s times the largest inertia of the joint over the
+workspace. The slowest loop then settles within a tenth of a second, and its frequency is far (1:20) from the 500 Hz of
+the physics.
 """
 
 SERVO_DAMPING = (160.0, 160.0, 110.0, 110.0, 32.0, 32.0, 23.0)
-"""Velocity gain per arm joint [N m s/rad]: critical damping of the above, 2 times stiffness over natural frequency."""
+"""Velocity gain of each arm joint [N m s/rad]. It gives critical damping: 2 times stiffness over natural frequency."""
 
 _GRIPPER_STIFFNESS = 5000.0
-"""Stiffness of the gripper servo [N/m]: the force limit is reached when the command is 8 mm inside the object."""
+"""Stiffness of the gripper servo [N/m]. The force limit is reached when the command is 8 mm inside the object."""
 
 _GRIPPER_DAMPING = 60.0
-"""Damping of the gripper servo [N s/m]: 34 would be critical for 0.115 kg per finger; more avoids oscillation."""
+"""Damping of the gripper servo [N s/m]. 34 would be critical for 0.115 kg per finger. More avoids oscillation."""
 
 _GRIPPER_FORCE_N = 40.0
-"""Force of each pad [N]: the Franka Hand holds 70 N continuously (data sheet), and 35 N already held round and flat
-objects in trials."""
+"""Force of each pad [N].
+
+The Franka Hand can hold 70 N continuously (data sheet), but in trials, 35 N already held round and flat objects.
+"""
 
 PANDA = RobotSpec(
     name="panda",
@@ -276,7 +285,7 @@ PANDA = RobotSpec(
     ik=IKWeights(
         # The length of the gripper [m], so that position and rotation errors have the same effect at the wrist.
         orientation=0.3,
-        # Displaces the tool by about its square, 1 micrometer per rad.
+        # The posture cost displaces the tool by about the square of this number, 1 micrometer per rad.
         posture=1e-3,
         # The elbow returns to its posture by 5 % per step, and singular directions are damped.
         step_damping=2e-5,
@@ -306,7 +315,7 @@ PANDA = RobotSpec(
         leave_m=0.05,
         check_step_m=0.03,
     ),
-    # The center is the second joint (Franka's data sheet); a stretched arm cannot rotate, so 97 % of its reach.
+    # The center is the second joint (Franka's data sheet). A stretched arm cannot rotate, so 97 % of the reach is used.
     steering=SteeringLimits(
         center=(0.0, 0.0, 0.333), back_m=0.21, longest_m=0.97 * 0.855, nearest_m=0.20, highest_m=0.75
     ),
@@ -329,9 +338,9 @@ _SHARES = {
 
 
 def _paint(link: str, rank: int) -> str:
-    """Return the paint of a connected part of a link's mesh, by its size rank, largest first.
+    """Return the paint of a connected part of a link's mesh. ``rank`` is the rank of the part by size, largest first.
 
-    The numbers were found by inspection of the parts: covers, connectors, buttons and rubber tips.
+    The ranks were found by looking at the parts: covers, connectors, buttons and rubber tips.
     """
     if rank == 0:
         return "trim" if link == "finger" else "shell"
@@ -345,9 +354,10 @@ def _paint(link: str, rank: int) -> str:
 
 
 def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a new MuJoCo description of the Panda, optionally without visual meshes. The physics is the same.
+    """Return a new MuJoCo description of the Panda. Its physics is the same with and without visual meshes.
 
-    The base is at the origin, with the mounting flange at ``z = 0``. Group 2 geoms are visual, group 3 geoms collide.
+    The base is at the origin, with the mounting flange at ``z = 0``. Geoms in group 2 are visual, geoms in group 3
+    collide.
 
     Raises:
         MissingDependencyError: If the package with the meshes is not installed.
@@ -385,7 +395,7 @@ def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mu
 
 
 def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
-    """Add both fingers with their pads, coupled so that the object stays in the center of the gripper."""
+    """Add both fingers with their pads. They are coupled, so that an object stays in the center of the gripper."""
     for index, name in enumerate(PANDA.finger_bodies):
         finger = add_link(hand, _FINGER, name, quaternion=about("z", index * math.pi), gravcomp=1.0)
         finger.add_joint(
@@ -418,7 +428,7 @@ def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
 
 
 def _add_servos(spec: mujoco.MjSpec) -> None:
-    """Add the joint servos, and the gripper servo that takes the opening width [m] and acts on both fingers equally."""
+    """Add the joint servos, and a gripper servo that is controlled by the opening width [m] and moves both fingers."""
     add_joint_servos(
         spec,
         (PANDA.arm_joints, PANDA.position_actuators, PANDA.velocity_actuators),
@@ -433,14 +443,17 @@ def _add_servos(spec: mujoco.MjSpec) -> None:
     gripper = add_servo(spec, PANDA.gripper_actuator, "pad_distance", gain=_GRIPPER_STIFFNESS, bias=bias)
     gripper.trntype = mujoco.mjtTrn.mjTRN_TENDON
     gripper.ctrllimited = True
-    # Below zero, so that the full force also holds the thinnest object.
+    # The range begins below zero, so that even the thinnest object is held with full force.
     gripper.ctrlrange = (-PANDA.gripper_lead_m, PANDA.gripper_opening_m)
     gripper.forcelimited = True
     gripper.forcerange = (-_GRIPPER_FORCE_N, _GRIPPER_FORCE_N)
 
 
 def _exclude_neighbors(spec: mujoco.MjSpec) -> None:
-    """Exclude pairs that overlap by construction: neighbors, and the short wrist with links two joints away."""
+    """Exclude collisions between bodies that always overlap.
+
+    These are neighboring links, and the short wrist and the links two joints away from it.
+    """
     chain = [link.name for link in _LINKS] + [PANDA.hand_body]
     pairs = list(itertools.pairwise(chain))
     pairs += [("link5", "link7"), ("link6", PANDA.hand_body)]
@@ -456,7 +469,10 @@ def _visuals() -> tuple[MeshPart, ...]:
 
 
 def _add_visuals(bodies: dict[str, mujoco.MjsBody], spec: mujoco.MjSpec, progress: Progress | None) -> None:
-    """Add the decimated meshes to the bodies, and the rubber of the pads, which the meshes show only in part."""
+    """Add the decimated meshes to the bodies.
+
+    Also add the rubber of the pads, which the meshes contain only in part.
+    """
     fingers = [spec.body(name) for name in PANDA.finger_bodies]
     parts = _visuals() if progress is None else visual_parts(_SHARES, _paint, faces=FACE_BUDGET, progress=progress)
     for part in parts:

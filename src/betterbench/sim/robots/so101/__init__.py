@@ -1,4 +1,4 @@
-"""The SO-101 of TheRobotStudio, a printed arm with five joints and one moving jaw, driven by six STS3215 servos.
+"""The SO-101 of TheRobotStudio: a printed arm with five joints and one moving jaw, driven by six STS3215 servos.
 
 Kinematics, joint ranges, masses, inertias and meshes: TheRobotStudio's ``SO-ARM100``, ``Simulation/SO101`` with the new
 calibration, in the form of MuJoCo Menagerie's ``robotstudio_so101`` (commit 4c358ef9d9d7f32ca58b40b490884a0c1726a440),
@@ -6,16 +6,16 @@ both Apache-2.0. The file ``meshes.npz`` contains the decimated visual meshes. `
 file and documents the changes. ``LICENSE`` is the license of the original meshes.
 
 **Zero angles.** The new calibration puts the zero of each joint in the middle of its range. TheRobotStudio's old
-calibration has its zero at the fully extended arm. It is not used here.
+calibration, with the zero at the fully extended arm, is not used here.
 
 **Servos.** ``kp`` 998.22 N m/rad and ``kv`` 2.731 N m s/rad are derived from a model of the DC motor (SO-ARM100, pull
 request 141). Damping, friction loss and armature of the STS3215 are those of Open Duck Mini, a robot with the same
-servo. Nobody has measured them on this arm. LeRobot limits the gripper's servo to half of its torque.
+servo. No measurement on this arm is known. LeRobot limits the gripper's servo to half of its torque.
 
 **Collision shapes** are boxes fitted to the meshes. Each jaw has a flat pad along its inner face, so that a held object
 touches two planes instead of printed ridges.
 
-The base frame is on the table below the arm's mounting plate, x away from the base.
+The base frame is on the table below the arm's mounting plate. Its x axis points away from the base.
 """
 
 from __future__ import annotations
@@ -67,20 +67,25 @@ SERVO_STIFFNESS = 998.22
 SERVO_DAMPING = 2.731
 """Velocity gain of a servo [N m s/rad]."""
 SERVO_TORQUE = 2.94
-"""Stall torque of the STS3215 with 12 V [N m]: 30 kg cm in its data sheet."""
+"""Stall torque of the STS3215 at 12 V [N m]. The data sheet gives it as 30 kg cm."""
 GRIPPER_TORQUE = 0.5 * SERVO_TORQUE
-"""LeRobot's ``so101_follower`` sets ``Max_Torque_Limit`` of the gripper to 500 of 1000, against burnt windings."""
+"""Torque limit of the gripper's servo [N m].
+
+LeRobot's ``so101_follower`` sets ``Max_Torque_Limit`` of the gripper to 500 of 1000 to protect the windings.
+"""
 
 JOINT_DAMPING = 0.60
-"""Viscous friction of a servo [N m s/rad], borrowed from Open Duck Mini."""
+"""Viscous friction of a servo [N m s/rad], taken from Open Duck Mini."""
 JOINT_FRICTION = 0.052
-"""Dry friction of a servo [N m], borrowed from Open Duck Mini."""
+"""Dry friction of a servo [N m], taken from Open Duck Mini."""
 JOINT_ARMATURE = 0.028
-"""Reflected rotor inertia of a servo [kg m2], borrowed from Open Duck Mini."""
+"""Reflected rotor inertia of a servo [kg m2], taken from Open Duck Mini."""
 
 PAD_FRICTION = (1.0, 0.01, 0.0001)
-"""Sliding friction of printed jaws with grip tape; torsional: two thirds of the radius of a 15 mm contact patch;
-rolling: solver default.
+"""Sliding, torsional and rolling friction of a pad.
+
+Sliding: printed jaws with grip tape. Torsional: two thirds of the radius of a 15 mm contact patch. Rolling: the
+solver's default.
 """
 
 _BASE_Z = 0.0024
@@ -89,7 +94,7 @@ _BASE_Z = 0.0024
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One mesh of a link, with the stem of its file, its pose in the link and its paint."""
+    """One mesh of a link: the stem of its file, its pose in the link and its paint."""
 
     link: str
     mesh: str
@@ -196,7 +201,7 @@ _CHAIN = (
         armature=JOINT_ARMATURE,
     ),
 )
-"""The links that the five arm joints turn about their z axes, from the base to the gripper."""
+"""Links of the arm from the base to the gripper. The five arm joints turn them about their z axes."""
 
 _CAMERA = Link(
     "camera",
@@ -228,15 +233,17 @@ _MOVING_JAW = Link(
 _MOVING_PAD = Shape("box", (-0.0073, -0.0562, 0.0189), (0.003, 0.0262, 0.006), turn=("z", -0.0768))
 
 _TOOL_X, _TOOL_Z = 0.0165, -0.094
-"""Position of the tool center point in the gripper's frame [m]: 10 mm from the fixed jaw's tip, and 26 mm from its
-face, so that a fruit of 52 mm between the jaws is centered on it.
+"""Position of the tool center point in the gripper's frame [m].
+
+It is 10 mm from the tip of the fixed jaw and 26 mm from its face, so that a fruit of 52 mm between the jaws is centered
+on it.
 """
 _FACE_X = -0.0094
-"""Face of the fixed pad at the height of the tool center point, in the gripper's frame [m]."""
+"""Position of the fixed pad's face at the height of the tool center point, in the gripper's frame [m]."""
 
 _JAW_LOW, _JAW_HIGH = -0.174533, 1.745329
 _LEVEL_X, _LEVEL_Y = -0.0114, -0.0706
-"""Point of the moving pad's face level with the tool center point at zero angle, in the jaw's frame [m]."""
+"""Point of the moving pad's face that is level with the tool center point at zero angle, in the jaw's frame [m]."""
 
 _ARM = SO101_MOTORS[:-1]
 _OPENING_M = 0.085
@@ -258,19 +265,20 @@ SO101 = RobotSpec(
     hand_body="gripper",
     arm_bodies=("base", "shoulder", "upper_arm", "lower_arm", "wrist"),
     tcp_site="tcp",
-    # The tool 8 cm above the table, 20 cm in front of the base's origin, straight down with the camera on the far side.
+    # At home, the tool is 8 cm above the table and 20 cm in front of the base's origin. It points straight down, with
+    # the camera on the far side.
     home_joints=(-0.1031, -0.2731, 0.3105, 1.5334, -1.6252),
     joint_low=(-1.91986, -1.74533, -1.69, -1.65806, -2.7438473),
     joint_high=(1.91986, 1.74533, 1.69, 1.65806, 2.84121),
-    # The STS3215 turns at 4.7 rad/s without load (60 degrees in 0.222 s); with the friction above and the arm's weight,
-    # its torque suffices for 3.5 rad/s.
+    # Without load, the STS3215 turns at 4.7 rad/s (60 degrees in 0.222 s). With the friction above and the weight of
+    # the arm, its torque suffices for 3.5 rad/s.
     joint_velocity=(3.0,) * 5,
     joint_effort=(SERVO_TORQUE,) * 5,
     gripper_opening_m=_OPENING_M,
     pad_size_m=(2.0 * _FIXED_PAD.end[1], 2.0 * _FIXED_PAD.end[2]),
     tip_below_tcp_m=0.1044 + _TOOL_Z,
     gripper_speed_m_s=0.15,
-    # The torque limit at the lever of the tool center point.
+    # The torque limit, divided by the lever arm of the tool center point.
     gripper_force_n=round(GRIPPER_TORQUE / abs(_LEVEL_Y), 1),
     gripper_lead_m=0.012,
     control_rate_hz=PHYSICS.control_rate_hz,
@@ -304,7 +312,7 @@ SO101 = RobotSpec(
         (-1.0, 0.0, 0.0, 0.0, 2.5),
     ),
     # TheRobotStudio's camera mount for a 32 x 32 mm module. With the field of view of MuJoCo Menagerie (48.5 degrees),
-    # only the fixed jaw is in the image; with the usual wide lens, both jaws are.
+    # only the fixed jaw would be in the image. With the usual wide lens, both jaws are.
     wrist_camera=CameraMount((0.0, 0.055, -0.045), (0.0, 0.01722, -0.10393), (0.0, 1.0, 0.0), 70.0),
     # Like a camera on a stand in front of the arm, as in LeRobot's kits.
     front_camera=CameraMount((0.72, 0.0, 0.46), (0.17, 0.0, 0.045), (0.0, 0.0, 1.0), 52.0),
@@ -316,10 +324,10 @@ SO101 = RobotSpec(
         leave_m=0.015,
         check_step_m=0.012,
     ),
-    # The tool tilts by up to 40 degrees at the edge of this sphere around the first axis at the height of the second.
+    # This sphere is centered on the first axis at the height of the second. At its edge, the tool tilts by up to 40°.
     steering=SteeringLimits(center=(0.0388, 0.0, 0.119), back_m=0.0, longest_m=0.32, nearest_m=0.11, highest_m=0.24),
-    # The first three numbers are borrowed from another robot, so their ranges are wide. The gains come from a model of
-    # the motor, and firmware and supply voltage change them. Each servo has its own values.
+    # The first three quantities are taken from another robot, so their ranges are wide. The gains come from a model of
+    # the motor, and depend on firmware and supply voltage. Each servo has its own values.
     dynamics=(
         VariedQuantity("joint_damping", 0.5, 2.0, "borrowed from Open Duck Mini; a choice"),
         VariedQuantity("joint_friction", 0.5, 2.0, "borrowed from Open Duck Mini; a choice"),
@@ -339,11 +347,11 @@ SO101 = RobotSpec(
 )
 
 _PAINTS = {"print": (0.93, 0.92, 0.89, 1.0), "jaw": (0.95, 0.42, 0.08, 1.0), "dark": (0.11, 0.11, 0.12, 1.0)}
-"""Colors of the printed parts, of the printed parts of the gripper and of the servos."""
+"""Colors of the printed parts, of the printed parts of the gripper, and of the servos."""
 
 
 def build_so101(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a new MuJoCo description of the SO-101, optionally without visual meshes. The physics is the same."""
+    """Return a new MuJoCo description of the SO-101. Its physics is the same with and without visual meshes."""
     del progress  # the packaged meshes are already decimated
     spec = mujoco.MjSpec()
     spec.modelname = SO101.name
@@ -372,7 +380,7 @@ def build_so101(*, visuals: bool = True, progress: Progress | None = None) -> mu
 
 
 def _add_hinge(body: mujoco.MjsBody, name: str, limits: tuple[float, float], torque: float) -> None:
-    """Add a servo's joint with its friction and the limit of its torque [N m]."""
+    """Add the joint of a servo, with its friction and its torque limit [N m]."""
     body.add_joint(
         name=name,
         type=mujoco.mjtJoint.mjJNT_HINGE,
@@ -386,7 +394,7 @@ def _add_hinge(body: mujoco.MjsBody, name: str, limits: tuple[float, float], tor
 
 
 def _add_jaws(gripper: mujoco.MjsBody) -> mujoco.MjsBody:
-    """Add the tool center point, the fixed and the moving jaw, each with its pad, and return the moving jaw."""
+    """Add the tool center point and both jaws with their pads. Return the moving jaw."""
     half = math.sqrt(0.5)
     gripper.add_site(
         name=SO101.tcp_site, pos=(_TOOL_X, 0.0, _TOOL_Z), quat=(0.0, half, half, 0.0), size=(0.004,) * 3, group=4
@@ -402,7 +410,7 @@ def _add_jaws(gripper: mujoco.MjsBody) -> mujoco.MjsBody:
 
 
 def _exclude_neighbors(spec: mujoco.MjSpec) -> None:
-    """Exclude pairs that overlap by construction: links next to each other, and the short wrist with its neighbors."""
+    """Exclude collisions of bodies that always overlap: adjacent links, and the short wrist with its neighbors."""
     for first, second in (
         ("base", "shoulder"),
         ("base", "upper_arm"),

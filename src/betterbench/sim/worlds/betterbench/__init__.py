@@ -1,4 +1,4 @@
-"""Betterbench's own scenes as a world: the tasks of better60 and user tasks, in MuJoCo."""
+"""Betterbench's own scenes as a world: the tasks of better60 and user-defined tasks, simulated in MuJoCo."""
 
 from betterbench.sim.worlds.betterbench.world import OWN_WORLD, OwnWorld
 from betterbench.sim.worlds.registry import register_world

@@ -1,6 +1,7 @@
-"""World of betterbench's own scenes: plans, and the execution order of trials.
+"""World of betterbench's own scenes. It plans the trials of a run and the order in which they are executed.
 
-MuJoCo, which ``sim.robots`` and ``sim.scenes`` import, is imported at first use: a list of suites needs no simulator.
+``sim.robots`` and ``sim.scenes`` import MuJoCo. They are therefore imported only when a function needs them, so that
+listing the suites works without a simulator.
 """
 
 from __future__ import annotations
@@ -33,11 +34,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class OwnOptions:
-    """Run options in our own scenes.
+    """Options of a run in betterbench's own scenes.
 
     Attributes:
-        variations: Variations to run, as "L1" or "fast_food/T1". By default, all.
-        until_decided: Whether to run only the variations and their twins, each as often as the verdict requires.
+        variations: Variations to run, written like "L1" or "fast_food/T1". By default, all variations are run.
+        until_decided: Whether to run only the variations and their twins (the training trials with the same seeds), and
+            to stop running a variation as soon as its verdict is decided.
     """
 
     variations: tuple[str, ...] = ()
@@ -46,7 +48,7 @@ class OwnOptions:
 
 @dataclass(frozen=True, slots=True)
 class OwnWorld(World):
-    """Our own scenes. This value does not depend on the run."""
+    """Betterbench's own scenes. The world has no fields, so it is the same value in every run."""
 
     facts: ClassVar[WorldFacts] = OURS
     action_spaces: ClassVar[tuple[str, ...]] = PLAYED_IN[""]
@@ -55,10 +57,11 @@ class OwnWorld(World):
     options: ClassVar[type | None] = OwnOptions
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], OwnWorld]:
-        """Return the trials of tasks, with every variation and the training conditions.
+        """Plan the trials of the requested tasks: every variation, and the training conditions.
 
-        Every variation has the seeds ``seed … seed + trials - 1``, and the training conditions of each task as many
-        trials in total as the variations, evenly distributed. They include the twins of the variations.
+        Every variation is run with the seeds ``seed … seed + trials - 1``. The training conditions of a task get as
+        many trials in total as its variations, evenly distributed. These trials include the twins of the variations,
+        which are the training trials with the same seeds.
         """
         options = asked.options_as(OwnOptions, world=self.facts.title)
         trials, seed, variations = 20 if asked.trials is None else asked.trials, asked.seed, options.variations
@@ -78,7 +81,7 @@ class OwnWorld(World):
             planned += [_trial(task, c, s) for c in training for s in range(seed, seed + max(share, trials))]
         if not planned:
             raise InvalidInputError(
-                "--variations", f"{', '.join(variations)} does not select any trial", "Give other variations"
+                "--variations", f"{', '.join(variations)} does not select any trial", "Choose other variations"
             )
         return tuple(planned), self
 
@@ -94,7 +97,7 @@ class OwnWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> Scene:
-        """Return a trial's scene. Images are rendered by the worker."""
+        """Open the scene of a trial. Its images are rendered in the process of the worker that calls this method."""
         from betterbench.sim.scenes import Scene, quality_preset  # noqa: PLC0415 - see above
 
         del processes, images, depth
@@ -110,7 +113,7 @@ class OwnWorld(World):
         )
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
-        """Return the versions of the suite, the engine and the tasks."""
+        """Return the versions of the suite, of the engine and of the tasks, in the form used in plans."""
         from betterbench.sim.scenes import engine_version  # noqa: PLC0415 - see above
 
         return {
@@ -120,7 +123,7 @@ class OwnWorld(World):
         }
 
     def plan_options(self, options: SceneOptions) -> dict[str, Any]:
-        """Return the render preset, the robot and the looks of a plan."""
+        """Return the render preset, the robot and the object variants of a run, in the form used in plans."""
         from betterbench.sim.scenes import quality_preset  # noqa: PLC0415 - see above
 
         return {
@@ -130,7 +133,7 @@ class OwnWorld(World):
         }
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the robot and the fixed conventions of our scenes."""
+        """Return the robot and the fixed conventions of betterbench's scenes."""
         from betterbench.sim.robots import robot as robot_named  # noqa: PLC0415 - see above
         from betterbench.sim.scenes import TIMESTEP_S  # noqa: PLC0415 - see above
 
@@ -146,21 +149,21 @@ class OwnWorld(World):
         }
 
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:
-        """Decimate a robot's meshes into the cache. Later runs find them there and report nothing."""
+        """Decimate the robot's meshes and store them in the cache, unless an earlier run has already done so."""
         from betterbench.sim.robots import build_robot_spec  # noqa: PLC0415 - see above
 
         build_robot_spec(robot, progress=on_progress)
 
     def step_limits(self, trials: Sequence[Trial]) -> dict[TrialId, int]:
-        """Return the step limit of each trial."""
+        """Return the maximum number of control steps of each trial."""
         limits = _limits(trials)
         return {trial.id: limits[trial.task, trial.condition] for trial in trials}
 
     def in_order(self, trials: Sequence[Trial], *, last: int) -> list[Trial]:
-        """Return the trials grouped by compiled scene, with long tasks first.
+        """Return the trials sorted by compiled scene, with the tasks that take longest first.
 
-        The ``last`` trials are ordered by length, because workers should wait only for short trials at the end of a
-        run.
+        The ``last`` trials are sorted by their step limit instead, with the longest first. At the end of a run, idle
+        workers then wait only for short trials.
         """
         limits = _limits(trials)
         longest = {task: max(s for (of, _), s in limits.items() if of == task) for task, _ in limits}
@@ -169,7 +172,7 @@ class OwnWorld(World):
         return ordered[:begin] + sorted(ordered[begin:], key=lambda t: -limits[t.task, t.condition])
 
     def interventions(self, trial: Trial) -> tuple[str, ...]:
-        """Return the operations of a variation, as strings."""
+        """Return the interventions of a trial's variation, as strings. A training trial has none."""
         found = trial.resolve()
         return () if found.variation is None else tuple(str(i) for i in found.variation.interventions)
 
@@ -178,7 +181,6 @@ OWN_WORLD = OwnWorld()
 
 
 def _limits(trials: Sequence[Trial]) -> dict[tuple[str, str], int]:
-    """Return the step limit of each task and condition."""
     limits = dict[tuple[str, str], int]()
     for trial in {(t.task, t.condition): t for t in trials}.values():
         found = trial.resolve()
@@ -200,5 +202,5 @@ def _check_variations(tasks: Sequence[Task], names: Sequence[str]) -> None:
             task = get_task(from_task) if from_task else tasks[0]
             task.variation(short)
             raise InvalidInputError(
-                "--variations", f"{name!r} belongs to no task of this run", "Add its task with --tasks"
+                "--variations", f"no task of this run has the variation {name!r}", "Add its task with --tasks"
             )

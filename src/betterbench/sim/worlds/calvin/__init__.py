@@ -1,7 +1,7 @@
-"""CALVIN ABC→D as a world, with chains of five instructions.
+"""CALVIN ABC→D as a world. A trial is a chain of five instructions.
 
-- ``world``: plans, command, and a chain's scene.
-- ``simulator``: the process, which runs in an environment without betterbench.
+- ``world``: plans of runs, the command of the simulator process, and the scene of a chain.
+- ``simulator``: code of the simulator process, which runs in an environment without betterbench.
 """
 
 from betterbench.sim.worlds.calvin.world import (

@@ -1,8 +1,8 @@
-"""CALVIN's simulator behind a socket, run with the Python of CALVIN's environment, from the user's checkout.
+"""CALVIN's simulator, controlled over a socket. It runs in CALVIN's Python environment, from the user's checkout.
 
 This module imports only the standard library and NumPy and, on request, packages from CALVIN's environment and the
-``calvin_env`` checkout. The process does not judge success. It sends the result of ``get_info``, and the run applies
-the rules.
+``calvin_env`` checkout. The process does not judge success. It sends the result of ``get_info`` to the run, which
+applies the rules.
 
 Sources: calvin_env@797142c ``envs/play_table_env.py`` (``get_env``, ``step``, ``reset``) and
 ``scene/play_table_scene.py``; mees/calvin@fa03f01 ``evaluation/evaluate_policy.py`` for the order of calls and
@@ -26,23 +26,26 @@ from betterbench.jobs.frames import FrameContent
 from betterbench.sim.worlds.simulator_loop import answer_requests
 
 CAMERAS = {"front": ("static", 200), "wrist": ("gripper", 84)}
-"""CALVIN's two cameras by their names in our observations, with the side of their images [pixel]."""
+"""CALVIN's two cameras.
+
+Keys are the camera names in our observations, values are CALVIN's name and the image side [pixel].
+"""
 
 BLOCKS = {"block_red": "middle", "block_blue": "small", "block_pink": "big"}
-"""The blocks of scene D with their sizes, in the order of its ``scene_obs``."""
+"""Sizes of the blocks in scene D, in the order in which the blocks appear in ``scene_obs``."""
 
 _OTHER_SCENES = {
     "A": {"block_red": "middle", "block_blue": "big", "block_pink": "small"},
     "B": {"block_red": "small", "block_blue": "big", "block_pink": "middle"},
     "C": {"block_red": "big", "block_blue": "small", "block_pink": "middle"},
 }
-"""The blocks of the training scenes (calvin_env@797142c, ``conf/scene``).
+"""Sizes of the blocks in the training scenes (calvin_env@797142c, ``conf/scene``).
 
-Before December 2021 (calvin_env@93aeae6) the names of the files for scenes A and D were swapped.
+Before December 2021 (calvin_env@93aeae6), the names of the files for scenes A and D were swapped.
 """
 
 OWN_CONFIG = "conf/ of the checkout: scene D"
-"""Configuration stored in a run's versions if the user did not provide that of the published data."""
+"""Text stored as the version of the configuration if the user does not provide that of the published data."""
 
 _SCENE_HEAD = 6  # two doors, button, switch, two lights
 _VECTORS = ("current_pos", "current_orn", "current_lin_vel", "current_ang_vel")
@@ -51,10 +54,10 @@ _OVERRIDES = ["cameras=static_and_gripper", "scene=calvin_scene_D", "robot=panda
 
 
 class CalvinSimulator:
-    """One environment of CALVIN, for one chain.
+    """One CALVIN environment, which can be used for one chain only.
 
-    After a chain, PyBullet keeps some state that neither ``restoreState`` nor calvin_env's ``reset`` and ``load``
-    clear. In the same process, the next chain would therefore differ by up to 0.5 rad.
+    After a chain, PyBullet keeps some state that is cleared neither by ``restoreState`` nor by calvin_env's ``reset``
+    and ``load``. The next chain in the same process would therefore differ by up to 0.5 rad.
     """
 
     def __init__(self, checkout: Path, config: Path | None, *, egl: bool) -> None:
@@ -68,9 +71,9 @@ class CalvinSimulator:
         self._depth = False
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return task, versions and objects of the chains, after making the environment to check the installation.
+        """Return the task, the versions and the objects of the chains.
 
-        The process cannot run a chain afterward.
+        This creates the environment, and thereby checks the installation. The process cannot run a chain afterward.
         """
         self.prepare()
         if self._egl:
@@ -79,27 +82,30 @@ class CalvinSimulator:
         return {"tasks": [task], "versions": self.versions(), "objects": self._measure()}
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of everything that can change the results."""
+        """Return the versions of all components that can change the results."""
         own = {package: version(package) for package in _PACKAGES}
         config = OWN_CONFIG if self._config is None else f"sha256 {_digest(self._config)}"
         renderer = "EGL" if self._egl else "TinyRenderer"
         return {"calvin_env": self._commit(), **own, "config": config, "renderer": renderer}
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Reject the request.
+        """Raise ValueError: CALVIN has no stored initial states, so there are no premises to check in advance.
 
-        CALVIN has no stored initial states, and the premises of a chain are checked when it begins.
+        The premises of a chain are checked when the chain begins.
         """
-        raise ValueError(f"CALVIN has no stored initial states: {request.get('suite')}")
+        raise ValueError(f"CALVIN has no stored initial states, which were requested for {request.get('suite')}")
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Raise ValueError. Chains are not diagnosed, so their states are not rendered again."""
+        """Raise ValueError: chains are not diagnosed, so their recorded states are never rendered again."""
         raise ValueError(
             f"recorded states of CALVIN chains cannot be rendered: {request.get('suite')}, {len(qpos)} states"
         )
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin a chain by setting robot and scene. With "next", begin its next instruction from the current state."""
+        """Begin a chain by setting the robot and the scene.
+
+        If the request contains "next", begin the next instruction of the current chain from the current state instead.
+        """
         self.prepare()
         env = self._env
         env.cameras = self._cameras if request["images"] else []
@@ -107,14 +113,14 @@ class CalvinSimulator:
         if request.get("next"):
             return self._row(env.get_obs(), env.get_info())
         if self._used:
-            raise ValueError("this process has already been used, but a chain needs a new process")
+            raise ValueError("this process has already run or measured a scene, but each chain needs a new process")
         self._used = True
         names = self._block_names()
         blocks = dict(zip(BLOCKS, np.split(np.array(request["scene"][_SCENE_HEAD:], float), len(BLOCKS)), strict=True))
         # calvin_env takes the blocks in the order of its own configuration.
         scene = np.concatenate([request["scene"][:_SCENE_HEAD], *(blocks[name] for name in names)])
-        # calvin_env's reset does not change these two. The values are those of the first chain in CALVIN's own
-        # evaluation.
+        # calvin_env's reset changes neither the gripper action nor the state of the buttons. Both are set to the values
+        # that they have at the first chain of CALVIN's own evaluation.
         env.robot.gripper_action = 1
         for button in env.scene.buttons:
             button.prev_is_pressed = False
@@ -131,9 +137,10 @@ class CalvinSimulator:
         return {**fixed, **document}, arrays
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
-        """Take one control step with CALVIN's own action. The gripper value must be 1 or -1.
+        """Execute one control step with an action in CALVIN's own format.
 
-        An absolute action is passed in three parts: position, rotation, gripper.
+        A positive gripper value is sent as 1, any other value as -1. calvin_env expects an absolute action as three
+        parts: position, rotation and gripper. The action is split at the indices that the start request contained.
         """
         self._env.cameras = self._cameras if look else []
         move = np.array(action, float)
@@ -142,14 +149,15 @@ class CalvinSimulator:
         return self._row(seen, info)
 
     def make_environment(self) -> Any:  # noqa: ANN401 - of another environment
-        """Return calvin_env's ``PlayTableSimEnv``, made like in its ``get_env``, but with only two cameras."""
+        """Create calvin_env's ``PlayTableSimEnv`` as its ``get_env`` does, but with only the two cameras in use."""
         if not (self._checkout / "calvin_env" / "envs" / "play_table_env.py").is_file():
             raise FileNotFoundError(
                 f"{self._checkout} is not a checkout of calvin_env: it has no calvin_env/envs/play_table_env.py"
             )
         if not any((folder / ".git").exists() for folder in (self._checkout, *self._checkout.parents)):
             raise FileNotFoundError(
-                f"{self._checkout} is not in a git repository, but calvin_env needs its commit: clone it with git"
+                f"{self._checkout} is not in a git repository, but calvin_env reads the commit of its checkout. "
+                "Clone calvin_env with git"
             )
         sys.path.insert(0, str(self._checkout))
         hydra = importlib.import_module("hydra")
@@ -167,7 +175,7 @@ class CalvinSimulator:
         return hydra.utils.instantiate(config.env, show_gui=False, use_vr=False, use_scene_info=True, use_egl=self._egl)
 
     def prepare(self) -> None:
-        """Create the environment on the first call. After a failure, later calls raise the same error."""
+        """Create the environment on the first call. If that fails, later calls raise the same error again."""
         if self._problem is not None:
             raise self._problem
         if self._env is not None:
@@ -184,29 +192,32 @@ class CalvinSimulator:
         self._cameras = list(env.cameras)
         names = [str(block.name) for block in env.scene.movable_objects]
         if sorted(names) != sorted(BLOCKS):
-            raise ValueError(f"the scene has the blocks {', '.join(names)}; CALVIN's has {', '.join(BLOCKS)}")
+            raise ValueError(f"the scene has the blocks {', '.join(names)}, but CALVIN's scene has {', '.join(BLOCKS)}")
         cameras = {camera.name: (camera.width, camera.height) for camera in self._cameras}
         for camera, side in CAMERAS.values():
             if cameras.get(camera) != (side, side):
                 raise ValueError(
-                    f"the camera {camera} has {cameras.get(camera)} pixels, but CALVIN's has {side} x {side}"
+                    f"the camera {camera} has {cameras.get(camera)} pixels, but in CALVIN it has {side} x {side}"
                 )
         self._env = env
 
     def _require_images(self) -> None:
-        """Render once. Raises ValueError if an image has only one color, as when EGL starts but does not render."""
+        """Render once, and raise ValueError if an image has a single color.
+
+        This happens if EGL starts but does not render.
+        """
         for name, image in self._env.get_obs()["rgb_obs"].items():
             if np.ptp(image) == 0:
-                raise ValueError(f"EGL starts, but its image {name} has only one color")
+                raise ValueError(f"EGL starts, but the image {name} that it renders has only one color")
 
     def _block_names(self) -> list[str]:
         return [str(block.name) for block in self._env.scene.movable_objects]
 
     def _measure(self) -> list[dict[str, Any]]:
-        """Return the objects, blocks first, with their extents along their own axes [m] and their mass [kg].
+        """Return the objects with their extents along their own axes [m] and their masses [kg], blocks first.
 
-        Measuring moves the objects, which changes the solver's state even after they are put back, so no chain may
-        follow.
+        Measuring moves the objects. Even after they are put back, the state of the solver is different, so the process
+        must not run a chain afterward.
         """
         self._used = True
         p, cid = self._env.p, self._env.cid
@@ -221,7 +232,7 @@ class CalvinSimulator:
         return [{"name": name, "fixed": name not in BLOCKS, **found[name]} for name in names]
 
     def _row(self, seen: Mapping[str, Any], info: Mapping[str, Any]) -> FrameContent:
-        """Return the current state, with ``get_info`` as JSON, and robot state, scene state and images as arrays."""
+        """Return the current state: ``get_info`` as JSON, and the robot, scene and camera images as arrays."""
         names = self._block_names()
         scene = np.array(seen["scene_obs"], float)
         blocks = dict(zip(names, np.split(scene[_SCENE_HEAD:], len(names)), strict=True))
@@ -240,12 +251,15 @@ class CalvinSimulator:
         return {"info": _plain_info(info)}, arrays
 
     def _commit(self) -> str:
-        """Return the commit of the checkout, because calvin_env itself refuses to run outside a git repository."""
+        """Return the commit of the checkout.
+
+        It always exists, because calvin_env refuses to run outside a git repository.
+        """
         git = importlib.import_module("git")
         return str(git.Repo(self._checkout, search_parent_directories=True).head.object.hexsha)
 
     def _fingerprint(self) -> str:
-        """Return one digest of the checkout's files that determine the physics: code, configuration, models."""
+        """Return a digest of the files in the checkout that determine the physics: code, configuration and models."""
         patterns = ("calvin_env/**/*.py", "conf/**/*.yaml", "data/**/*.urdf")
         files = sorted(file for pattern in patterns for file in self._checkout.glob(pattern))
         parts = [f"{file.relative_to(self._checkout).as_posix()} {_digest(file)}" for file in files]
@@ -253,14 +267,13 @@ class CalvinSimulator:
 
 
 def _require_scene_d(blocks: Mapping[str, Mapping[str, Any]]) -> None:
-    """Raise ValueError unless the configured blocks are those of scene D."""
     found = {str(name): Path(block["file"]).stem.rpartition("_")[2] for name, block in blocks.items()}
     if found != BLOCKS:
         scene = next((f"scene {name}" for name, known in _OTHER_SCENES.items() if known == found), "no scene of CALVIN")
         raise ValueError(
             f"the configuration has the blocks of {scene} ({_listed(found)}), but ABC to D uses scene D "
-            f"({_listed(BLOCKS)}). Take calvin_env 797142c or 1431a46, and validation/.hydra/merged_config.yaml if a "
-            "configuration is given"
+            f"({_listed(BLOCKS)}). Check out calvin_env at 797142c or 1431a46. If you specify a configuration, use "
+            "validation/.hydra/merged_config.yaml"
         )
 
 
@@ -269,7 +282,7 @@ def _listed(blocks: Mapping[str, str]) -> str:
 
 
 def _plain_info(info: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the part of ``get_info`` that rules and records need, as JSON."""
+    """Return the parts of ``get_info`` that the rules and the records need, as JSON."""
     robot, scene = info["robot_info"], info["scene_info"]
     blocks = {}
     for name, block in scene["movable_objects"].items():
@@ -291,7 +304,7 @@ def _plain_info(info: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _contacts(points: Sequence[Sequence[Any]]) -> list[list[float]]:
-    """Return PyBullet's contact points in its own order of fields, up to the last used one, a force [N]."""
+    """Return the fields of PyBullet's contact points, in PyBullet's order, up to the normal force [N]."""
     return [[0, int(c[1]), int(c[2]), int(c[3]), int(c[4]), float(c[9])] for c in points or ()]
 
 
@@ -308,7 +321,11 @@ def _digest(path: Path) -> str:
 
 
 def main() -> None:
-    """Answer requests over a socket. Arguments: checkout, configuration or "", "egl" or "", and the socket's number."""
+    """Answer requests over a socket.
+
+    The command-line arguments are the checkout, the configuration file (or ""), the renderer ("egl" or ""), and the
+    file descriptor of the socket.
+    """
     checkout, config, egl, descriptor = sys.argv[1:]
     simulator = CalvinSimulator(Path(checkout), Path(config) if config else None, egl=egl == "egl")
     with contextlib.suppress(Exception):  # the first request raises this error again and reports it

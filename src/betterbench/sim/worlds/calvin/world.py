@@ -1,8 +1,8 @@
-"""CALVIN ABC→D as a world, with chains of five instructions in the user's checkout of ``calvin_env``.
+"""CALVIN ABC→D as a world: chains of five instructions, simulated in the user's checkout of ``calvin_env``.
 
-A trial is a chain, and its seed is the chain index. It succeeds when all five subtasks are done. The record contains
-the number done in a row. ``calvin`` starts chains like CALVIN, ``calvin_resampled`` with the blocks anywhere in the
-range of the training data.
+A trial is a chain, and its seed is the index of the chain. The trial succeeds when all five subtasks are done. The
+record contains the number of subtasks that were done in a row. The suite ``calvin`` starts each chain as CALVIN does.
+The suite ``calvin_resampled`` starts with the blocks anywhere in the range of the training data.
 """
 
 from __future__ import annotations
@@ -78,26 +78,29 @@ OURS = (
     "every chain runs in a separate process, like the first one of CALVIN's evaluation, so that it does not "
     "depend on earlier chains"
 )
-"""Difference of every run here from CALVIN's own evaluation."""
+"""Difference between every run here and CALVIN's own evaluation."""
 
 PROTOCOL = FieldProtocol("calvin", {OFFICIAL: CHAIN_LENGTH * STEPS_PER_SUBTASK}, CHAINS, settling_steps=0, seed=0)
-"""CALVIN's own protocol (mees/calvin@fa03f01, ``evaluate_policy.py``)."""
+"""CALVIN's own evaluation protocol (mees/calvin@fa03f01, ``evaluate_policy.py``)."""
 
 RELATIONS = ("open(drawer)", "left(slider)", "on(lightbulb)", "on(led)")
-"""Table relations in a record: doors open beyond half of their range in the start states, and lights."""
+"""Relations of the table that are recorded.
+
+A door counts as open beyond half of the range it has in the start states.
+"""
 
 _SPLITS = {
     CALVIN_ABSOLUTE.name: [3, 6],
     CALVIN_DELTA.name: [3, 6],
     CALVIN_ABSOLUTE_QUATERNION.name: [3, 7],
 }
-"""Indices at which an action is split into position, rotation and gripper for calvin_env, by action space."""
+"""Indices at which calvin_env splits an action into position, rotation and gripper, for each action space."""
 
 _HALF_CLOSED = 0.5
 """Gripper command below which X-VLA's client considers the gripper closed."""
 _MODULE = "envs/play_table_env.py"
 _RENDERER_WORDS = {True: "egl", False: "", None: "auto"}
-"""Last word of the simulator's command, which chooses the renderer: with EGL, without, or automatically."""
+"""Last word of the simulator's command, which chooses the renderer: EGL, TinyRenderer, or EGL only if it works."""
 
 _DISPLACED_M = 0.03
 _DOOR_OFF_M = 0.02
@@ -113,7 +116,7 @@ _IMAGES = {
 @open_form
 @dataclass(frozen=True, slots=True)
 class _ChainStart:
-    """The simulator's reply to the start of a chain, without the part for :func:`read_play_table`."""
+    """The simulator's reply at the start of a chain, except for the part that :func:`read_play_table` reads."""
 
     engine: dict[str, str]
     code: str
@@ -126,29 +129,33 @@ _CHAIN_START = TypeAdapter(_ChainStart)
 
 @dataclass(frozen=True, slots=True)
 class ChainTask(WorldTask):
-    """The chains in a CALVIN suite. ``bddl_sha256`` is the digest of the checkout's code."""
+    """The chains of a CALVIN suite, as the task of their trials.
+
+    ``bddl_sha256`` is the digest of the checkout's code.
+    """
 
     @property
     def id(self) -> str:
-        """Task name in plans and records."""
+        """Name of the task in plans and records."""
         return OFFICIAL
 
     @property
     def condition(self) -> str:
-        """Condition name: "base" for CALVIN's own starts, "resampled" otherwise."""
+        """Name of the condition: "base" for CALVIN's own start states, "resampled" otherwise."""
         return CHAIN_SUITES[self.suite].change or "base"
 
 
 @dataclass(frozen=True, slots=True)
 class ChainOptions:
-    """Run options in CALVIN.
+    """Options of a run in CALVIN.
 
     Attributes:
-        broken_premises: "refuse" to stop the run at a scene that contradicts the start of its chain, or "run".
+        broken_premises: "refuse" stops the run if a scene differs from the start state of its chain. "run" continues
+            the run in this case.
         calvin_env: A checkout of calvin_env, or of mees/calvin, which contains calvin_env.
-        calvin_config: A data set's ``merged_config.yaml``, or None for the checkout's configuration.
-        calvin_renderer: "egl", "tiny", or "auto" for EGL if it works.
-        command: Command of the world's process, or empty to derive it from the other options.
+        calvin_config: The ``merged_config.yaml`` of a data set. If it is None, the checkout's configuration is used.
+        calvin_renderer: "egl", "tiny" (PyBullet's TinyRenderer), or "auto", which uses EGL if it works.
+        command: Command that starts the simulator process. If it is empty, the other options determine the command.
     """
 
     broken_premises: Literal["refuse", "run"] = "refuse"
@@ -160,10 +167,10 @@ class ChainOptions:
 
 @dataclass(frozen=True, slots=True)
 class CalvinWorld(ProcessWorld):
-    """CALVIN. The simulator reports the versions of its components.
+    """CALVIN as the world of a run. The simulator reports the versions of its components.
 
     Attributes:
-        objects: The blocks, then the fixtures.
+        objects: The objects of the scene: first the blocks, then the fixtures.
     """
 
     facts: ClassVar[WorldFacts] = CALVIN
@@ -183,7 +190,7 @@ class CalvinWorld(ProcessWorld):
     objects: tuple[ObjectInfo, ...] = ()
 
     def step_limit(self, task: WorldTask) -> int:
-        """Return the maximum control steps of a chain."""
+        """Return the maximum number of control steps in a chain."""
         del task
         return self.protocol.steps[OFFICIAL]
 
@@ -191,13 +198,15 @@ class CalvinWorld(ProcessWorld):
         return ChainScene
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], CalvinWorld]:
-        """Return chains as trials (all 1,000 by default), and the world for the stored plan."""
+        """Plan chains as trials (by default all 1,000). Return the trials and the world to be stored with the plan."""
         options = asked.options_as(ChainOptions, world=self.facts.title)
         suite, seed = asked.suite, asked.seed
         if suite not in CHAIN_SUITES:
-            raise UnknownNameError("suite of CALVIN", suite, CHAIN_SUITES)
+            raise UnknownNameError("CALVIN suite", suite, CHAIN_SUITES)
         if asked.tasks:
-            raise InvalidInputError("--tasks", "CALVIN has chains and no tasks", "Give --seed and --trials")
+            raise InvalidInputError(
+                "--tasks", "CALVIN has no tasks, only chains", "Choose chains with --seed and --trials"
+            )
         change = CHAIN_SUITES[suite].change
         require_between("--seed", seed, 0, CHAINS - 1)
         count = CHAINS - seed if asked.trials is None else asked.trials
@@ -205,7 +214,7 @@ class CalvinWorld(ProcessWorld):
         egl = None if options.calvin_renderer == "auto" else options.calvin_renderer == "egl"
         command = options.command or calvin_command(options.calvin_env, options.calvin_config, egl=egl)
         started, said = describe_chains(command, suite)
-        with as_agreed(f"describes {suite} in a way"):
+        with as_agreed(f"sent a description of {suite}"):
             task = ChainTask(suite, 0, suite, "five instructions in a row", sent_text(said["tasks"][0]["fingerprint"]))
             versions = sent_texts(said["versions"])
             objects = chain_objects(said["objects"])
@@ -224,16 +233,16 @@ class CalvinWorld(ProcessWorld):
         return planned, world
 
     def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
-        """Return a message with the number of chains and the component versions."""
+        """Return one message that states the number of chains and the versions of the components."""
         made_of = "; ".join(f"{k}: {v}" for k, v in self.versions.items())
         said = (
-            f"{plural(len(trials), 'chain')} of {suite}, at most {STEPS_PER_SUBTASK} steps for each of five "
+            f"{plural(len(trials), 'chain')} of {suite}, with at most {STEPS_PER_SUBTASK} steps for each of the five "
             f"instructions. {made_of}."
         )
         return (said,)
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the world's conventions in words."""
+        """Return the world's conventions as short texts."""
         return {
             **ProcessWorld.conventions(self, robot),
             "controller": "calvin_env: relative actions are added to the last target, absolute actions replace the "
@@ -243,7 +252,7 @@ class CalvinWorld(ProcessWorld):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, without the location of the checkout."""
+        """Return the world in JSON form, without the location of the checkout."""
         return {
             "name": self.name,
             "protocol": self.protocol.to_json(),
@@ -257,7 +266,7 @@ class CalvinWorld(ProcessWorld):
 
 
 class ChainScene(ProcessScene):
-    """Scene of one CALVIN chain. Its instruction changes when a subtask is done."""
+    """Scene of one CALVIN chain. Its instruction changes whenever a subtask is done."""
 
     settings: CalvinWorld
 
@@ -272,7 +281,7 @@ class ChainScene(ProcessScene):
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare the scene. Nothing is simulated before :meth:`reset`. ``seed`` is the chain index."""
+        """Prepare the scene of the chain with the index ``seed``. Nothing is simulated before :meth:`reset`."""
         super().__init__(
             settings, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
         )
@@ -287,36 +296,36 @@ class ChainScene(ProcessScene):
 
     @property
     def whole_instruction(self) -> str:
-        """The five instructions, one after the other."""
+        """The five instructions of the chain, joined with semicolons."""
         return "; ".join(subtask.instruction for subtask in self.chain.subtasks)
 
     @property
     def _process_key(self) -> object:
-        """None, because PyBullet keeps some state of a chain that neither restoreState nor a reset clears."""
+        """None, because every chain needs a new process: PyBullet keeps state of a chain that no reset clears."""
         return None
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """Names of the relation columns, which describe the table."""
+        """Names of the recorded relations, which describe the objects on CALVIN's table."""
         return RELATIONS
 
     @property
     def subgoal_names(self) -> tuple[str, ...]:
-        """The subtasks of the chain, in their order."""
+        """Names of the chain's subtasks, in the order in which they must be done."""
         return self.chain.names
 
     @property
     def engine(self) -> dict[str, str]:
-        """Simulator name, and the versions that can change the results."""
+        """Name of the simulator, and the versions of all components that can change the results."""
         return {"simulator": self.settings.name, **self._fixed["engine"], "code": self.task.bddl_sha256}
 
     @property
     def over(self) -> bool:
-        """Whether the chain has ended because a subtask took too long."""
+        """Whether the chain has ended because the current subtask took too many steps."""
         return self._steps_of_subtask >= STEPS_PER_SUBTASK
 
     def files(self) -> dict[str, bytes]:
-        """Return a scene's stored files, which are the chain and the simulator's description of its objects."""
+        """Return the stored files of the scene: one JSON file that describes the chain and the objects."""
         objects = [
             {"name": o.name, "size": o.size_m, "mass": o.mass_kg, "fixed": o.fixed} for o in self.settings.objects
         ]
@@ -325,14 +334,15 @@ class ChainScene(ProcessScene):
         return {"scene.json": json.dumps(form, indent=1, sort_keys=True).encode()}
 
     def start(self) -> ChainStart:
-        """Return the start state of robot and scene."""
+        """Return the state of the robot and of the scene at the start of the chain."""
         return start_of(self.chain.start) if self.condition.name == "base" else resampled_start_of(self.chain)
 
     def reset(self) -> WorldState:
-        """Set robot and scene, and check that they are at the start of the chain.
+        """Set the robot and the scene, and check that they are in the start state of the chain.
 
         Raises:
-            PremiseError: If a block, a door or a light is elsewhere, and broken premises stop the run.
+            PremiseError: If a block, a door or a light is not in its start state, and the options say to refuse such
+                scenes.
             WorldError: If the simulator fails, or its versions have changed since the run began.
         """
         start = self.start()
@@ -340,7 +350,7 @@ class ChainScene(ProcessScene):
         self._take(self._take_process().start(asked))
         where, cure = (
             "the start that the simulator sent",
-            "Check out the version of calvin_env that is named in the docs",
+            "Check out the version of calvin_env that the docs name",
         )
         read_form(_CHAIN_START, self._document, where=where, cure=cure, raises=WorldError)
         self._fixed = self._document
@@ -355,17 +365,17 @@ class ChainScene(ProcessScene):
         self.broken_premises = self._misplaced(start)
         if self.broken_premises and self.settings.refuse_broken:
             raise PremiseError(
-                f"chain {self.chain.number}: {', '.join(self.broken_premises)} after the reset. The configuration or "
-                "the version of calvin_env differs. Use commit 797142c or 1431a46 and the "
+                f"chain {self.chain.number}: {', '.join(self.broken_premises)} after the reset, because this "
+                "configuration or this version of calvin_env differs. Use commit 797142c or 1431a46 and the "
                 "validation/.hydra/merged_config.yaml of the data (--calvin-config), or give --broken-premises run "
                 "to continue as CALVIN does."
             )
         return self.state()
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Apply an action for one control step, and return it unchanged, because CALVIN does not clip actions.
+        """Execute an action for one control step, and return it unchanged, because CALVIN does not clip actions.
 
-        If it completes a subtask, the next one begins, and ``instructed_anew`` is set.
+        If the action completes a subtask, the next subtask begins and ``instructed_anew`` becomes True.
         """
         applied = self.action_space.clip(action)
         if self._process is None or self._begun is None:
@@ -389,7 +399,7 @@ class ChainScene(ProcessScene):
         return applied
 
     def state(self) -> WorldState:
-        """Return the privileged state. Raises WorldError if the simulator sent impossible values."""
+        """Return the privileged state. Raises WorldError if the simulator has sent impossible values."""
         with as_agreed("sent a state"):
             return self._state()
 
@@ -422,13 +432,16 @@ class ChainScene(ProcessScene):
         )
 
     def simulator_state(self) -> dict[str, np.ndarray]:
-        """Return ``qpos``, the arguments of ``env.reset`` (robot (15), then scene (24)), and ``ctrl``, the target."""
+        """Return the arrays that are stored for each state.
+
+        ``qpos`` contains the arguments of ``env.reset``, robot (15) and scene (24). ``ctrl`` is the target pose (6).
+        """
         none = np.zeros(0)
         both = np.concatenate([self._arrays["robot"], self._arrays["scene"]])
         return {"qpos": both, "qvel": none, "act": none, "ctrl": self._arrays["target"]}
 
     def truth(self) -> Truth:
-        """Return the current table relations, and the number of consecutive subtasks done."""
+        """Return the relations of the table that hold now, and the subtasks that are done."""
         if self._now is None:
             raise WorldError("the episode has not begun")
         doors, lights = self._now.doors, self._now.lights
@@ -450,7 +463,7 @@ class ChainScene(ProcessScene):
         )
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return CALVIN's ``robot_obs`` (15,), and its parts by the names of our state parts."""
+        """Return CALVIN's ``robot_obs`` (15,), and parts of it under the names that betterbench's observations use."""
         robot = self._arrays["robot"]
         command = robot[14:15]
         return {
@@ -465,10 +478,7 @@ class ChainScene(ProcessScene):
 
     @property
     def _shown(self) -> dict[str, Any]:
-        """Settings sent to the simulator with each instruction.
-
-        These are the images to draw and the split of actions.
-        """
+        """Settings sent to the simulator with each instruction: the images to render, and where to split an action."""
         return {
             "images": self._images,
             "depth": self.draws_depth,
@@ -476,12 +486,15 @@ class ChainScene(ProcessScene):
         }
 
     def _measured(self) -> np.ndarray:
-        """Return the measured pose as position and angles, (6,)."""
+        """Return the measured end-effector pose, as position [m] and Euler angles [rad], (6,)."""
         measured: np.ndarray = self._arrays["robot"][:6].copy()
         return measured
 
     def _played(self, action: np.ndarray) -> np.ndarray:
-        """Return the action for the simulator. Deltas of ``calvin_delta`` are added up to an absolute pose."""
+        """Return the action in the form that the simulator expects.
+
+        Deltas of the action space ``calvin_delta`` are added to the last commanded pose, which gives an absolute pose.
+        """
         if self.action_space.name != CALVIN_DELTA.name:
             return action
         pose = self._commanded + action[:6]
@@ -491,12 +504,14 @@ class ChainScene(ProcessScene):
         return played
 
     def _instruct(self) -> None:
-        """Give the policy the instruction of the current subtask."""
         sentence = self.chain.subtasks[min(self._done, CHAIN_LENGTH - 1)].instruction
         self.condition = Instructed.of(self._name, self.task.condition, sentence)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Store an answer. Raises WorldError if an array is missing, of another shape, or has a non-finite number."""
+        """Store the simulator's answer after checking it.
+
+        Raises WorldError if an array is missing, has a wrong shape or contains a non-finite number.
+        """
         document, arrays = answer
         for name, shape in _ROW.items():
             found = arrays.get(name)
@@ -510,12 +525,12 @@ class ChainScene(ProcessScene):
         self._document, self._arrays = document, dict(arrays)
 
     def _require_same_versions(self) -> None:
-        """Raise WorldError if the process's versions differ from those in the plan."""
+        """Raise WorldError if the simulator process reports other versions than the plan contains."""
         found = {**self._fixed["engine"], "code": self._fixed.get("code")}
         for name, planned in {**self.settings.versions, "code": self.task.bddl_sha256}.items():
             if str(found.get(name)) != planned:
                 raise WorldError(
-                    f"{name} is {one_line(found.get(name), most=80)} in the simulator, and was {planned} when the "
+                    f"{name} is {one_line(found.get(name), most=80)} in the simulator, but it was {planned} when the "
                     "run began. Restore the checkout and the configuration, or begin a new run"
                 )
 
@@ -524,19 +539,22 @@ class ChainScene(ProcessScene):
             return read_play_table(self._document["info"])
         except (InvalidInputError, KeyError) as problem:
             told = one_line(problem, most=300)
-            raise WorldError(f"the simulator sent no information about its scene: {told}") from problem
+            raise WorldError(f"the simulator sent no valid information about its scene: {told}") from problem
 
     def _block_names(self) -> tuple[str, ...]:
         return tuple(thing.name for thing in self._info.objects if not thing.fixed)
 
     def _bottom(self, name: str, center: Vector) -> Vector:
-        """Return the center of a block's bottom in the world frame [m]. Its body's origin is its center."""
+        """Return the center of a block's bottom face in the world frame [m].
+
+        ``center`` is the origin of the block's body.
+        """
         down = (0.0, 0.0, -0.5 * self._info.object(name).size_m[2])
         turned = rotate(self._now.blocks[name].rotation, down) if self._now is not None else down
         return (center[0] + turned[0], center[1] + turned[1], center[2] + turned[2])
 
     def _misplaced(self, start: ChainStart) -> tuple[str, ...]:
-        """Return descriptions of the parts that are not at their start."""
+        """Describe each door, light and block that is not in the state in which the chain should start."""
         scene, found = start.scene, []
         there = self._arrays["scene"]
         for name, i in (("slider", 0), ("drawer", 1)):
@@ -553,7 +571,7 @@ class ChainScene(ProcessScene):
         return tuple(found)
 
     def _contacts(self) -> tuple[Contact, ...]:
-        """Return the contacts of the gripper or a block, with the summed normal forces."""
+        """Return the contacts that involve the gripper or a block. The forces of several contact points are summed."""
         info = self._document["info"]
         scene, robot = info["scene_info"], info["robot_info"]
         blocks = {int(b["uid"]): str(name) for name, b in scene["movable_objects"].items()}
@@ -567,7 +585,8 @@ class ChainScene(ProcessScene):
 
         sums: dict[tuple[str, str], float] = {}
         points = [c for b in scene["movable_objects"].values() for c in b["contacts"]]
-        # a pair with a block is in the block's list; a pair of two blocks is in both lists, but counted in only one
+        # A contact with a block is listed by the block. A contact between two blocks is listed by both, but is counted
+        # once.
         points = [c for c in points if int(c[2]) not in blocks or c[1] < c[2]]
         points += [c for c in robot["contacts"] if int(c[2]) not in blocks]
         for c in points:
@@ -578,13 +597,13 @@ class ChainScene(ProcessScene):
 
 
 def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | None = None) -> tuple[str, ...]:
-    """Return the command of CALVIN's process.
+    """Return the command that starts CALVIN's simulator process.
 
     Args:
         checkout: A checkout of calvin_env, or of mees/calvin, which contains calvin_env.
-        config: A data set's ``merged_config.yaml``, or None for the checkout's configuration.
-        egl: Whether EGL or PyBullet's TinyRenderer renders the images, or None for EGL if it works
-            (:func:`describe_chains` decides).
+        config: The ``merged_config.yaml`` of a data set. If it is None, the checkout's configuration is used.
+        egl: True to render with EGL, False to render with PyBullet's TinyRenderer. None leaves the choice to
+            :func:`describe_chains`, which takes EGL if it works.
 
     Raises:
         InvalidInputError: If no checkout of calvin_env is given, or the path is not a checkout.
@@ -593,30 +612,34 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
     if checkout is None:
         raise InvalidInputError(
             "--calvin-env",
-            "the path of your calvin_env checkout was not given; calvin_env is not in a package index",
+            "the path of your calvin_env checkout is missing. betterbench cannot install calvin_env, because no "
+            "package index contains it",
             "Clone https://github.com/mees/calvin_env and give --calvin-env PATH",
         )
     root = checkout_root(checkout)
     if config is not None and not config.is_file():
         raise InvalidInputError(
-            "--calvin-config", f"{config} is not a file", "Give validation/.hydra/merged_config.yaml of the data set"
+            "--calvin-config", f"{config} is not a file", "Give the data set's validation/.hydra/merged_config.yaml"
         )
     chosen = "" if config is None else str(config.resolve())
     return (*INSTALLATION.command(), str(root.resolve()), chosen, _RENDERER_WORDS[egl])
 
 
 def checkout_root(named: Path) -> Path:
-    """Return the root of the calvin_env checkout at a path: the path itself, or the part of mees/calvin.
+    """Return the root of the calvin_env checkout at the given path, which may also be a clone of mees/calvin.
 
     Raises:
-        InvalidInputError: If there is none, as in a clone without its submodules.
+        InvalidInputError: If the path contains no checkout of calvin_env, for example in a clone without its
+            submodules.
     """
     for root in (named, named / "calvin_env"):
         if (root / "calvin_env" / _MODULE).is_file():
             return root
     if (named / _MODULE).is_file():
         raise InvalidInputError(
-            "--calvin-env", f"{named} is the package inside the checkout", f"Give --calvin-env {named.resolve().parent}"
+            "--calvin-env",
+            f"{named} is the package inside the checkout, not the checkout",
+            f"Give --calvin-env {named.resolve().parent}",
         )
     clone = next((p for p in (named, named.resolve().parent) if _names_calvin_env(p / ".gitmodules")), None)
     if clone is not None and not (clone / "calvin_env" / "calvin_env" / _MODULE).is_file():
@@ -633,12 +656,14 @@ def checkout_root(named: Path) -> Path:
 
 
 def describe_chains(command: Sequence[str], suite: str) -> tuple[tuple[str, ...], dict[str, Any]]:
-    """Return the command with a fixed renderer, and the process's description of a suite.
+    """Have the simulator process describe a suite. Return a command that specifies the renderer, and the description.
 
-    If the command leaves the renderer open, EGL is tried in a separate process, because a broken driver may crash it.
+    If the given command does not specify the renderer, EGL is tried in a separate process, because a broken driver may
+    crash that process.
 
     Raises:
-        WorldError: If the process fails, also with TinyRenderer if the renderer is open.
+        WorldError: If the process fails. If the command does not specify the renderer, it must fail with TinyRenderer
+            as well.
     """
     if command[-1] != _RENDERER_WORDS[None]:
         with WorldProcess(command) as process:
@@ -648,20 +673,20 @@ def describe_chains(command: Sequence[str], suite: str) -> tuple[tuple[str, ...]
     except WorldError as error:
         found = describe_chains((*command[:-1], _RENDERER_WORDS[False]), suite)
         logger.warning(
-            "CALVIN is drawn by TinyRenderer because EGL, which CALVIN uses, does not start here (%s). Its images "
-            "differ from EGL by 21 of 255 on average. Install Mesa's EGL (libegl1) or the driver of the graphics card.",
+            "CALVIN is rendered by TinyRenderer because EGL, which CALVIN itself uses, does not start here (%s). Its "
+            "pixels differ from EGL's by 21 of 255 on average. Install Mesa's EGL (libegl1) or the graphics driver.",
             error,
         )
         return found
 
 
 def chain_objects(described: Sequence[Mapping[str, Any]]) -> tuple[ObjectInfo, ...]:
-    """Return the objects described by the process, with the blocks before fixed ones.
+    """Return the objects that the simulator process has described, with the blocks before the fixtures.
 
     Raises:
         WorldError: If a description is malformed.
     """
-    with as_agreed("described its objects in a way"):
+    with as_agreed("sent a description of its objects"):
         return tuple(
             ObjectInfo(
                 name=str(o["name"]),
@@ -680,12 +705,12 @@ def chain_objects(described: Sequence[Mapping[str, Any]]) -> tuple[ObjectInfo, .
 
 
 def _names_calvin_env(modules: Path) -> bool:
-    """Return whether a file ``.gitmodules`` lists calvin_env as a submodule."""
+    """Return whether the given ``.gitmodules`` file lists calvin_env as a submodule."""
     return modules.is_file() and "calvin_env" in modules.read_text(errors="replace")
 
 
 def from_euler(angles: np.ndarray) -> Quaternion:
-    """Return the quaternion (w, x, y, z) of angles [rad] about the fixed axes x, y, z, in this order (PyBullet)."""
+    """Convert Euler angles [rad] about the fixed axes x, y, z (PyBullet's order) to a quaternion (w, x, y, z)."""
     roll, pitch, yaw = (0.5 * float(a) for a in angles)
     about_x = (math.cos(roll), math.sin(roll), 0.0, 0.0)
     about_y = (math.cos(pitch), 0.0, math.sin(pitch), 0.0)

@@ -1,8 +1,8 @@
-"""Contacts and relations in LIBERO's simulator, read via the indices of geoms, sites and bodies.
+"""Contacts and relations in LIBERO's simulator, read quickly by using indices of geoms, sites and bodies.
 
-LIBERO's own contact check looks up four names for each contact of the scene, and its relation to a region takes a dozen
-NumPy calls. Here, the same data are read by index. This module is imported in an environment without betterbench, with
-NumPy only.
+LIBERO's own contact check looks up four names for each contact of the scene, and its check of a relation to a region
+takes a dozen NumPy calls. Here, the same data are read by index. This module is imported in an environment without
+betterbench, so it uses only NumPy.
 """
 
 from __future__ import annotations
@@ -13,46 +13,52 @@ from typing import Any
 import numpy as np
 
 _RESTS = {"arm", "table", "floor"}
-"""Bodies whose contacts among each other are not recorded."""
+"""Labels of bodies whose contacts with each other are not recorded."""
 
 _HEIGHT_M = 0.1
 _SUNK_M = 0.005
-"""Depth below the top of a site, and height above it, at which an object is still on it [m] (LIBERO's ``under``)."""
+"""Depth below the top of a site, and height above it, at which an object still counts as on the site [m].
+
+The values are those of LIBERO's ``under``.
+"""
 
 _BELOW_M = 0.01
-"""Depth below a box at which an object is still in the box [m] (LIBERO's ``in_box``)."""
+"""Depth below a box at which an object still counts as in the box [m] (LIBERO's ``in_box``)."""
 
 _UNSURE_M = 1e-9
-"""Margin below which LIBERO's own check decides [m], because it sums matrix products in a different order."""
+"""Margin below which LIBERO's own check decides [m].
+
+It may differ here, since it sums matrix products in another order.
+"""
 
 
 class Touching:
-    """The contacts of a simulation."""
+    """Contacts in a LIBERO simulation."""
 
     def __init__(self, mujoco: Any, env: Any, labels: Sequence[str]) -> None:  # noqa: ANN401 - another environment's
-        """Index the geoms of the bodies. ``labels`` are the labels of all bodies."""
+        """Index the geoms of all bodies. ``labels`` contains the label of each body."""
         self._model, self._data, self._read_force = env.sim.model._model, env.sim.data._data, mujoco.mj_contactForce
         self._numbers = {self._name(mujoco, geom): geom for geom in range(self._model.ngeom)}
         names = sorted(set(labels))
         rank = {name: i for i, name in enumerate(names)}
         ranks = [rank[labels[body]] for body in self._model.geom_bodyid.tolist()]
         self.pairs = [[a, b] for a in names for b in names if a < b and not {a, b} <= _RESTS]
-        """All possible contact pairs with the gripper or an object."""
-        # Index of a pair by the ranks of both members, in either order; -1 for irrelevant pairs.
+        """All possible pairs of labels in contact, except pairs of the arm, the table and the floor."""
+        # Index of the pair for the ranks of its two labels, in either order. It is -1 for pairs that are not recorded.
         codes = [[-1] * len(names) for _ in names]
         for code, (a, b) in enumerate(self.pairs):
             codes[rank[a]][rank[b]] = codes[rank[b]][rank[a]] = code
-        # By the indices of two geoms; geoms of one object share a row.
+        # The same by the indices of two geoms. All geoms of one object share one list.
         rows = [[row[other] for other in ranks] for row in codes]
         self._codes = [rows[own] for own in ranks]
         self._elliptic = self._model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
         self._masks: dict[Any, np.ndarray] = {}
 
     def now(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the indices of the touching pairs, in rising order, and their normal forces [N].
+        """Return the indices of the pairs in contact, in ascending order, and the normal force of each pair [N].
 
-        Uses plain numbers, because there are a few dozen contacts, and an operation on a cold array takes as long as
-        ten of them.
+        The forces are summed as plain Python numbers, because there are only a few dozen contacts. One NumPy operation
+        on an array that is not in the cache takes as long as ten plain additions.
         """
         contacts, codes = self._data.contact, self._codes
         sums: dict[int, float] = {}
@@ -64,10 +70,9 @@ class Touching:
         return np.array(found, np.int64), np.array([sums[code] for code in found], np.float64)
 
     def _forces(self, contacts: Any) -> list[float]:  # noqa: ANN401 - MuJoCo's own
-        """Return the normal forces of all contacts [N]."""
         address = contacts.efc_address.tolist()
         if self._elliptic and self._data.nefc:
-            # Like mj_contactForce; a contact without a row is too far away to exert a force.
+            # As in mj_contactForce. A contact without a row in efc_force is too far away to exert a force.
             forces = self._data.efc_force.tolist()
             return [forces[row] if row >= 0 else 0.0 for row in address]
         rows = np.zeros((len(address), 6))
@@ -76,12 +81,15 @@ class Touching:
         return list(rows[:, 0].tolist())
 
     def between(self, one: Any, other: Any) -> bool:  # noqa: ANN401 - models of robosuite
-        """Return whether two models touch, as robosuite's ``check_contact`` does, but using indices."""
+        """Return whether two models touch.
+
+        The result equals that of robosuite's ``check_contact``, but takes less time.
+        """
         geoms = self._data.contact.geom
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
 
     def _mask(self, thing: Any) -> np.ndarray:  # noqa: ANN401 - a model of robosuite
-        """Return a mask of a model's contact geoms, (ngeom,)."""
+        """Return a mask (ngeom,) of the geoms of a model that can be in contact."""
         mask = self._masks.get(thing)
         if mask is None:
             mask = self._masks[thing] = np.zeros(self._model.ngeom, bool)
@@ -94,13 +102,14 @@ class Touching:
 
 
 class Relations:
-    """The relations in a task's file.
+    """Relations that are named in a task's BDDL file.
 
-    Relations between an object and a box on the table or on a fixture are computed here. LIBERO computes all others.
+    Relations between an object and a box on the table or on a fixture are computed by this class. All others are
+    computed by LIBERO.
     """
 
     def __init__(self, mujoco: Any, env: Any, relations: Sequence[list[str]], touching: Touching) -> None:  # noqa: ANN401
-        """Prepare."""
+        """Look up the indices of the sites and bodies that the relations name."""
         self._env, self._data, self._touching = env, env.sim.data._data, touching
         self._relations = [list(relation) for relation in relations]
         self._placed = [i for i, relation in enumerate(self._relations) if self._is_placed(relation)]
@@ -119,7 +128,7 @@ class Relations:
         self._known = list(zip(self._placed, slacks, halves, needed, things, strict=True))
 
     def hold(self) -> np.ndarray:
-        """Return a mask of the relations that are true now, (n,)."""
+        """Return a mask (n,) of the relations that hold now."""
         found, unsure = np.zeros(len(self._relations), bool), self._asked
         if self._known:
             data, sites = self._data, self._sites
@@ -132,7 +141,7 @@ class Relations:
                 elif slack > 0.0:
                     found[i] = holder is None or self._touching.between(holder, thing)
         if unsure:
-            # LIBERO's own predicates, which use our contacts.
+            # Evaluate LIBERO's own predicates, but with our faster contact check.
             self._env.check_contact = self._touching.between
             try:
                 for i in unsure:
@@ -142,11 +151,11 @@ class Relations:
         return found
 
     def hold_by_libero(self) -> np.ndarray:
-        """Return a mask of the relations that are true now by LIBERO's own predicates only, (n,)."""
+        """Return a mask (n,) of the relations that hold now, computed only by LIBERO's own predicates."""
         return np.array([bool(self._env._eval_predicate(relation)) for relation in self._relations], bool)
 
     def _is_placed(self, relation: list[str]) -> bool:
-        """Return whether a relation is about an object on or in a box of the table or a fixture."""
+        """Return whether a relation says that an object is on or in a box that belongs to the table or to a fixture."""
         if len(relation) != 3 or relation[0] not in ("on", "in") or relation[1] not in self._env.obj_body_id:
             return False
         place = self._env.object_states_dict[relation[2]]
@@ -154,7 +163,10 @@ class Relations:
 
 
 def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
-    """Return the margin by which an object is on a box, positive if it is [m]: LIBERO's ``under``."""
+    """Return the margin by which an object is on a box [m], as in LIBERO's ``under``.
+
+    The margin is positive if the object is on the box.
+    """
     (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, away
     up = g * x + h * y + i * z
     return min(
@@ -166,7 +178,10 @@ def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
 
 
 def _slack_in(turn: list[float], away: list[float], half: list[float]) -> float:
-    """Return the margin by which an object is in a box, positive if it is [m]: LIBERO's ``in_box``."""
+    """Return the margin by which an object is in a box [m], as in LIBERO's ``in_box``.
+
+    The margin is positive if the object is in the box.
+    """
     (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, half
     high = abs(g * x + h * y + i * z)
     return min(

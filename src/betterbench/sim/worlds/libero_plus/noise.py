@@ -1,9 +1,9 @@
-"""Sensor noise of LIBERO-Plus, with five kinds at ten strengths, applied to the front camera image.
+"""Sensor noise of LIBERO-Plus: five kinds of noise at ten strengths, applied to the images of the front camera.
 
-The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with LIBERO-Plus's strengths, reproduced bit for bit
-(tests/sim/worlds/test_libero_plus.py). LIBERO-Plus draws from NumPy's global generator at every step, so
-:meth:`Noise.draw` is also called for unused images. This module is imported in LIBERO's environment, with NumPy and
-SciPy only.
+The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with the strengths chosen by LIBERO-Plus. They are
+reproduced bit for bit (tests/sim/worlds/test_libero_plus.py). LIBERO-Plus draws from NumPy's global generator at every
+step, so :meth:`Noise.draw` has to be called even for images that are not used. This module is imported in LIBERO's
+environment, so it uses only NumPy and SciPy.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``envs/env_wrapper.py``; for the motion blur, ImageMagick 6 ``MotionBlurImage``
 (16 bits per channel), which LIBERO-Plus calls; for the Gaussian filter, scikit-image ``filters.gaussian``.
@@ -18,42 +18,42 @@ from typing import Any
 import numpy as np
 
 _FILTERS: Any = importlib.import_module("scipy.ndimage")
-"""SciPy of LIBERO's environment."""
+"""SciPy's image filters, as installed in LIBERO's environment."""
 
 STRENGTHS = 10
-"""Strengths of each kind."""
+"""Number of strengths of each kind of noise."""
 
 _MOTION = ((5, 2), (8, 3), (10, 4), (12, 5), (15, 6), (18, 8), (20, 10), (25, 12), (30, 15), (35, 20))
-"""Radius and standard deviation [pixel]."""
+"""Radius and standard deviation of the motion blur [pixel], for each strength."""
 _ANGLE_DEG = 45.0
 _ZOOMS = (
     (1.11, 0.01), (1.16, 0.01), (1.21, 0.02), (1.26, 0.02), (1.31, 0.03),
     (1.36, 0.01), (1.41, 0.01), (1.46, 0.02), (1.51, 0.02), (1.56, 0.03),
 )  # fmt: skip
-"""End and step of the magnifications, from 1 on."""
+"""Largest magnification of the zoom blur, and the step between magnifications, for each strength."""
 _FOGS = (
     (0.5, 3.0), (1.0, 2.8), (1.5, 2.5), (2.0, 2.2), (2.5, 2.0), (3.0, 1.8), (3.5, 1.6), (4.0, 1.5), (4.5, 1.4),
     (5.0, 1.3),
 )  # fmt: skip
-"""Density, and attenuation factor of each finer pattern."""
+"""Density of the fog, and the factor by which each finer level of its pattern is attenuated, for each strength."""
 _FOG_SIDE = 256
 _FOG_ROUGHNESS = 100.0
 _GLASS = (
     (0.5, 1, 3), (0.7, 1, 3), (0.9, 2, 3), (1.0, 2, 2), (1.1, 3, 2), (1.3, 3, 2), (1.5, 4, 2), (1.8, 4, 2), (2.2, 5, 1),
     (2.5, 5, 1),
 )  # fmt: skip
-"""Standard deviation [pixel], largest shift [pixel], number of rounds."""
+"""Glass blur: standard deviation [pixel], largest shift [pixel] and number of rounds, for each strength."""
 
 
 class Noise:
-    """Noise by its number (1 to 50): motion, Gaussian and zoom blur, fog and glass blur, at ten strengths each."""
+    """One of the 50 noise settings of LIBERO-Plus: motion, Gaussian, zoom, fog and glass blur, ten strengths each."""
 
     def __init__(self, number: int) -> None:
-        """Prepare."""
+        """Select the noise with the given index, from 1 to 50."""
         self._kind, self._strength = divmod(number - 1, STRENGTHS)
 
     def draw(self, height: int, width: int) -> Any:  # noqa: ANN401 - what the kind needs
-        """Draw the random numbers for one image of this size [pixel]."""
+        """Draw the random numbers for one image of the given size [pixel]."""
         if self._kind == 0:
             return float(np.random.uniform(-_ANGLE_DEG, _ANGLE_DEG))  # noqa: NPY002 - LIBERO-Plus draws from the global generator
         if self._kind == 3:
@@ -65,7 +65,7 @@ class Noise:
         return None
 
     def apply(self, image: np.ndarray, drawn: Any) -> np.ndarray:  # noqa: ANN401
-        """Return a noisy uint8 image (h, w, 3). ``drawn`` is the result of :meth:`draw` for this image."""
+        """Return the image (h, w, 3) with noise, as uint8. ``drawn`` is the result of :meth:`draw` for this image."""
         s = self._strength
         if self._kind == 0:
             return _motion(image, *_MOTION[s], drawn)
@@ -79,15 +79,15 @@ class Noise:
 
 
 def _bytes(share: np.ndarray) -> np.ndarray:
-    """Return fractions of full brightness as uint8, clipped."""
+    """Convert fractions of full brightness to uint8, after clipping them to [0, 1]."""
     return np.asarray(np.clip(share, 0, 1) * 255).astype(np.uint8)
 
 
 def _gaussian(image: np.ndarray, sigma: float) -> np.ndarray:
-    """Return a blurred image, as SciPy's ``gaussian_filter`` with ``truncate=4`` does on CPUs without AVX-512.
+    """Return a blurred image. The result equals that of SciPy's ``gaussian_filter`` with ``truncate=4``.
 
-    The kernel is computed without AVX-512, because with AVX-512 NumPy's ``exp``, and therefore pixels, would differ in
-    the last bit.
+    The kernel is computed with Python's own ``exp``. NumPy's ``exp`` uses AVX-512 where it is available, which changes
+    the last bit of the kernel and therefore some pixels.
     """
     radius = int(4.0 * sigma + 0.5)
     kernel = np.array([math.exp(-0.5 / (sigma * sigma) * x**2) for x in range(-radius, radius + 1)])
@@ -98,7 +98,7 @@ def _gaussian(image: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def _motion(image: np.ndarray, radius: float, sigma: float, angle_deg: float) -> np.ndarray:
-    """Return the weighted mean along a line that begins at each pixel."""
+    """Blur an image by replacing each pixel with the weighted mean along a line that begins at the pixel."""
     taps = 2 * math.ceil(radius) + 1
     weights = [math.exp(-(i * i) / (2.0 * sigma * sigma)) / (math.sqrt(2.0 * math.pi) * sigma) for i in range(taps)]
     total = sum(weights)
@@ -118,7 +118,7 @@ def _motion(image: np.ndarray, radius: float, sigma: float, angle_deg: float) ->
 
 
 def _zoom(image: np.ndarray, end: float, step: float) -> np.ndarray:
-    """Return the mean of an image and its magnifications."""
+    """Blur an image by averaging it with several magnifications of itself."""
     shares = (image / 255.0).astype(np.float32)
     sums = np.zeros_like(shares)
     factors = np.arange(1, end, step)
@@ -137,7 +137,7 @@ def _magnified(image: np.ndarray, factor: float) -> np.ndarray:
 
 
 def _draw_fog(decay: float) -> np.ndarray:
-    """Return a cloudy pattern (256, 256) from 0 to 1, made by the diamond-square algorithm."""
+    """Return a cloudy pattern (256, 256) with values from 0 to 1, drawn with the diamond-square algorithm."""
     heights = np.zeros((_FOG_SIDE, _FOG_SIDE))
     step, rough = _FOG_SIDE, _FOG_ROUGHNESS
 
@@ -169,10 +169,10 @@ def _fog(image: np.ndarray, density: float, pattern: np.ndarray) -> np.ndarray:
 
 
 def _glass(image: np.ndarray, setting: tuple[float, int, int], drawn: list[np.ndarray]) -> np.ndarray:
-    """Return an image in which each pixel shows a nearby pixel, between two Gaussian blurs.
+    """Blur an image, replace each pixel by a nearby one, and blur the result again.
 
-    LIBERO-Plus intends to exchange two pixels. Because of NumPy's views, only one pixel changes. The other keeps its
-    color.
+    LIBERO-Plus intends to exchange the two pixels. Because of NumPy's views, however, only one of them changes and the
+    other one keeps its color.
     """
     sigma, reach, _ = setting
     height, width = image.shape[:2]

@@ -1,9 +1,9 @@
-"""LIBERO-Plus in LIBERO's simulator, with the scene files and initial states from its wheel.
+"""LIBERO-Plus, simulated by LIBERO's simulator with the scene files and initial states from the LIBERO-Plus wheel.
 
 The wheel is read but never imported, because its package needs libraries that LIBERO's environment lacks. Its files
-name the additions to a scene (camera, rest pose, textures, light, new objects, noise), which this module passes to
-LIBERO's own classes. Assets come from LIBERO or from the authors' download. Runs with the Python of LIBERO's
-environment.
+name what is added to a scene (camera, rest pose, textures, light, new objects, noise), and this module passes these
+additions to LIBERO's own classes. Assets come from LIBERO or from the download that the authors offer. The module runs
+in LIBERO's Python environment.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``envs/env_wrapper.py``, ``envs/problems``, ``envs/robots``, ``envs/objects`` and
 ``benchmark``.
@@ -38,7 +38,7 @@ from betterbench.tasks.worlds.libero_plus import CameraView, Variant, read_varia
 PREFIX = "libero_plus_"
 
 PIVOT_M = (0.0, 0.0, 0.8)
-"""Point about which the front camera is rotated and from which its distance is scaled, in every kind of scene [m]."""
+"""Point about which the front camera is rotated and from which its distance is scaled, for all kinds of scenes [m]."""
 
 _CAMERA = "agentview"
 _DECIMALS = 4
@@ -56,20 +56,20 @@ _ARRAY_NAMES = {
     "numpy dtype",
     "_codecs encode",
 }
-"""All names in the pickle of an initial-state file."""
+"""The only names that the pickle in an initial-state file may contain."""
 _INTEGERS = ("BININT", "BININT1", "BININT2")
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Changes made by a LIBERO-Plus problem class to its base class in LIBERO.
+    """Changes that a problem class of LIBERO-Plus makes to its base class in LIBERO.
 
     Attributes:
-        name: Its name.
-        base: LIBERO's class.
-        scene: Scene file, relative to the assets, or None for the scene of LIBERO's class.
-        floor: Name of the floor's texture, or None.
-        wall: Name of the wall's texture, or None.
+        name: Name of the problem class.
+        base: Name of the base class in LIBERO.
+        scene: Scene file, relative to the assets, or None to keep the scene of the base class.
+        floor: Name of the floor texture, or None to keep that of the base class.
+        wall: Name of the wall texture, or None to keep that of the base class.
     """
 
     name: str
@@ -80,7 +80,7 @@ class Problem:
 
 
 class LiberoPlusSimulator(LiberoSimulator):
-    """One environment of LIBERO-Plus."""
+    """One LIBERO-Plus environment, which is reused as long as the same variant is requested."""
 
     def __init__(self, package: Path, assets: Path | None = None) -> None:
         """Prepare the simulator. ``package`` is the folder with the wheel's files, ``assets`` the authors' download."""
@@ -98,7 +98,7 @@ class LiberoPlusSimulator(LiberoSimulator):
                 self._textures[kind.partition("_")[0].lower()].setdefault(name, file)
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return a suite's variants, or LIBERO's description of one of its own suites."""
+        """Describe the variants of a LIBERO-Plus suite. For a suite of LIBERO itself, return LIBERO's description."""
         if not name.startswith(PREFIX):
             return super().suite(name)
         bases = {task: i for i, task in enumerate(self._base_tasks(name))}
@@ -132,7 +132,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         missing = sorted(self._missing(text))
         if missing:
             raise FileNotFoundError(
-                f"{variant.name} needs {', '.join(missing)}, which the assets of LIBERO do not contain"
+                f"{variant.name} needs {', '.join(missing)}, but the assets folder in use does not contain them"
             )
         self._noise = Noise(variant.noise) if variant.noise else None
         self._add_objects(text)
@@ -149,9 +149,9 @@ class LiberoPlusSimulator(LiberoSimulator):
         return self._corrupt(seen), done
 
     def _corrupt(self, seen: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
-        """Return robosuite's observation with noise over the image of the front camera.
+        """Return robosuite's observation with noise added to the image of the front camera.
 
-        The random numbers of an image are drawn even if it is not used, as in LIBERO-Plus.
+        As in LIBERO-Plus, the random numbers of an image are drawn even if the image is not used.
         """
         name = f"{_CAMERA}_image"
         if self._noise is None or name not in seen:
@@ -165,7 +165,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return [str(found.get_task(i).name) for i in range(found.n_tasks)]
 
     def _variants(self, base: str) -> list[Variant]:
-        """Return a base suite's variants, in LIBERO-Plus order."""
+        """Return the variants of a base suite, in the order in which LIBERO-Plus lists them."""
         path = self._package / "benchmark" / "libero_suite_task_map.py"
         return [read_variant(name) for name in _assigned(path, ("libero_task_map",))["libero_task_map"][base]]
 
@@ -173,7 +173,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return self._package / "bddl_files" / _base_of(suite) / f"{variant.file}.bddl"
 
     def _states(self, suite: str, variant: Variant) -> np.ndarray:
-        """Return a variant's initial states, (n, m). These are the fifty of its base task, or its own single state."""
+        """Return the initial states of a variant (n, m): those of its base task, or a single state of its own."""
         folder = self._package / "init_files"
         if variant.own:
             folder /= "libero_newobj"
@@ -181,7 +181,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return states.reshape(1, -1) if variant.own else states
 
     def _missing(self, text: str) -> Iterator[str]:
-        """Yield the missing files of a scene, relative to their folder."""
+        """Yield each asset file that the scene needs and that is missing, relative to the assets folder."""
         problem = self._problems(_first(_PROBLEM, text).lower())
         needed = [] if problem.scene is None else [problem.scene]
         for kind, style in (("floor", problem.floor), ("wall", problem.wall)):
@@ -199,14 +199,14 @@ class LiberoPlusSimulator(LiberoSimulator):
 
     @functools.cache  # noqa: B019
     def _models(self) -> dict[str, str]:
-        """Return the model file of each new kind of object in LIBERO-Plus."""
+        """Return the model file of each kind of object that LIBERO-Plus adds."""
         text = (self._package / "envs" / "objects" / "custom_objects.py").read_text(encoding="utf-8")
         found = ((m[1], _MODEL.search(m[3])) for m in _CLASS.finditer(text))
         return {_kind_of(name): model[1] for name, model in found if model is not None}
 
     @functools.cache  # noqa: B019
     def _problems(self, name: str) -> Problem:
-        """Return the class of a problem by its name in lower case."""
+        """Return the changes that a LIBERO-Plus problem class makes, given the name of the class in lower case."""
         return self._every_problem()[name]
 
     @functools.cache  # noqa: B019
@@ -230,7 +230,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return _assigned(self._package / "envs" / file, names)
 
     def _add_problem(self, name: str, view: CameraView) -> None:
-        """Register a problem in LIBERO with its textures, its light and the front camera at a view."""
+        """Register a LIBERO-Plus problem in LIBERO, with its scene, its textures and the given camera view."""
         domain = importlib.import_module("libero.libero.envs.bddl_base_domain")
         regions = importlib.import_module("libero.libero.envs.regions").REGION_SAMPLERS
         problem = self._problems(name.lower())
@@ -255,7 +255,10 @@ class LiberoPlusSimulator(LiberoSimulator):
         regions.setdefault(name.lower(), regions[problem.base.lower()])
 
     def _add_robot(self, number: int) -> str:
-        """Register the robot with a rest pose in robosuite, on a mount and on the ground, and return its name."""
+        """Register the Panda with the given rest pose in robosuite, and return its name.
+
+        It is registered twice, on a mount and on the ground, since the scenes use both.
+        """
         if not number:
             return "Panda"
         robots = importlib.import_module("libero.libero.envs.robots")
@@ -264,21 +267,21 @@ class LiberoPlusSimulator(LiberoSimulator):
             if name not in robots.ROBOT_CLASS_MAPPING:
                 pose = np.array(self._rest_pose(file, name))
                 kind: Any = getattr(robots, base)
-                # robosuite registers every class of a robot by its name.
+                # Creating the class is enough: robosuite registers every robot class by its name.
                 type(kind)(name, (kind,), {"init_qpos": property(functools.partial(_copied, pose))})
                 robots.ROBOT_CLASS_MAPPING[name] = robots.SingleArm
         return f"Panda{number}"
 
     def _rest_pose(self, file: str, name: str) -> list[float]:
-        """Return the rest pose, joint angles (7,) [rad], of a robot class in the wheel."""
+        """Return the rest pose of a robot class in the wheel, as joint angles (7,) [rad]."""
         for node in _tree(self._package / "envs" / "robots" / file).body:
             if isinstance(node, ast.ClassDef) and node.name == name:
                 listed = next(part for part in ast.walk(node) if isinstance(part, ast.List))
                 return [float(x) for x in ast.literal_eval(listed)]
-        raise ValueError(f"LIBERO-Plus has no robot {name}")
+        raise ValueError(f"LIBERO-Plus does not define a robot {name}")
 
     def _add_objects(self, text: str) -> None:
-        """Register the new objects of a scene in LIBERO."""
+        """Register the objects that LIBERO-Plus adds to a scene in LIBERO."""
         known = importlib.import_module("libero.libero.envs.base_object").OBJECTS_DICT
         models = self._models()
         for kind in _kinds(text):
@@ -287,7 +290,10 @@ class LiberoPlusSimulator(LiberoSimulator):
 
 
 def seen_from(position: np.ndarray, quaternion: np.ndarray, view: CameraView) -> tuple[list[float], list[float]]:
-    """Return position (3,) [m] and quaternion (4,) (w, x, y, z) of a camera at a view, rounded like in LIBERO-Plus."""
+    """Return the position (3,) [m] and the quaternion (4,) of a camera that was moved to the given view.
+
+    The quaternion is (w, x, y, z). Every intermediate result is rounded as in LIBERO-Plus.
+    """
     rotation: Any = importlib.import_module("scipy.spatial.transform").Rotation
     pivot = np.array(PIVOT_M)
 
@@ -315,15 +321,15 @@ def seen_from(position: np.ndarray, quaternion: np.ndarray, view: CameraView) ->
 
 
 def initial_states_in(path: Path) -> np.ndarray:
-    """Return the float64 array in a file of initial states. torch wrote the file as a pickle in an archive.
+    """Return the float64 array in a file of initial states, which torch wrote as a pickle in a zip archive.
 
-    Nothing is unpickled: its shape and its bytes are extracted from the operations.
+    Nothing is unpickled. The shape and the bytes of the array are extracted from the operations of the pickle.
 
     Raises:
-        ValueError: If the file contains anything else.
+        ValueError: If the file contains anything but one float64 array.
     """
     if not path.is_file():  # opening a named pipe would wait
-        raise ValueError("is not a regular file")
+        raise ValueError("the file of initial states is not a regular file")
     with zipfile.ZipFile(path) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("/data.pkl"))
         steps = [(op.name, argument) for op, argument, _ in pickletools.genops(archive.read(name))]
@@ -341,11 +347,11 @@ def initial_states_in(path: Path) -> np.ndarray:
         data = texts[-1].encode("latin-1")
         if len(data) == 8 * math.prod(shape):
             return np.frombuffer(data, "<f8").reshape(shape)
-    raise ValueError(f"{path.name} contains no array of float64")
+    raise ValueError(f"expected one float64 array in {path.name}, but the file contains something else")
 
 
 def _new_object(kind: str, path: Path) -> type:
-    """Return the class for a new object, like the classes of LIBERO's own objects."""
+    """Create the robosuite class of a new kind of object, like LIBERO's classes of its own objects."""
     models: Any = importlib.import_module("robosuite.models.objects")
     element_tree: Any = importlib.import_module("xml.etree.ElementTree")
 
@@ -360,7 +366,7 @@ def _new_object(kind: str, path: Path) -> type:
             self.object_properties: dict[str, Any] = {"vis_site_names": {}}
 
         def _get_object_subtree(self) -> Any:  # noqa: ANN401
-            # robosuite requires the object's body inside another one.
+            # robosuite requires that the object's body is a child of another body.
             body = self.worldbody.find("./body[@name='object']")
             if body is not None and self.worldbody.find("./body/body[@name='object']") is None:
                 self.worldbody.remove(body)
@@ -383,24 +389,27 @@ def _base_of(suite: str) -> str:
 
 
 def _kind_of(name: str) -> str:
-    """Return LIBERO's kind for a class of objects ("BoxOfYogurt_1" is "box_of_yogurt__1")."""
+    """Return the name that LIBERO gives the kind of an object class ("BoxOfYogurt_1" is "box_of_yogurt__1")."""
     return "_".join(re.sub(r"([A-Z0-9])", r" \1", name).split()).lower()
 
 
 def _kinds(text: str) -> list[str]:
-    """Return the object kinds in a scene file."""
+    """Return the kinds of the objects that a scene file declares."""
     return re.findall(r"-\s+(\S+)", _first(_OBJECTS, text))
 
 
 def _sentence(name: str) -> str:
-    """Return LIBERO-Plus's instruction for a variant's name. It ends with the change."""
+    """Return the instruction that LIBERO-Plus derives from a variant's name.
+
+    This instruction ends with the name of the change.
+    """
     return re.sub(r"^.*?SCENE\d+_", "", name).replace("_", " ")
 
 
 def _first(pattern: re.Pattern[str], text: str) -> str:
     found = pattern.search(text)
     if found is None:
-        raise ValueError(f"a scene file has no match for {pattern.pattern}")
+        raise ValueError(f"a scene file contains no text that matches {pattern.pattern}")
     return " ".join(found[1].split()) if pattern is not _OBJECTS else found[1]
 
 
@@ -414,7 +423,7 @@ def _tree(path: Path) -> ast.Module:
 
 
 def _assigned(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return the literals assigned to names in a Python file, without running it."""
+    """Return the literals that a Python file assigns to the given names, without executing the file."""
     found = {}
     for node in _tree(path).body:
         target = node.targets[0] if isinstance(node, ast.Assign) else None
@@ -434,14 +443,15 @@ def _listing_digest(folder: Path) -> str:
 def main() -> None:
     """Answer requests over a socket.
 
-    Arguments: the wheel's folder, optionally the assets' folder, and the socket's number.
+    The command-line arguments are the wheel's folder, optionally the folder of the assets, and the socket's file
+    descriptor.
     """
     folder, *assets, descriptor = sys.argv[1:]
     prepare()
     package = Path(folder) / "liberoplus" / "liberoplus"
     with tempfile.TemporaryDirectory(prefix="libero-plus-") as settings:
         if assets:
-            # LIBERO reads the location of its assets from this file; valid JSON is valid YAML.
+            # LIBERO reads the location of its assets from this YAML file. JSON is valid YAML.
             (Path(settings) / "config.yaml").write_text(json.dumps({"assets": assets[0]}), encoding="utf-8")
             os.environ["LIBERO_CONFIG_PATH"] = settings
         simulator = LiberoPlusSimulator(package, Path(assets[0]) if assets else None)

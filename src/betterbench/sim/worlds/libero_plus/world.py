@@ -1,4 +1,4 @@
-"""LIBERO-Plus as a world, with a task's variants as conditions."""
+"""LIBERO-Plus as a world, in which the variants of a task are its conditions."""
 
 from __future__ import annotations
 
@@ -35,33 +35,34 @@ INSTALLATION = Installation(
 )
 
 ASSETS_VARIABLE = "BETTERBENCH_LIBERO_PLUS_ASSETS"
-"""Environment variable with the folder of the authors' assets, used without the option."""
+"""Environment variable with the folder of the authors' assets. It is used if the option for the folder is not given."""
 
 SENTENCES = ("clean", "published")
 
 _FOLDERS = ("scenes", "textures", "new_objects")
-"""Folders in the authors' assets."""
+"""Folders that the authors' assets must contain."""
 
 
 TRIALS = 1
-"""Initial states per variant in LIBERO-Plus's own protocol. It runs each variant once, from its first state."""
+"""Number of initial states per variant in LIBERO-Plus's own protocol, which runs each variant once."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlusOptions:
-    """Run options in LIBERO-Plus.
+    """Options of a run in LIBERO-Plus.
 
     Attributes:
-        protocol: Protocol name, for its steps.
-        broken_premises: "refuse" to stop the run at a scene that does not show what its instruction presupposes, else
-            "run".
-        axes: Axes to run. By default, all.
-        variants: Maximum number of variants per task and axis, evenly spread, or all if None.
-        libero_plus_sentences: "clean" for the base task's instruction (on the axis language, the instruction in the
-            variant's file), or "published" for LIBERO-Plus's own instructions, which end with the variant name on six
-            of the seven axes.
-        libero_plus_assets: Unzipped folder of the authors' assets, or None for the folder in the environment variable.
-        command: Command that starts the world's process. If empty, the command of its installed environment is used.
+        protocol: Name of the evaluation protocol, which sets the numbers of steps.
+        broken_premises: "refuse" stops the run if a scene contradicts what its instruction takes for granted. "run"
+            continues the run in this case.
+        axes: Axes to run. By default, all axes are run.
+        variants: Maximum number of variants per task and axis, which are spread evenly. If it is None, all are run.
+        libero_plus_sentences: "clean" uses the instruction of the base task, and on the axis "language" the instruction
+            in the variant's file. "published" uses LIBERO-Plus's own instructions, which end with the variant name on
+            six of the seven axes.
+        libero_plus_assets: Unzipped folder of the authors' assets. If it is None, the folder in the environment
+            variable ``BETTERBENCH_LIBERO_PLUS_ASSETS`` is used.
+        command: Command that starts the simulator process. If it is empty, the installed environment is used.
     """
 
     protocol: str = "openpi"
@@ -73,48 +74,48 @@ class PlusOptions:
     command: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        """Reject unknown names and an impossible number of variants."""
+        """Reject unknown names, and a number of variants that is out of range."""
         for axis in self.axes:
             if axis not in AXES:
-                raise UnknownNameError("axis of LIBERO-Plus", axis, AXES)
+                raise UnknownNameError("LIBERO-Plus axis", axis, AXES)
         if self.libero_plus_sentences not in SENTENCES:
-            raise UnknownNameError("kind of sentences", self.libero_plus_sentences, SENTENCES)
+            raise UnknownNameError("kind of instructions", self.libero_plus_sentences, SENTENCES)
         if self.variants is not None:
             require_between("--variants", self.variants, 1, STATES)
 
 
 @dataclass(frozen=True, slots=True)
 class VariantTask(WorldTask):
-    """Variant of a LIBERO task. ``number`` is the base task's number.
+    """Variant of a LIBERO task. ``number`` is the index of the base task.
 
     Attributes:
-        variant: Name in LIBERO-Plus.
+        variant: Name of the variant in LIBERO-Plus.
     """
 
     variant: str
 
     @property
     def condition(self) -> str:
-        """Condition name ("camera_0_0_100_2_352")."""
+        """Name of the condition, such as "camera_0_0_100_2_352"."""
         return read_variant(self.variant).condition
 
     @property
     def axis(self) -> str:
-        """Variant axis: the part of the task that the variant changes."""
+        """Axis of the variant, i.e. the part of the task that it changes."""
         return read_variant(self.variant).axis
 
     def asked(self) -> dict[str, Any]:
-        """Return the fields by which the simulator identifies the scene."""
+        """Return the fields of a request that tell the simulator which scene to build."""
         return {**WorldTask.asked(self), "variant": self.variant}
 
 
 @dataclass(frozen=True, slots=True)
 class LiberoPlusWorld(LiberoWorld):
-    """LIBERO-Plus. The simulator lists the variants and the files they need.
+    """LIBERO-Plus as the world of a run. The simulator reports which variants exist and which files they need.
 
     Attributes:
-        sentences: "clean", or "published" for instructions that end with the variant name.
-        left_out: Number of variants on each axis that are left out because the authors' assets are missing.
+        sentences: "clean", or "published" for LIBERO-Plus's own instructions, which end with the variant name.
+        left_out: Number of variants on each axis that are left out because they need the authors' assets.
     """
 
     facts: ClassVar[WorldFacts] = LIBERO_PLUS
@@ -126,23 +127,25 @@ class LiberoPlusWorld(LiberoWorld):
 
     @property
     def simulator(self) -> str:
-        """Simulator name: LIBERO, as for the twins."""
+        """Name of the simulator. It is LIBERO's, so that the trials can be compared with trials of the base tasks."""
         return "libero"
 
     def start_command(self) -> tuple[str, ...]:
-        """Return the command of the simulator's process, with the assets from the environment variable."""
+        """Return the command of the simulator process. The assets come from the folder in the environment variable."""
         return plus_command()
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], LiberoPlusWorld]:
-        """Return initial states of variants as trials (by protocol one per variant), and the world for the stored plan.
+        """Plan initial states of variants as trials. Return the trials and the world to be stored with the plan.
+
+        According to the protocol of LIBERO-Plus, each variant has one trial.
 
         Raises:
-            InvalidInputError: If nothing is left to run without the authors' assets.
+            InvalidInputError: If every requested variant needs the authors' assets and these are missing.
         """
         options = asked.options_as(PlusOptions, world=self.facts.title)
         suite, seed, count = asked.suite, asked.seed, TRIALS if asked.trials is None else asked.trials
         if suite not in PLUS_SUITES:
-            raise UnknownNameError("suite of LIBERO-Plus", suite, PLUS_SUITES)
+            raise UnknownNameError("LIBERO-Plus suite", suite, PLUS_SUITES)
         by = protocol_named(options.protocol)
         require_states(seed, count)
         numbers = task_numbers(suite, PLUS_SUITES[suite].tasks, asked.tasks)
@@ -171,7 +174,7 @@ class LiberoPlusWorld(LiberoWorld):
         return planned, world
 
     def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
-        """Return a message with the protocol of a suite and the left-out variants."""
+        """Return messages that state the protocol of the run and the variants that are left out."""
         by = self.protocol
         steps = by.steps[suite_named(suite).base]
         counts = Counter(trial.axis for trial in trials)
@@ -179,7 +182,7 @@ class LiberoPlusWorld(LiberoWorld):
             f"{plural(len(trials), 'trial')} of {suite} "
             f"({', '.join(f'{axis} {n}' for axis, n in counts.items())}): "
             f"{by.settling_steps} settling steps, then at most {steps} steps; seed {by.seed}; "
-            f"{self.sentences} sentences."
+            f"{self.sentences} instructions."
         )
         if not self.left_out:
             return (said,)
@@ -190,15 +193,16 @@ class LiberoPlusWorld(LiberoWorld):
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, without the paths of world and assets."""
+        """Return the world in JSON form, without the locations of the simulator and the assets."""
         return {**LiberoWorld.to_json(self), "sentences": self.sentences, "left_out": dict(self.left_out)}
 
 
 def plus_command(assets: Path | None = None) -> tuple[str, ...]:
-    """Return the command of the world's process, with the authors' assets folder if available.
+    """Return the command of the simulator process, with the folder of the authors' assets if one is known.
 
     Args:
-        assets: The folder, or None for the environment variable, if set.
+        assets: The folder of the assets. If it is None, the folder in the environment variable
+            ``BETTERBENCH_LIBERO_PLUS_ASSETS`` is used, if it is set.
 
     Raises:
         InvalidInputError: If the folder does not contain the assets.
@@ -210,14 +214,14 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
     if folder is not None and (missing := [name for name in _FOLDERS if not (folder / name).is_dir()]):
         raise InvalidInputError(
             where,
-            f"{folder} has no folder {', '.join(missing)}",
-            "Give the unzipped folder assets of LIBERO-Plus, which contains scenes, textures and new_objects",
+            f"{folder} does not contain the folder {', '.join(missing)}",
+            "Give the unzipped assets folder of LIBERO-Plus, which contains scenes, textures and new_objects",
         )
     return (*INSTALLATION.command(), *([] if folder is None else [str(folder.resolve())]))
 
 
 def _left_out(wanted: Sequence[tuple[VariantTask, int, list[str]]]) -> dict[str, int]:
-    """Return the number of variants on each axis that lack files."""
+    """Return, for each axis, how many of the variants need missing files."""
     found = Counter(task.axis for task, _, needs in wanted if needs)
     return {axis: found[axis] for axis in AXES if found[axis]}
 
@@ -228,8 +232,8 @@ def _nothing_left(
     first = next((needs[0] for _, _, needs in wanted if needs), "")
     return InvalidInputError(
         "--axes",
-        f"none of the {len(wanted)} variants of {suite} on {', '.join(choice.axes or AXES)} runs without the authors' "
-        f"assets (the first needs {first})",
+        f"none of the {len(wanted)} variants of {suite} on {', '.join(choice.axes or AXES)} can run without the "
+        f"authors' assets (the first needs {first})",
         "Download the assets of LIBERO-Plus and give their folder with --libero-plus-assets",
     )
 
@@ -237,17 +241,17 @@ def _nothing_left(
 def _variants_there(
     command: Sequence[str], suite: str, sentences: str
 ) -> tuple[list[tuple[VariantTask, int, list[str]]], tuple[TrainedTask, ...], dict[str, str]]:
-    """Return a suite's variants, the training distribution of its base suite, and the package versions."""
+    """Return the variants of a suite, the training tasks of its base suite, and the versions of the packages."""
     with WorldProcess(command) as process:
         said, base = process.suite(suite), process.suite(PLUS_SUITES[suite].base)
-    with as_agreed(f"describes {suite} in a way"):
+    with as_agreed(f"sent a description of {suite}"):
         wanted = [_read(suite, task, sentences) for task in said["tasks"]]
         regime = tuple(trained_task(task) for task in base["tasks"])
         return wanted, regime, sent_texts(said["versions"])
 
 
 def _read(suite: str, said: Mapping[str, Any], sentences: str) -> tuple[VariantTask, int, list[str]]:
-    """Return a variant, its number of initial states, and its missing files."""
+    """Return a variant, the number of its initial states, and the names of its missing files."""
     name, sentence = (
         sent_text(said["name"]),
         sent_text(said["published" if sentences == "published" else "instruction"]),
@@ -257,7 +261,7 @@ def _read(suite: str, said: Mapping[str, Any], sentences: str) -> tuple[VariantT
 
 
 def _spread(ready: Sequence[tuple[VariantTask, int]], most: int | None) -> list[tuple[VariantTask, int]]:
-    """Return at most a given number of variants per task and axis, evenly spread."""
+    """Return at most ``most`` variants per task and axis, spread evenly over all variants."""
     groups: dict[tuple[int, str], list[tuple[VariantTask, int]]] = {}
     for task, states in ready:
         groups.setdefault((task.number, task.axis), []).append((task, states))
