@@ -1,10 +1,10 @@
-"""Thresholds used only by the diagnosis, each with its unit, its reason and the effect of increasing it.
+"""Thresholds that only the diagnosis uses, each with its unit, its reason and the effect of increasing it.
 
-Thresholds shared with live judging (goal tracker, grasp attempts, harm) are in :mod:`betterbench.tasks.thresholds`,
-together with the thresholds for halts, falls, collisions and slips that every run lists in its conventions. A
-relation's tolerance is in the relation file.
+Thresholds that the diagnosis shares with live judging (goal tracker, grasp attempts, harm) are in
+:mod:`betterbench.tasks.thresholds`. That module also has the thresholds for halts, falls, collisions and slips that
+every run lists in its conventions. The tolerance of a relation is in the file of the relation.
 
-Entries that are not listed were added to this table after they were in use: see
+Thresholds with ``listed=False`` were added to this table after they were in use, see
 :func:`betterbench.tasks.thresholds.threshold`.
 """
 
