@@ -1,4 +1,4 @@
-"""Diagnostic matrices of a task, with nine conditions by the initial states of two objects and the paper's results."""
+"""Diagnostic matrices of a task: conditions arranged by the initial states of two objects, with the paper's results."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.errors import InvalidInputError
 
 
 class State(StrEnum):
-    """Object state at the start of a trial."""
+    """State of an object at the start of a trial."""
 
     TABLE = "on the table"
     TARGET = "at the target"
@@ -17,7 +17,7 @@ class State(StrEnum):
 
 
 class Horizon(StrEnum):
-    """Matrix of the paper that a condition belongs to."""
+    """Matrix of the paper to which a condition belongs."""
 
     SHORT = "short"
     LONG = "long"
@@ -25,13 +25,13 @@ class Horizon(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class MatrixCell:
-    """One cell of a matrix.
+    """One cell of a diagnostic matrix.
 
     Attributes:
         row: State of the first object.
         column: State of the second object.
-        conditions: Names of its conditions.
-        paper: Outcome of the paper's policy in the cell, as in the paper's table.
+        conditions: Names of the conditions in the cell.
+        paper: Outcome of the paper's policy in the cell, as stated in the paper's table.
     """
 
     row: State
@@ -42,10 +42,10 @@ class MatrixCell:
 
 @dataclass(frozen=True, slots=True)
 class ConditionMatrix:
-    """Matrix of a task's conditions by the initial states of two objects.
+    """Matrix of a task's conditions, arranged by the initial states of two objects.
 
     Attributes:
-        horizon: Matrix of the paper.
+        horizon: Which matrix of the paper this is.
         rows: Object whose states define the rows.
         columns: Object whose states define the columns.
         cells: One cell for each pair of states, row by row in the order of :class:`State`.
@@ -57,7 +57,7 @@ class ConditionMatrix:
     cells: tuple[MatrixCell, ...]
 
     def __post_init__(self) -> None:
-        """Check that there is one cell per pair of states, in order, and that no condition is in two cells."""
+        """Check that there is one cell for each pair of states, in order, and that no condition is in two cells."""
         where = f"{self.horizon.value}-horizon matrix"
         pairs = [(row, column) for row in State for column in State]
         if [(cell.row, cell.column) for cell in self.cells] != pairs:

@@ -1,4 +1,4 @@
-"""Check that listed regimes do not contain tests."""
+"""Check that the listed regimes of a task do not contain test conditions."""
 
 from betterbench.errors import InvalidInputError
 from betterbench.tasks.authoring.task import Task
@@ -6,12 +6,12 @@ from betterbench.tasks.authoring.training_distribution import pairing
 
 
 def require_no_test(task: Task) -> None:
-    """Check that no condition of a listed regime is a test, unless training also contains it.
+    """Check that no condition of a listed regime is a test, unless training contains this condition as well.
 
     A test is the initial scene of a variation together with its instruction.
 
     Raises:
-        InvalidInputError: If a condition is a test, with the names of both.
+        InvalidInputError: If a condition is a test. The message names the condition and the test.
     """
     if not task.regimes:
         return

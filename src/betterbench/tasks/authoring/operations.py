@@ -18,12 +18,12 @@ from betterbench.tasks.subgoal import Instruction
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """Declared changes of an operation.
+    """Changes that an operation declares.
 
-    Apart from these, a trial and its twin (without the operation) are bit-identical.
+    Apart from these changes, a trial and its twin (the trial without the operation) are bit-identical.
 
     Attributes:
-        objects: Names of objects whose presence, identity or start changes.
+        objects: Names of the objects whose presence, identity or start changes.
         language: Whether the instruction and its subgoals change.
     """
 
@@ -31,7 +31,7 @@ class Changes:
     language: bool = False
 
     def __or__(self, other: Changes) -> Changes:
-        """Return the union of the changes."""
+        """Return all changes of both operations."""
         return Changes(self.objects | other.objects, self.language or other.language)
 
 
@@ -41,9 +41,12 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """Intervention operation with arguments by name. Operations with the same name and arguments are equal.
+    """Operation of an intervention, with its arguments by name. Operations with the same name and arguments are equal.
 
-    Calling an operation with a condition returns the changed condition and the declared changes.
+    Attributes:
+        name: Name of the operation.
+        arguments: Arguments of the operation, by name.
+        carry_out: Function that takes a condition and returns the changed condition and the declared changes.
     """
 
     name: str
@@ -65,10 +68,12 @@ def operation_names() -> tuple[str, ...]:
 
 
 def operation_named(name: str) -> Callable[..., Operation]:
-    """Return the constructor of an operation. Its signature begins with the condition, which is not passed.
+    """Return the constructor of an operation.
+
+    The first parameter in the constructor's signature is the condition. It is not passed to the constructor.
 
     Raises:
-        UnknownNameError: If the operation does not exist.
+        UnknownNameError: If there is no such operation.
     """
     if name not in _CONSTRUCTORS:
         raise UnknownNameError("operation", name, _CONSTRUCTORS)
@@ -76,7 +81,10 @@ def operation_named(name: str) -> Callable[..., Operation]:
 
 
 def operation(function: Callable[Concatenate[Condition, P], Result]) -> Callable[P, Operation]:
-    """Decorator that turns a function on conditions into a constructor of operations with the other arguments."""
+    """Turn a function that changes a condition into a constructor of operations.
+
+    The constructor takes the arguments of the function except for the condition.
+    """
     signature = inspect.signature(function)
     name = function.__name__
 
@@ -102,7 +110,7 @@ def swap(condition: Condition, a: ObjectSpec, b: ObjectSpec) -> Result:
 
 @operation
 def move(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noqa: A002 - the word of do()
-    """Move an object to a free slot."""
+    """Move an object from its slot to a free slot."""
     _require_slot(condition, object)
     _require_free(condition, slot.name)
     return condition.with_(layout={**condition.layout, object.name: slot.name}), Changes(frozenset({object.name}))
@@ -110,7 +118,7 @@ def move(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noq
 
 @operation
 def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, region: str = "") -> Result:  # noqa: A002
-    """Place an object at its target in the initial state. ``region`` is given if the target has several regions."""
+    """Place an object at a target in the initial state. If the target has several regions, ``region`` names one."""
     _require_slot(condition, object)
     condition.object(target.name)
     layout = {name: slot for name, slot in condition.layout.items() if name != object.name}
@@ -157,7 +165,7 @@ def add(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noqa
 
 @operation
 def replace(condition: Condition, object: ObjectSpec, by: ObjectSpec) -> Result:  # noqa: A002
-    """Replace an object with another object in the same slot."""
+    """Replace an object by another object in the same slot."""
     _require_slot(condition, object)
     removed, first = remove(object).carry_out(condition)
     added, second = _added(removed, by, condition.layout[object.name])
@@ -166,13 +174,13 @@ def replace(condition: Condition, object: ObjectSpec, by: ObjectSpec) -> Result:
 
 @operation
 def instruct(condition: Condition, instruction: Instruction) -> Result:
-    """Change the instruction in the same scene."""
+    """Change the instruction and leave the scene as it is."""
     return condition.with_(instruction=instruction), Changes(language=True)
 
 
 @operation
 def repeat(condition: Condition, instruction: Instruction) -> Result:
-    """Repeat a trained step more often than in training, so that some subgoal occurs twice."""
+    """Require a step of training more often than training does, so that some subgoal occurs twice."""
     if len({goal.reference for goal in instruction.subgoals}) == len(instruction.subgoals):
         raise InvalidInputError(f"{condition.id} repeat", "no subgoal is repeated", "Use chain or instruct")
     return condition.with_(instruction=instruction), Changes(language=True)
@@ -180,7 +188,7 @@ def repeat(condition: Condition, instruction: Instruction) -> Result:
 
 @operation
 def chain(condition: Condition, instruction: Instruction) -> Result:
-    """Require more steps than the training condition."""
+    """Require more steps than the training condition does."""
     if len(instruction.subgoals) <= len(condition.instruction.subgoals):
         raise InvalidInputError(f"{condition.id} chain", "the new instruction is not longer", "Use instruct instead")
     return condition.with_(instruction=instruction), Changes(language=True)
