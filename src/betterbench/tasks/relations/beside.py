@@ -1,4 +1,4 @@
-"""Relation "beside": an object at a named side of an anchor."""
+"""Relation "beside": an object is at a named side of another object, the anchor."""
 
 import functools
 import math
@@ -17,7 +17,7 @@ SIDES = {
     "behind": "behind",
     "upper_right": "at the upper right of",
 }
-"""Regions of anchors, as seen by a person in front of the anchor, with the words used in instructions."""
+"""Words that instructions use for the sides of an anchor, as seen by a person in front of the anchor."""
 
 CLOSE_TO = {
     "left": "next to {} on the left",
@@ -25,15 +25,18 @@ CLOSE_TO = {
     "behind": "right behind {}",
     "upper_right": "next to {} at the upper right",
 }
-"""Words for the same sides in place-setting instructions. The pieces of a place setting are close to the plate."""
+"""Words for the same sides in place settings, whose pieces are close to the plate."""
 
 CUTLERY = frozenset({"fork", "spoon", "knife", "teaspoon", "spork"})
-"""Nouns of objects whose handle points to the front when they lie at a plate."""
+"""Nouns of objects whose handle points to the front when they lie next to a plate."""
 HANDLES_TO_FRONT = (
     "with the handle of the {} pointing to the front, not to a side",
     "with the handles of the cutlery pointing to the front, not to a side",
 )
-"""Words for this direction, of one piece and of several. They come last, because a cup has a handle too."""
+"""Words that state this direction for one piece of cutlery or several.
+
+They come last, because a cup has a handle too.
+"""
 
 REACH = threshold(
     "side_reach",
@@ -155,13 +158,13 @@ _RIGHT_TOO = f"right{SHARED}upper_right"
 
 
 def beside(state: WorldState, name: str, anchor: str) -> str | None:
-    """Return the side of an anchor where an object is, or None.
+    """Return the side of an anchor at which an object is, or None if it is at no side.
 
-    The center of the object's foot is on the table next to the anchor, up to 30 cm from its edge, or 7.5 cm from the
-    edge of a plate. The foot may be at most 2.5 cm past the ends of the anchor. "At the upper right" covers directions
-    between right and behind, up to 14.5 cm from the edge of a plate. Directions up to the diagonal also count as right.
-    The object has its asset's upright posture. The handle of cutlery at a plate points to the front. Cutlery may also
-    lie face down, on its edge, or on another piece of cutlery.
+    The center of the object's foot is on the table next to the anchor, up to 30 cm from the anchor's edge, or up to 7.5
+    cm from the edge of a plate. The foot may be at most 2.5 cm past the ends of the anchor. "At the upper right" covers
+    the directions between right and behind, up to 14.5 cm from the edge of a plate. Directions up to the diagonal also
+    count as right. The object has its asset's upright posture. The handle of cutlery at a plate points to the front.
+    Cutlery may also lie face down, on its edge, or on another piece of cutlery.
     """
     thing, target = state.info.object(name), state.info.object(anchor)
     on_table = state.touching(name, "table")
@@ -182,23 +185,26 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def is_laid(thing: ObjectInfo, anchor: ObjectInfo) -> bool:
-    """Return whether an object is cutlery in a place setting around an anchor. Its handle must point to the front."""
+    """Return whether an object is cutlery in a place setting, so that its handle must point to the front."""
     return _is_round(anchor) and _is_long(thing) and is_cutlery(thing.kind, thing.category)
 
 
 @functools.cache
 def is_cutlery(kind: str, category: str) -> bool:
-    """Return whether the noun or the category of an object is that of cutlery."""
+    """Return whether the noun or the category of an object is that of a piece of cutlery."""
     return not CUTLERY.isdisjoint((kind.rsplit(" ", maxsplit=1)[-1], category.rsplit("_", maxsplit=1)[-1]))
 
 
 def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
-    """Return the side of an anchor for a point in the anchor's frame [m], both sides if two overlap, or None."""
+    """Return the side of an anchor at which a point is, given in the anchor's frame [m].
+
+    The result names both sides if two overlap, and is None if the point is at no side.
+    """
     offered = {region.name for region in anchor.regions}
     half_x, half_y = 0.5 * anchor.size_m[0], 0.5 * anchor.size_m[1]
     is_round = _is_round(anchor)
     least, reach = (CLOSE_LEAST, CLOSE) if is_round else (LEAST, REACH)
-    from_edge = math.hypot(x, y) - half_x  # of a round anchor, and at a corner of another one
+    from_edge = math.hypot(x, y) - half_x  # distance from a round anchor, or from the corner of another one
     if is_round and from_edge < least:
         return None
     if "upper_right" in offered and _is_diagonal(x, y):
@@ -228,10 +234,10 @@ def _is_round(anchor: ObjectInfo) -> bool:
 
 
 def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
-    """Return the side of an anchor where an object is in any posture, on the table or on other objects.
+    """Return the side of an anchor at which an object is in any posture, on the table or on other objects.
 
-    The object's foot or center is over the region of that side. The region is far smaller than the side itself, so an
-    object over it was brought there. An object still held above the table is not included.
+    The foot or the center of the object is over the region of that side. The region is far smaller than the side
+    itself, so an object over the region was brought there. An object that is still held above the table does not count.
     """
     if state.held == name and lowest(state, name) - state.pose(anchor).position[2] > HEIGHT:
         return None

@@ -1,7 +1,7 @@
-"""Balanced conditions of dinner plates, with red and blue plates in every slot and the white plate at either position.
+"""Balanced conditions of the dinner plates: red and blue plates are in every slot, the white plate at either position.
 
-Other plates do not fit to the right of the white plate's right position, so this position occurs only with the left
-slots. Scenes that would equal a test omit the plate that the instruction does not name.
+To the right of the white plate's right position there is no room for other plates, so this position occurs only with
+the slots on the left. Scenes that would equal a test leave out the plate that the instruction does not name.
 """
 
 from dataclasses import replace
@@ -33,7 +33,7 @@ MIDDLE = ((LEFT_BACK, RIGHT_FRONT), (LEFT_FRONT, RIGHT_BACK), (RIGHT_BACK, LEFT_
 
 
 def balanced_dinner_plates() -> list[Condition]:
-    """Return each instruction with each slot for its plate, for either position of the white plate."""
+    """Return each instruction with each slot for the plate that it names, for both positions of the white plate."""
     right = {WHITE: STAND_RIGHT}
     trained = {RED: LEFT_BACK, BLUE: LEFT_FRONT, **right}
     found = [a.condition(trained, RED_ON_WHITE), a.condition({RED: LEFT_FRONT, **right}, RED_ON_WHITE)]
@@ -47,6 +47,6 @@ def balanced_dinner_plates() -> list[Condition]:
 
 
 def _stacked(blue: a.Slot, white: a.Slot) -> list[Condition]:
-    """Return subgoals with the stack as target, in either wording."""
+    """Return two conditions in which the target is the stack of two plates, one for each wording of the instruction."""
     layout = {RED: LEFT_BACK if blue is not LEFT_BACK else LEFT_FRONT, BLUE: blue, WHITE: white}
     return [a.condition(layout, asked, preplaced={RED: WHITE}) for asked in (BLUE_ON_RED, ON_THE_STACK)]
