@@ -1,9 +1,9 @@
 """Thresholds for live judging, and the table of all thresholds that affect a verdict.
 
-The goal tracker, grasp attempts and harm rules judge a trial while it runs. The thresholds for them are defined here,
-including thresholds that the diagnosis also uses. Thresholds of only the diagnosis are in
-:mod:`betterbench.diagnosis.thresholds`. A relation's tolerances are defined in its file, and a user's failure mode
-defines its own thresholds.
+The goal tracker, the detection of grasp attempts and the rules about harm judge a trial while it runs. Their thresholds
+are defined here, including those that the diagnosis uses as well. Thresholds that only the diagnosis uses are in
+:mod:`betterbench.diagnosis.thresholds`. The tolerances of a relation are defined in the relation's file. A user's
+failure mode defines its own thresholds.
 """
 
 from dataclasses import dataclass
@@ -11,12 +11,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """Table entry of a threshold, with its value, unit, purpose and effect.
+    """Threshold in the table, with its value, unit, reason and effect.
 
     Attributes:
-        unit: "m", "s", "rad", "m/s", "N", "%"; "1" for a plain number.
+        name: Name in runs, stored diagnoses and reports.
+        value: Value in ``unit``.
+        unit: "m", "s", "rad", "m/s", "N" or "%", or "1" for a number without a unit.
         reason: Use of the threshold, and the source of its value.
-        effect: Labels that become more or less frequent with a larger value.
+        effect: Labels that become more or less frequent if the value is larger.
         listed: Whether runs, stored diagnoses and reports list the threshold.
     """
 
@@ -37,14 +39,15 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
     Args:
         name: Name in runs, stored diagnoses and reports.
         value: Value in ``unit``.
-        unit: "m", "s", "rad", "m/s", "N", "%"; "1" for a plain number.
+        unit: "m", "s", "rad", "m/s", "N" or "%", or "1" for a number without a unit.
         reason: Use of the threshold, and the source of its value.
-        effect: Labels that become more or less frequent with a larger value.
-        listed: False for a value that was in use before it had an entry. Stored diagnoses lack such a value, and
-            listing it would mark them as judged by other rules. Set this to True when the value changes.
+        effect: Labels that become more or less frequent if the value is larger.
+        listed: Whether runs, stored diagnoses and reports list the threshold. Use False for a value that was in use
+            before it was added to the table. Stored diagnoses lack such a value, so that listing it would mark them as
+            judged by different rules. Change this to True when the value changes.
 
     Raises:
-        ValueError: If the name is taken.
+        ValueError: If there is already a threshold with this name.
     """
     if name in _TABLE:
         raise ValueError(f"the threshold {name!r} already exists")
@@ -53,17 +56,17 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
 
 
 def remove_threshold(name: str) -> None:
-    """Remove a threshold, for tests."""
+    """Remove a threshold from the table. This is meant for tests."""
     del _TABLE[name]
 
 
 def threshold_table() -> tuple[Threshold, ...]:
-    """Return the complete table."""
+    """Return all thresholds in the table."""
     return tuple(_TABLE.values())
 
 
 class Thresholds:
-    """Thresholds used by several modules."""
+    """Thresholds that several modules use."""
 
     # fmt: off
     # The goal tracker: objects at rest, upright objects, and the home position.
@@ -104,7 +107,7 @@ class Thresholds:
         "Larger: more slots are merged, so a word or a favorite slot explains more motions; more "
         "lexical_kinematic_shortcut and visual_layout_bias, fewer wrong_object.")
     attempt_height = threshold("attempt_height", 0.2, "m",
-        "Height above the table below which a closing gripper can make an attempt. No item of the suite can be "
+        "Largest height above the table at which a closing gripper can make an attempt. No item of the suite can be "
         "reached from higher up.",
         "Larger: grasps higher up are attempts; more behavioral_inertia and execution_failure, fewer timeout.")
     attempt_window = threshold("attempt_window", 1.0, "s",
@@ -126,8 +129,8 @@ class Thresholds:
         "Larger: more grasps are merged into one attempt; fewer causal_confusion and behavioral_inertia, which "
         "depend on a second attempt.")
     stop_time = threshold("stop_time", 0.4, "s",
-        "Time after which closing fingers have stopped on any object between them. It is the duration of their full "
-        "travel.",
+        "Time after which closing fingers have stopped on any object between them. In this time, they close completely "
+        "from the widest opening.",
         "Larger: fewer grasps without contact on both sides are assigned to an object, and a gripper must stay for "
         "longer; fewer wrong_object, more timeout.")
     begun_lift = threshold("begun_lift", 0.02, "m",
@@ -146,7 +149,7 @@ class Thresholds:
         "Larger: more objects were put down on purpose; more behavioral_inertia and causal_confusion, fewer "
         "execution_failure of dropped objects.")
     fallen_below = threshold("fallen_below", 0.05, "m",
-        "Depth below the table top from which an object has fallen off the table.",
+        "An object has fallen off the table if it is at least this far below the table top.",
         "Larger: fewer objects have fallen off; more success, fewer execution_failure.")
     knocked_tilt = threshold("knocked_tilt", 0.785, "rad",
         "Tilt (45 degrees) beyond which an object outside the gripper has been knocked over. A drink in a container "

@@ -51,17 +51,17 @@ CLOSE = threshold(
     "side_close",
     0.075,
     "m",
-    "The same distance to the left and right of a round anchor, such as the plate of a place setting. Instructions "
-    "for it say 'next to the plate', because cutlery starts 8 to 11 cm from its edge.",
+    "Like side_reach, to the left and right of a round anchor such as the plate of a place setting. Instructions for a "
+    "plate say 'next to the plate', because cutlery starts 8 to 11 cm from its edge.",
     "Larger: objects farther from the plate are next to it; more success, fewer execution_failure and timeout.",
 )
 CLOSE_DIAGONAL = threshold(
     "side_close_diagonal",
     0.145,
     "m",
-    "The same distance from the edge of a round anchor for an object at its upper right. Such an object is also no "
-    "farther to the right than side_close. Judges accepted cups at 11.6 and 12.8 cm and denied 17 cm. Salt shakers "
-    "and bowls start from 15 cm on.",
+    "Like side_reach, for an object at the upper right of a round anchor. Such an object may also be no farther to the "
+    "right than side_close. Judges accepted cups at 11.6 and 12.8 cm and denied one at 17 cm. Salt shakers and bowls "
+    "start at 15 cm or more.",
     "Larger: objects farther from the plate are at its upper right; more success, fewer execution_failure and timeout.",
 )
 LEAST = threshold(
@@ -76,8 +76,8 @@ CLOSE_LEAST = threshold(
     "side_close_least",
     0.005,
     "m",
-    "The same distance for a round anchor. Judges accepted a spoon at 0.6 cm that lies flat. Nearer cutlery leans on "
-    "the rim of the plate.",
+    "Like side_least, for a round anchor. Judges accepted a spoon that lies flat at 0.6 cm. Cutlery nearer than that "
+    "leans on the rim of the plate.",
     "Larger: cutlery close to a plate is not next to it; less success, more execution_failure.",
 )
 BEYOND = threshold(
@@ -116,7 +116,7 @@ HEIGHT = threshold(
     "side_height",
     0.012,
     "m",
-    "Height above the anchor's foot up to which an object is on the table.",
+    "Largest height above the anchor's foot at which an object still counts as being on the table.",
     "Larger: objects on a flat object are on the table; more success, fewer execution_failure and timeout.",
 )
 TURN = threshold(
@@ -141,7 +141,7 @@ CROSSING = threshold(
     "side_crossing",
     0.02,
     "m",
-    "Height above the anchor's foot up to which cutlery may lie on another piece of cutlery. Handles are 14 mm high. "
+    "Largest height above the anchor's foot of cutlery that lies on another piece of cutlery. Handles are 14 mm high. "
     "Judges accepted a fork on a spoon and a fork across a spoon.",
     "Larger: cutlery on a higher pile is at the side; more success, fewer execution_failure.",
 )
@@ -149,7 +149,7 @@ LONG_RATIO = threshold(
     "long_ratio",
     1.5,
     "1",
-    "Objects with at least this ratio of length to width have a direction. A mug with its handle has 1.4.",
+    "Objects with at least this ratio of length to width have a direction. The ratio of a mug with its handle is 1.4.",
     "Larger: fewer objects must keep a direction; more success, fewer execution_failure.",
 )
 
@@ -245,7 +245,7 @@ def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def _place(state: WorldState, point: Vector, anchor: str) -> str | None:
-    """Return the side whose region a point is above, or None."""
+    """Return the side whose region lies below a point, or None if there is no such region."""
     x, y, z = state.pose(anchor).inverse().apply(point)
     for region in state.info.object(anchor).regions:
         if region.name not in SIDES:
@@ -271,7 +271,7 @@ def _below_middle(state: WorldState, name: str) -> Vector:
 
 
 def _is_level(state: WorldState, name: str, anchor: str) -> bool:
-    """Return whether the length of an object is level, whichever side is up, and it does not lean on the anchor."""
+    """Return whether an object lies level, whichever face is up, and does not lean on the anchor."""
     _, _, rise = rotate(state.quaternion(name), (1.0, 0.0, 0.0))
     limit = THRESHOLDS.upright_tilt if state.touching(name, anchor) else LEVEL
     return abs(rise) <= math.sin(limit)
@@ -293,9 +293,9 @@ def _points_to_front(state: WorldState, name: str, anchor: str) -> bool:
 
 
 def _goals(state: WorldState, name: str, anchor: str, side: str) -> tuple[PlaceGoal, ...]:
-    """Return goals at the center of a side.
+    """Return goals at the center of a side of the anchor.
 
-    Long objects lie along the anchor. The handle of cutlery at a plate points to the front.
+    Long objects are aligned with the anchor. The handle of cutlery at a plate points to the front.
     """
     frame, info = state.pose(anchor), state.info.object(name)
     middle = (frame @ state.info.object(anchor).region(side).pose).position
@@ -337,4 +337,4 @@ BESIDE = register(
         wide=True,
     )
 )
-"""Relation between an object and a target, when the object is on a named side of the target."""
+"""Relation "beside": the object is on a named side of the target."""
