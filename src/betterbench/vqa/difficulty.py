@@ -1,4 +1,4 @@
-"""Question difficulty, determined by the number of tags that make a question harder."""
+"""Difficulty of questions, which depends on the number of tags that make a question harder."""
 
 from __future__ import annotations
 
@@ -22,6 +22,6 @@ HARDER = frozenset(
 
 
 def difficulty_of(tags: Collection[str]) -> Difficulty:
-    """Return easy, medium or hard for no, one or several tags that increase the difficulty."""
+    """Return "easy", "medium" or "hard" if none, one or more than one of the tags increase the difficulty."""
     count = len(HARDER & set(tags))
     return Difficulty.EASY if count == 0 else Difficulty.MEDIUM if count == 1 else Difficulty.HARD
