@@ -1,7 +1,7 @@
 """Static twins: pairs of a question about a variation and a question of the same kind about its training scene.
 
-The twin is about the variation's training condition with the same seed, and about the objects in that scene. It has the
-same type, form and family and, in a set about decisive moments, the same role.
+The twin is about the training condition of the variation with the same seed, and about the objects in that scene. It
+has the same type, form and family and, in a set about decisive moments, the same role.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from betterbench.vqa.question import Question, hash_number
 
 @lru_cache(maxsize=4096)
 def axis_of(task: str, condition: str) -> str | None:
-    """Return the axis of a variation, or None for another condition or an unknown task."""
+    """Return the axis of a variation, or None for other conditions and for unknown tasks."""
     try:
         return resolve_condition(task, condition).axis
     except UnknownNameError:
@@ -26,7 +26,10 @@ def axis_of(task: str, condition: str) -> str | None:
 
 
 def scene_twin(trial: TrialId) -> TrialId | None:
-    """Return the trial on the training condition with the same seed, or None if the trial is not of a variation."""
+    """Return the trial on the training condition with the same seed.
+
+    None if the given trial is not a trial of a variation.
+    """
     if axis_of(trial.task, trial.condition) is None:
         return None
     return TrialId(trial.task, resolve_condition(trial.task, trial.condition).base, trial.seed)
@@ -35,10 +38,11 @@ def scene_twin(trial: TrialId) -> TrialId | None:
 def static_twins(questions: Sequence[Question]) -> dict[str, str]:
     """Return the identifiers of the twins, by the identifiers of the questions about variations.
 
-    The twin is chosen among the questions of the same kind about the training scene. The question with the fewest twins
-    so far is preferred, then the same camera, the same number of wording, and the smallest distance in time. A question
-    about a training scene may be the twin of several questions, as a training trial may be the twin of several
-    variations. A question without a question of its kind about the training scene has no twin and is left out.
+    The twin is chosen among the questions of the same kind about the training scene. A question that is the twin of few
+    others so far is preferred, then one from the same camera, then one with the same number of the wording, and then
+    the nearest one in time. A question about a training scene may be the twin of several questions, just as a training
+    trial may be the twin of several variations. A question for which there is no question of its kind about the
+    training scene has no twin and is left out.
     """
     scenes: dict[tuple[object, ...], list[Question]] = {}
     for question in questions:
@@ -60,7 +64,7 @@ def _kind(question: Question) -> tuple[object, ...]:
 
 
 def _distance(question: Question, other: Question) -> tuple[object, ...]:
-    """Return a sort key for the difference between two questions of the same kind."""
+    """Return a sort key for how different two questions of the same kind are."""
     return (
         question.source.camera != other.source.camera,
         bool(set(question.tags) ^ set(other.tags)),

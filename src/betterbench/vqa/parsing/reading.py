@@ -10,7 +10,10 @@ from betterbench.vqa.question import Form
 
 
 def read_text(spec: AnswerSpec, text: str) -> Read:
-    """Read the answer in a text; the stage is "none" if the text contains no answer or several different answers."""
+    """Read the answer in a text.
+
+    The stage is "none" if the text contains no answer, or several different answers.
+    """
     text = final_text(text)
     match spec.form:
         case Form.YES_NO:

@@ -1,4 +1,4 @@
-"""Counting: visible objects of a kind, objects in a container, and objects in a stack."""
+"""Questions about numbers of objects: visible objects of a kind or a group, and objects in a container."""
 
 from __future__ import annotations
 
@@ -18,9 +18,12 @@ GROUPS = {
     "pieces of cutlery": ("fork", "spoon"),
     "drawers": ("upper_drawer", "lower_drawer"),
 }
-"""Words for several kinds of object, with their categories."""
+"""Words for several kinds of objects, each with the categories of these objects."""
 SIMILAR = {"plates": ("shallow_bowl", "cereal_bowl"), "mugs": ("cup", "tumbler", "drink_cup")}
-"""Categories that could be confused with the categories of a word; scenes that show them are excluded for that word."""
+"""Categories that could be confused with the categories of a word.
+
+A scene with objects of these categories is not used for questions with this word.
+"""
 
 
 def counting(moment: Moment) -> Iterator[QuestionDraft]:
@@ -40,7 +43,7 @@ def counting(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _count(moment: Moment, family: str, key: str, plural: str, members: list[str]) -> Iterator[QuestionDraft]:
-    """Yield the question for the number of objects, if each of them is either clearly visible or hidden."""
+    """Yield the question for the number of objects if each of them is either clearly visible or completely hidden."""
     shown = [name for name in members if moment.is_clear(name)]
     if all(moment.is_clear(name) or moment.is_hidden(name) for name in members):
         tags = () if members else ("absent",)
@@ -48,7 +51,10 @@ def _count(moment: Moment, family: str, key: str, plural: str, members: list[str
 
 
 def _count_inside(moment: Moment, kind: str, target: str) -> Iterator[QuestionDraft]:
-    """Yield the question for the number of objects in a container, if all objects are clear and unambiguous."""
+    """Yield the question for the number of objects in a container.
+
+    There is no question if an object in it is not clearly visible, or if the state is ambiguous.
+    """
     inside = []
     for o in moment.objects:
         if o.role not in ("item", "distractor") or o.fixed or o.name == target:

@@ -1,4 +1,4 @@
-"""Premise: presence of an object, identity of the object in a slot, and feasibility of a task."""
+"""Questions about premises: presence of an object, identity of the object in a slot, and feasibility of a task."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ def premise(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
-    """Return the tags of the question for an absent kind; it is harder if another object is in its usual slot."""
+    """Return the tags of a question about a kind of object that is absent.
+
+    The question is harder if another object is in the slot in which this kind usually stands.
+    """
     tags = ["absent"]
     if kind in moment.episode.vocabulary:
         tags.append("of this task")
@@ -35,7 +38,10 @@ def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
 
 
 def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about the object in a box that ask for its own kind, or the kind at this place in training."""
+    """Yield questions whether the object in a box is of a certain kind.
+
+    They ask for the object's own kind, and for the kinds that stood in the object's slot in training.
+    """
     info = moment.state.info
     for kind, o in moment.things.items():
         usual = info.slot(o.slot).trained_kinds if o.slot is not None else ()
@@ -49,7 +55,7 @@ def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _can_be_done(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield the question of whether all objects of the instruction are present."""
+    """Yield the question whether all objects of the instruction are present."""
     goals, trace = moment.condition.instruction.subgoals, moment.episode.trace
     names = [trace.info.objects[i].name for meant in trace.meant for i in meant]
     targets = [trace.info.objects[i].name for i in trace.targets]
