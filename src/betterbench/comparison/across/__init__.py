@@ -1,4 +1,4 @@
-"""Comparison across worlds: LIBERO success rates, CALVIN chains, and illusion gaps of each policy."""
+"""Comparison across worlds: success rates in LIBERO, chains in CALVIN, and the illusion gaps of each policy."""
 
 from betterbench.comparison.across.gaps import WorldGap, gaps_of
 from betterbench.comparison.across.suite_runs import SuiteRun, is_across, read_suite_runs
