@@ -87,7 +87,9 @@ class FailureMode:
             InvalidInputError: If the label already has a failure mode.
         """
         if self.label in _MODES:
-            raise InvalidInputError("failure mode", f"{self.label} is already registered", "Use a new label")
+            raise InvalidInputError(
+                "failure mode", f"{self.label} is already registered", "Register the failure mode with a new label"
+            )
         find = registered("failure mode", self.label.value, find, _MODES)
         known = {**_MODES, self.label: replace(self, find=find)}
         _MODES.clear()

@@ -155,7 +155,7 @@ def on_our_table(record: Record) -> Record:
     m = record.metadata
     if not m.scene.slots:
         raise RecordError(
-            f"{m.task}/{m.condition} seed {m.seed}: the record names no regions on the table; record the trial again."
+            f"{m.task}/{m.condition} seed {m.seed}: the record names no regions on the table. Record the trial again."
         )
     height = m.scene.slots[0].position[2]
     lower = np.array([0.0, 0.0, height])

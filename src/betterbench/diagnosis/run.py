@@ -144,8 +144,8 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, re
     if not reader.twins_elsewhere or not shared:
         raise InvalidInputError(
             str(run.path),
-            "it contains no twin of these trials",
-            "Give a run of their base suite in LIBERO with the same --seed",
+            "it contains no counterfactual twin of the planned trials",
+            "Give a run of the LIBERO base suite that was made with the same --seed",
         )
     for trial in shared:
         record = run.read_record(trial.task, trial.condition, trial.seed)
@@ -162,7 +162,7 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
         RecordError: If no record is given, or if a record lacks a predicate of its task.
     """
     if not records:
-        raise RecordError("There are no records to diagnose. Give at least one.")
+        raise RecordError("There are no records to diagnose. Give at least one record.")
     trials, versions, reader = _Trials(), RecordVersions(allow_mixed=allow_mixed), OwnReader()
     for record in records:
         versions.add(record.metadata)

@@ -117,7 +117,7 @@ def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mappi
 
 
 def _choice_of_slot(attempts: Sequence[Choice]) -> float:
-    """Return the cost of choosing one slot if all slots are equally likely beforehand [nats]."""
+    """Return the cost of choosing one slot when all slots are equally likely a priori [nats]."""
     return math.log(max((c.places for c in attempts), default=2))
 
 

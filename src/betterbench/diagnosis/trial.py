@@ -119,7 +119,7 @@ def read_trial(record: Record, *, path: str | None = None) -> Reading:
     task, condition = resolved.task, resolved.condition
     missing = {s.name for s in task.slots} - {s.name for s in m.scene.slots}
     if missing:
-        text = f"{m.task}/{m.condition} seed {m.seed}: the record has no slot {min(missing)}; record the trial again."
+        text = f"{m.task}/{m.condition} seed {m.seed}: the record has no slot {min(missing)}. Record the trial again."
         raise RecordError(text)
     trace = trace_of(record, condition, step_limit=task.step_limit(condition))
     harm = () if record.outcome.success else find_harm(record, trace, condition)

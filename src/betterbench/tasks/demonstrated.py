@@ -324,7 +324,7 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
         (f"version of {task.id}", found.version, task.version),
     ):
         if there != here:
-            raise InvalidInputError(where, f"{task.id} was measured with {what} {there}; this is {here}", cure)
+            raise InvalidInputError(where, f"{task.id} was measured with {what} {there}, but this is {here}", cure)
     return found
 
 

@@ -79,7 +79,7 @@ def new_label(name: str, kind: Kind, *, after: Label | None = None) -> Label:
         InvalidInputError: If there is already a label with this name.
     """
     if name in _LABELS:
-        raise InvalidInputError("label", f"{name!r} exists already", "Choose another name")
+        raise InvalidInputError("label", f"there is already a label {name!r}", "Choose a different name")
     label = str.__new__(Label, name)
     label.kind = kind
     ordered = list(_LABELS.values())

@@ -223,7 +223,9 @@ def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]
     if name in known and (before is None or before.path != here.path):
         owner = "betterbench itself" if before is None else before.text
         raise InvalidInputError(
-            f"{kind} {name!r}", f"it is defined in both {here.text} and {owner}", "Rename one of the two"
+            f"{kind} {name!r}",
+            f"it is defined in both {here.text} and {owner}",
+            "Change the name in one of the two files",
         )
 
     @functools.wraps(make)
@@ -295,7 +297,7 @@ def _execute(file: TaskFile) -> None:
     name = f"betterbench_task_file_{stem}_{file.sha256[:8]}"
     spec = importlib.util.spec_from_loader(name, _Loader(file), origin=file.path)
     if spec is None or spec.loader is None:
-        raise AssertionError("a loader gives its specification")
+        raise AssertionError("the import system made no specification for the file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look up the module of their class there
     spec.loader.exec_module(module)
@@ -461,9 +463,9 @@ def require_origins(plan: Mapping[str, Any], run: Path) -> None:
             where = f"a copy is {copy}: read it before you pass it" if copy.is_file() else "pass the file"
             raise RecordError(
                 f"{run}: tasks of this run are defined by {_safe(name)} (sha256 {_safe(sha256)[:12]}), which is not "
-                "loaded, or is loaded with another text. If its text has changed, give a new --out. A file in the "
-                f"folder of a run is not executed automatically: {where} with --task-file, or the folder of its "
-                "suite with --suite."
+                "loaded, or is loaded with a different text. If the text has changed, give a new --out. A file in the "
+                f"folder of a run is not executed automatically: {where} with --task-file, or pass the folder of "
+                "its suite with --suite."
             )
     packages = {origin.package[0] for origin in _origins.values() if origin.package}
     for name, version in _pairs(plan, "plugins", "version"):

@@ -92,7 +92,7 @@ _MAX_BYTES = 1 << 30
 _MAX_CANDIDATE_BYTES = 1 << 28
 """Largest size of the unpacked candidates of one trial [bytes]."""
 _CURE = "Make the set again in a new folder"
-_ANEW = "Delete it and run the same command again"
+_ANEW = "Delete the file and run the same command again"
 
 
 class Photo(Protocol):
@@ -309,7 +309,7 @@ def purpose_of(trials: Sequence[TrialId]) -> str:
         raise InvalidInputError(
             "seeds",
             "mixes demonstration seeds and evaluation seeds",
-            "Create a separate run and set for each",
+            "Make a separate run and a separate set for each kind of seed",
         )
     return purposes.pop()
 
@@ -478,7 +478,7 @@ def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline
     """
     if not questions:
         raise InvalidInputError(
-            str(out), "no balanced questions are possible", "Give more trials, variations, frames or cameras"
+            str(out), "no balanced questions are possible", "Use more trials, variations, frames or cameras"
         )
     lines = b"".join(json_line(dump_json(_conversation(q))) for q in questions)
     images = sorted({q.image for q in questions})

@@ -178,7 +178,7 @@ def _keep(file: Path, questions: Sequence[Question]) -> None:
 
 
 def _read(file: Path) -> list[Question]:
-    cure = "Delete it and run the same command again"
+    cure = "Delete the file and run the same command again"
     data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     lines = open_sealed_lines(data, where=str(file), cure=cure, raises=RecordError)
     return [read_form(QUESTION, line, where=str(file), cure=cure, raises=RecordError, sealed=True) for line in lines]

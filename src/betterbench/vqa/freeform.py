@@ -277,7 +277,7 @@ def _read(file: Path) -> _Kept:
     Raises:
         RecordError: If the file cannot be read or is malformed.
     """
-    cure = "Move it elsewhere and run the same command again, which asks about the image again"
+    cure = "Move the file elsewhere and run the same command again, which asks about the image again"
     data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     form = open_seal(data, where=str(file), cure=cure, raises=RecordError, since=("version", 2))
     form.pop("version", None)

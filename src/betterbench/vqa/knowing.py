@@ -108,7 +108,9 @@ class LabelKnowledge:
         """
         if set(self.counts) != set(KnowledgeStanding) or min(self.counts.values()) < 0:
             names = ", ".join(KnowledgeStanding)
-            raise InvalidInputError(self.label, "does not have one count per standing", f"Expected {names}")
+            raise InvalidInputError(
+                self.label, "must have exactly one count for each standing", f"The standings are {names}"
+            )
         if sum(self.counts.values()) != self.n:
             problem = f"its counts add up to {sum(self.counts.values())} trials, expected {self.n}"
             raise InvalidInputError(self.label, problem, "Correct the counts")

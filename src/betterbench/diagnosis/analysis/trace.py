@@ -144,7 +144,7 @@ def _column(record: Record, label: str) -> int:
         return record.metadata.predicate_names.index(label)
     except ValueError:
         m = record.metadata
-        text = f"{m.task}/{m.condition} seed {m.seed}: the record has no predicate {label}; record the trial again."
+        text = f"{m.task}/{m.condition} seed {m.seed}: the record has no predicate {label}. Record the trial again."
         raise RecordError(text) from None
 
 
@@ -171,7 +171,9 @@ def _index_of_kind(info: SceneInfo, kind: str) -> int:
     """
     found = next((i for i, o in enumerate(info.objects) if o.kind == kind), None)
     if found is None:
-        raise RecordError(f"scene: the record has no {kind!r}, which its condition requires; record the trial again.")
+        raise RecordError(
+            f"scene: the record has no {kind!r}, which the condition of the trial requires. Record the trial again."
+        )
     return found
 
 

@@ -277,7 +277,7 @@ class PowerMatrix:
                 raise InvalidInputError("power matrix", f"{name} was {then} and is now {now}", cure)
         if list(earlier.cells) != list(self.cells):
             other = sorted(earlier.cells.keys() ^ self.cells.keys()) or ["another order"]
-            raise InvalidInputError("power matrix", f"the pretenders have changed: {', '.join(other)}", cure)
+            raise InvalidInputError("power matrix", f"the compared policies have changed: {', '.join(other)}", cure)
         order = dict.fromkeys((*earlier.variations, *self.variations))
         rows = {name: {**kept.cells[name], **row} for name, row in self.cells.items()}
         chances = {**kept.chances, **self.chances}

@@ -28,4 +28,6 @@ def require_no_test(task: Task) -> None:
             if test is not None and pairing(condition) not in trained:
                 where = f"task {task.id}: regimes.{regime}.conditions[{number}]"
                 problem = f"{condition.name} is the test {task.id}/{test}"
-                raise InvalidInputError(where, problem, "Change its layout or instruction, or remove the condition")
+                raise InvalidInputError(
+                    where, problem, "Change the layout or the instruction of the condition, or remove it"
+                )

@@ -130,7 +130,7 @@ def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, regio
 def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Result:
     """Open a drawer by ``distance_m`` in the initial state. A distance of 0 closes it."""
     if condition.object(drawer.name).mount is None:
-        raise _refused(condition, drawer, "it is not a drawer", "Give an object with a mount")
+        raise _refused(condition, drawer, "it is not a drawer", "Name a drawer, i.e. an object with a mount")
     if not distance_m >= 0.0:
         raise InvalidInputError(
             f"{condition.id} distance_m",
@@ -182,7 +182,9 @@ def instruct(condition: Condition, instruction: Instruction) -> Result:
 def repeat(condition: Condition, instruction: Instruction) -> Result:
     """Require a step of training more often than training does, so that some subgoal occurs twice."""
     if len({goal.reference for goal in instruction.subgoals}) == len(instruction.subgoals):
-        raise InvalidInputError(f"{condition.id} repeat", "no subgoal is repeated", "Use chain or instruct")
+        raise InvalidInputError(
+            f"{condition.id} repeat", "no subgoal is repeated", "Use the operation chain or instruct"
+        )
     return condition.with_(instruction=instruction), Changes(language=True)
 
 
@@ -190,14 +192,16 @@ def repeat(condition: Condition, instruction: Instruction) -> Result:
 def chain(condition: Condition, instruction: Instruction) -> Result:
     """Require more steps than the training condition does."""
     if len(instruction.subgoals) <= len(condition.instruction.subgoals):
-        raise InvalidInputError(f"{condition.id} chain", "the new instruction is not longer", "Use instruct instead")
+        raise InvalidInputError(
+            f"{condition.id} chain", "the new instruction is not longer", "Use the operation instruct"
+        )
     return condition.with_(instruction=instruction), Changes(language=True)
 
 
 def _added(condition: Condition, spec: ObjectSpec, slot: str) -> Result:
     _require_free(condition, slot)
     if any(o.name == spec.name for o in condition.objects):
-        raise _refused(condition, spec, "an object with this name already exists", "Choose another name")
+        raise _refused(condition, spec, "an object with this name already exists", "Choose a different name")
     layout = {**condition.layout, spec.name: slot}
     return condition.with_(objects=(*condition.objects, spec), layout=layout), Changes(frozenset({spec.name}))
 
@@ -206,13 +210,13 @@ def _require_free(condition: Condition, slot: str) -> None:
     occupant = condition.occupant(slot)
     if occupant is not None:
         what = f"it already contains {occupant}"
-        raise InvalidInputError(f"{condition.id} slot {slot!r}", what, "Remove or move it first")
+        raise InvalidInputError(f"{condition.id} slot {slot!r}", what, "Remove or move that object first")
 
 
 def _require_slot(condition: Condition, spec: ObjectSpec) -> None:
     condition.object(spec.name)
     if spec.name not in condition.layout:
-        raise _refused(condition, spec, "it does not start in a slot", "Give an object that starts in a slot")
+        raise _refused(condition, spec, "it does not start in a slot", "Name an object that starts in a slot")
 
 
 def _refused(condition: Condition, spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:

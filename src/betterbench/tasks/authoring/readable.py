@@ -26,12 +26,16 @@ def require_readable(task: Task) -> None:
     """
     for at, text in _texts(task):
         if at is not None and at.is_name and not _NAME.fullmatch(text):
-            cure = "Use up to 100 letters, digits, spaces, '_', '-' and '.', the first a letter or digit"
+            cure = "Use up to 100 letters, digits, spaces, '_', '-' and '.', and begin with a letter or digit"
             raise InvalidInputError(_where(task, at), f"{_shown(text)} cannot be a name", cure)
         if UNPRINTABLE.search(text):
-            raise InvalidInputError(_where(task, at), f"{_shown(text)} contains an unprintable character", "Remove it")
+            raise InvalidInputError(
+                _where(task, at), f"{_shown(text)} contains an unprintable character", "Remove this character"
+            )
         if len(text) > LONGEST_TEXT:
-            raise InvalidInputError(_where(task, at), f"has {len(text)} characters", f"Use at most {LONGEST_TEXT}")
+            raise InvalidInputError(
+                _where(task, at), f"has {len(text)} characters", f"Use at most {LONGEST_TEXT} characters"
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,7 +65,9 @@ def registered_for_now(made: Task) -> Iterator[Task]:
     """
     load_declared()
     if made.id in _BUILDERS:
-        raise InvalidInputError(f"task {made.id}", "a task with this name exists", "Give the task a different name")
+        raise InvalidInputError(
+            f"task {made.id}", "a task with this name already exists", "Give the task a different name"
+        )
     whole = named_task(made, made.id, made.description)
     _BUILDERS[made.id] = lambda: whole
     try:

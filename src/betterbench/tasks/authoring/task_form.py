@@ -210,7 +210,7 @@ def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
         known: dict[str, Any] = objects if isinstance(value, ObjectSpec) else slots
         if isinstance(value, ObjectSpec | Slot) and known.setdefault(value.name, value) != value:
             problem = f"two different objects or slots are named {value.name!r}"
-            raise InvalidInputError(f"task {task.id}", problem, "Give each its own name")
+            raise InvalidInputError(f"task {task.id}", problem, "Give each object and each slot a name of its own")
     packaged = TEMPLATES.get(task.template.name) == task.template
     form = {
         "schema_version": SCHEMA_VERSION,
@@ -319,7 +319,7 @@ class _Names:
     def require_distinct(self, path: str, names: Sequence[str]) -> None:
         twice = [name for name, times in Counter(names).items() if times > 1]
         if twice:
-            raise self.wrong(path, f"{one_line(repr(twice[0]), most=80)} is given twice", "Give each its own name")
+            raise self.wrong(path, f"{one_line(repr(twice[0]), most=80)} is given twice", "Use each name only once")
 
     def find(self, path: str, kind: str, name: str, known: Mapping[str, Any]) -> Any:  # noqa: ANN401
         if name not in known:
@@ -347,7 +347,7 @@ def _template(form: str | dict[str, Any], where: str) -> Template:
         if form not in TEMPLATES:
             problem = one_line(str(UnknownNameError("template", form, TEMPLATES)), most=400).rstrip(".")
             raise InvalidInputError(
-                f"{where}: template", problem, "Give the name of a packaged template, or a complete template"
+                f"{where}: template", problem, "Use the name of a packaged template, or write a complete template"
             )
         return TEMPLATES[form]
     try:
@@ -363,7 +363,7 @@ def _instruction(form: _Instruction, names: _Names, path: str) -> Instruction:
         names.find(f"{at}.relation", "relation", goal.relation, RELATIONS)
         names.object(f"{at}.target", goal.target)
         if (goal.reference.kind is None) == (goal.reference.slot is None):
-            raise names.wrong(f"{at}.reference", "must contain either a kind or a slot", "Give one of the two")
+            raise names.wrong(f"{at}.reference", "must contain either a kind or a slot", "Give only one of these")
         if goal.reference.slot is not None:
             names.slot(f"{at}.reference.slot", goal.reference.slot)
         reference = Reference(goal.reference.kind, goal.reference.slot)
@@ -483,7 +483,7 @@ def _argument(value: object, annotation: str, names: _Names, path: str) -> objec
             return read_form(_NUMBER, text, where=where, cure=_CURE)
         case "str":
             return read_form(_TEXT, text, where=where, cure=_CURE)
-    raise names.wrong(path, f"an argument of the type {annotation} has no JSON form", "Write the task in Python")
+    raise names.wrong(path, f"an argument of type {annotation} has no JSON form", "Write the task in Python")
 
 
 def _require_applicable(task: Task, names: _Names) -> None:

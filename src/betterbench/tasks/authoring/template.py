@@ -98,7 +98,7 @@ class Template(Meta, Protocol):
 
     @property
     def regions(self) -> tuple[str, ...]:
-        """Return the region names of which the asset of a target must have one."""
+        """Names of regions. The asset of a target must have a region with one of these names."""
         return tuple(dict.fromkeys(region for relation in self.relations for region in relation.needs))
 
     @property

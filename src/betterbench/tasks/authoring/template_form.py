@@ -15,7 +15,7 @@ from betterbench.tasks.relations import RELATIONS
 SCHEMA_VERSION = 1
 """Version of the JSON form."""
 
-_CURE = "Write it as template_to_json writes the templates of the suite"
+_CURE = "Compare it with the output of template_to_json for a template of the suite"
 
 _Text = Annotated[str, Field(min_length=1, pattern=r"\S")]
 _Steps = Annotated[int, Field(ge=0, lt=10**6)]
@@ -125,5 +125,7 @@ def template_from_json(form: Mapping[str, Any]) -> Template:
     for key, derived in (("regions", list(template.regions)), ("tolerances", template.tolerances)):
         if form[key] != derived:
             shown = one_line(repr(form[key]), most=200)
-            raise InvalidInputError(f"template.{key}", f"is {shown}", f"It follows from the relations: {derived}")
+            raise InvalidInputError(
+                f"template.{key}", f"is {shown}", f"Write {derived}, which follows from the relations"
+            )
     return template

@@ -93,7 +93,7 @@ class Targets:
         self._allowed = self._what_is_allowed()
 
     def places(self, state: WorldState) -> Places:
-        """Return the region in which each tracked object is in the right posture."""
+        """Return the region that contains each tracked object, or None for an object without the right posture."""
         return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
 
     def relations(self, places: Places) -> tuple[bool, ...]:

@@ -129,7 +129,7 @@ class Relation:
             PlanningError: If the relation is not established by carrying the object.
         """
         if self.goals is None:
-            raise PlanningError(f"{self.name} is not established by carrying an object")
+            raise PlanningError(f"the relation {self.name} is not established by carrying an object")
         return self.goals(state, name, target, region)
 
 

@@ -104,10 +104,10 @@ def register_facts(facts: WorldFacts) -> WorldFacts:
         taken = [suite for suite in facts.suites if suite in known.suites]
         if known.name != facts.name and taken:
             raise InvalidInputError(
-                f"world {facts.name!r}", f"{known.name} also has a suite {taken[0]!r}", "Rename one of the two"
+                f"world {facts.name!r}", f"{known.name} also has a suite {taken[0]!r}", "Rename one of the two suites"
             )
     if _FACTS.setdefault(facts.name, facts) != facts:
-        raise InvalidInputError(f"world {facts.name!r}", "another world has this name", "Rename one of the two")
+        raise InvalidInputError(f"world {facts.name!r}", "another world has this name", "Rename one of the two worlds")
     return facts
 
 

@@ -107,9 +107,11 @@ class ChatEndpoint:
             parts = urlsplit(url)
             host, port = parts.hostname, parts.port
         except ValueError as error:
-            raise InvalidInputError("URL", f"{one_line(url)!r}: {error}", "Give http://HOST:PORT/v1") from error
+            raise InvalidInputError("URL", f"{one_line(url)!r}: {error}", "Write it as http://HOST:PORT/v1") from error
         if parts.scheme not in ("http", "https") or not host:
-            raise InvalidInputError("URL", f"{one_line(url)!r} is not an HTTP address", "Give http://HOST:PORT/v1")
+            raise InvalidInputError(
+                "URL", f"{one_line(url)!r} is not an HTTP address", "Write it as http://HOST:PORT/v1"
+            )
         self.name, self._host, self._port, self._is_secure = model, host, port, parts.scheme == "https"
         path = parts.path.rstrip("/").removesuffix("/chat/completions")
         self._path = f"{path}/chat/completions"
@@ -309,7 +311,7 @@ def _data_address(image: bytes) -> str:
     kind = media_type(image)
     if kind is None:
         problem = f"begins with {image[:8]!r}, which is not PNG, JPEG, GIF or WebP"
-        raise InvalidInputError("image", problem, "Convert it to PNG")
+        raise InvalidInputError("image", problem, "Convert the image to PNG")
     return f"data:{kind};base64,{base64.b64encode(image).decode()}"
 
 

@@ -69,7 +69,7 @@ def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, s
         for plate in plates:
             if _has_room(pieces, plate, steps):
                 return {**pieces, PLATE: plate}
-    raise AssertionError("one of three rotations leaves room")
+    raise AssertionError("no rotation of the pieces leaves the target positions free")
 
 
 def _has_room(layout: dict[a.ObjectSpec, a.Slot], plate: a.Slot, steps: list[tuple[a.ObjectSpec, str]]) -> bool:

@@ -83,7 +83,7 @@ def read_play_table(info: Mapping[str, Any]) -> PlayTable:
         raise InvalidInputError(
             "get_info() of CALVIN",
             f"does not have the form of calvin_env@797142c: {type(problem).__name__}: {problem}",
-            "Use that version, with use_scene_info=True",
+            "Use that version of calvin_env with use_scene_info=True",
         ) from problem
 
 

@@ -53,4 +53,4 @@ def resampled_start_of(chain: Chain) -> ChainStart:
         places = [scene[6 + 6 * i : 9 + 6 * i].tolist() for i in range(len(BLOCKS))]
         if all(horizontal_distance(a, b) > APART_M for i, a in enumerate(places) for b in places[:i]):
             return ChainStart(official.robot, scene)
-    raise AssertionError("two blocks fit on the table")
+    raise AssertionError("found no positions at which the blocks are far enough apart")

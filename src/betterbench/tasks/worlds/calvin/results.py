@@ -134,7 +134,9 @@ def contrast(first: Sequence[ChainResult], second: Sequence[ChainResult]) -> Cha
     other = {result.number: result for result in second}
     pairs = [(result, other[result.number]) for result in first if result.number in other]
     if not pairs:
-        raise InvalidInputError("chains", "the two runs have no chain in common", "Run the same chains with both")
+        raise InvalidInputError(
+            "chains", "the two runs have no chain in common", "Run both policies on the same chains"
+        )
     tables = [
         PairedTable.from_outcomes((a.length >= k, b.length >= k) for a, b in pairs) for k in range(1, CHAIN_LENGTH + 1)
     ]
@@ -150,7 +152,7 @@ def _check(results: Sequence[ChainResult]) -> None:
         where = f"chain {result.number}"
         if not 0 <= result.number < len(every) or result.number in seen:
             problem = "occurs twice" if result.number in seen else (f"is not one of the {len(every)} chains")
-            raise InvalidInputError(where, problem, "Give each chain once, by its number from 0")
+            raise InvalidInputError(where, problem, "Give each chain once, by its index from 0")
         seen.add(result.number)
         if not result.played:
             continue
