@@ -144,7 +144,7 @@ class _Question(NamedTuple):
     scope: str
 
     def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
-        """Return the trials in the scope, each with whether it has the outcome that is counted."""
+        """Return the trials in the scope, each with True if it has the outcome that is counted."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 
     def _holds(self, t: TrialDiagnosis) -> bool:

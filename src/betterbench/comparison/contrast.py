@@ -158,7 +158,7 @@ class SequentialContrast:
 
 
 Counted = tuple[tuple[TrialDiagnosis, bool], ...]
-"""Trials, each with whether it has the outcome that is counted."""
+"""Trials, each with True if it has the outcome that is counted."""
 
 
 def rate_of(counted: Counted) -> Rate:
@@ -168,7 +168,7 @@ def rate_of(counted: Counted) -> Rate:
 
 @dataclass(frozen=True, slots=True)
 class OutcomeCounts:
-    """Trials of two policies, each with whether it has the counted outcome.
+    """Trials of two policies, each with True if it has the counted outcome.
 
     Attributes:
         first: Trials of the first policy.

@@ -92,7 +92,7 @@ class SubmittedTrial:
 
     @property
     def key(self) -> str:
-        """Text form of the trial ("fast_food/T1/3")."""
+        """Key of the trial as text ("fast_food/T1/3")."""
         return str(TrialId(self.task, self.condition, self.seed))
 
 

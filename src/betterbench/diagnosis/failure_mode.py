@@ -137,7 +137,7 @@ def remove_mode(label: Label) -> None:
 
 
 def labels_of_second_pass() -> tuple[Label, ...]:
-    """Return the labels that only the second pass assigns."""
+    """Return the labels that are only assigned by the second pass, which considers all trials of a policy."""
     return tuple(mode.label for mode in MODES.values() if mode.needs_rule)
 
 

@@ -33,7 +33,7 @@ class Ruling:
     habit: RuleStatus = "upheld"
 
     def status(self, rule: str) -> RuleStatus:
-        """Return the status of one kind of rule."""
+        """Return whether a kind of rule explains the trial, does not explain it, or cannot be decided on."""
         known = {WORD: self.shortcut, PLACE: self.place, HABIT: self.habit}
         return known.get(rule, "upheld")
 

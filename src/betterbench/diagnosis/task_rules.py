@@ -235,7 +235,7 @@ class _Judged:
     avoids_habit: bool
 
     def ruling(self, choice: Choice) -> Ruling:
-        """Return the ruling on one trial."""
+        """Return the ruling of the second pass on one trial."""
         found = self._by_cheapest_rule(choice)
         if self.ordered and fits(LATER, choice):
             return replace(found, shortcut="rejected", place="rejected")

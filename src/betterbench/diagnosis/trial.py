@@ -170,7 +170,7 @@ def offline_truth(record: Record) -> list[Truth]:
 
     Returns:
         One goal state for each row of the record. Its flags for subgoals, goal and forbidden events are identical to
-            the recorded flags.
+        the recorded flags.
     """
     m = record.metadata
     resolved = resolved_of(m)

@@ -394,7 +394,7 @@ def companion_of(task: str) -> Companion | None:
 
     Returns:
         The path and the text of the file, or None for a built-in task. On a machine that received only the task file,
-            this is the text that was sent with it.
+        this is the text that was sent with it.
     """
     origin = _origins.get(("task", task))
     if origin is None:

@@ -241,8 +241,8 @@ def decisive_rows(
 
     Returns:
         The row and the object index of the decisive attempt, or None if no object was attempted. The second value is
-            the row at which the decision began: the start, or the row at which the gripper had left the previous
-            object.
+        the row at which the decision began: the start, or the row at which the gripper had left the previous
+        object.
     """
     trace, rate = episode.trace, episode.record.metadata.control_rate_hz
     last = trace.rows - 1
@@ -275,7 +275,7 @@ def _boxes(moment: Moment, wanted: Sequence[str]) -> tuple[ObjectInfo, tuple[str
 
 
 def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question which box contains the object that must be picked up or moved now."""
+    """Return the question of which box contains the object that must be picked up or moved now."""
     if moment.condition.expected is not Expected.SUCCEED:
         return _next(moment)
     found = _boxes(moment, [moment.objects[i].name for i in analysis.wanted(moment.row)])
@@ -291,7 +291,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _next(moment: Moment) -> _Asked | None:
-    """Return the question what the next step is, for a condition in which no step is left to do."""
+    """Return the question of what the next step is, for a condition in which no step is left to do."""
     goals = moment.condition.instruction.subgoals
     if moment.condition.expected is not Expected.STAY_STILL:
         return None
@@ -302,7 +302,7 @@ def _next(moment: Moment) -> _Asked | None:
 
 
 def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question which box contains the requested object, given the name of the object."""
+    """Return the question of which box contains the requested object, given the name of the object."""
     wanted = [moment.objects[i] for i in analysis.wanted(moment.row)]
     named = [o for o in wanted if o.kind in moment.single]
     found = _boxes(moment, [o.name for o in named[:1]])
@@ -318,7 +318,7 @@ def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _under(moment: Moment, i: int) -> _Asked | None:
-    """Return the question what the object at the gripper is."""
+    """Return the question of what the object at the gripper is."""
     thing = moment.objects[i]
     seen = moment.seen(thing.name)
     if seen is None or not moment.is_clear(thing.name):
@@ -334,7 +334,7 @@ def _under(moment: Moment, i: int) -> _Asked | None:
 
 
 def _exists(moment: Moment, *, present: bool) -> _Asked | None:
-    """Return the question whether an object is present.
+    """Return the question of whether an object is present.
 
     If ``present`` is True, this is the requested object, otherwise an absent object that could be meant.
     """
@@ -356,7 +356,7 @@ def _exists(moment: Moment, *, present: bool) -> _Asked | None:
 
 
 def _done(moment: Moment) -> _Asked | None:
-    """Return the question which steps of the instruction are already done."""
+    """Return the question of which steps of the instruction are already done."""
     done = [bool(v) for v in moment.episode.record.subgoals[moment.row]]
     names = evidence_of(moment, done)
     if names is None:

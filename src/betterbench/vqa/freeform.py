@@ -326,7 +326,7 @@ Facts = Mapping[tuple[str, str, str], bool]
 
 
 def facts_of(moment: Moment) -> Facts:
-    """Return all claims about a moment that can be decided from the state, each with whether it is true."""
+    """Return all claims about a moment that can be decided from the state, with True for those that hold."""
     facts: dict[tuple[str, str, str], bool] = {}
     for c in candidates_of(moment):
         for claim, truth in _claims_of(c):
@@ -335,7 +335,7 @@ def facts_of(moment: Moment) -> Facts:
 
 
 def _claims_of(c: Candidate) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the claims that the answer to a question decides, each with whether it is true."""
+    """Return the claims that the answer to a question decides, with True for those that hold."""
     holds = c.answer == "Yes"
     match c.family:
         case "is it there":

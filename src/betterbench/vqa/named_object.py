@@ -57,7 +57,7 @@ def named_object(
 
     Returns:
         None if no object must be picked up, if the object is not clearly visible, or if another object has the same
-            kind.
+        kind.
     """
     episode = episode_of(record)
     condition = episode.resolved.condition

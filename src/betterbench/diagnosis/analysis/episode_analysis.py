@@ -226,7 +226,7 @@ class EpisodeAnalysis:
 
     @property
     def asked_indices(self) -> frozenset[int]:
-        """Indices of all objects that the instruction can refer to."""
+        """Indices of all objects to which the instruction may refer."""
         return frozenset(i for names in self.meant for i in names)
 
     @property
@@ -308,7 +308,7 @@ class EpisodeAnalysis:
 
         Returns:
             The two rows of the trace, or None if the attempt grasped no object or the gripper still holds it at the
-                end.
+            end.
         """
         trace, grasp, i = self.trace, step.grasp, step.grasp.object
         if i is None:
@@ -436,7 +436,7 @@ class EpisodeAnalysis:
 
         Returns:
             The two rows of the trace and the region. None if the object was placed in the correct region at any time,
-                or was placed outside all target regions.
+            or was placed outside all target regions.
         """
         if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
             return None
@@ -600,7 +600,7 @@ class EpisodeAnalysis:
 
         Returns:
             None if this cannot be decided, because the gripper first closed between two objects, or closed only far
-                from all objects.
+            from all objects.
         """
         expected = self.condition.expected
         if expected is Expected.STAY_STILL:
@@ -880,7 +880,7 @@ def _step(
 
 
 def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | None:
-    """Return the last row shortly before a given row at which the current steps were still done, or None."""
+    """Return the last row, shortly before the given row, at which the steps that are due now were still done."""
     _, now = _due(trace, instruction, row)
     first = max(0, row - trace.steps(UNDONE_WITHIN))
     done = np.flatnonzero(trace.done[first:row, list(now)].all(axis=1)) if now else np.array([], int)

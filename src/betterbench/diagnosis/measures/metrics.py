@@ -67,9 +67,9 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
 
     Returns:
         For each scope (a task, an axis, a condition, or the whole run): the rates, the distractor grasp rate and the
-            progress. Also the instruction effects, the ΔSR of recompositions, and the illusion gaps. Each gap comes
-            with two success rates, one of the twins and one of the variations in the same pairs. Ambiguous trials are
-            not part of any metric.
+        progress. Also the instruction effects, the ΔSR of recompositions, and the illusion gaps. Each gap comes
+        with two success rates, one of the twins and one of the variations in the same pairs. Ambiguous trials are
+        not part of any metric.
     """
     trials = [t for t in trials if not t.ambiguous]
     even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]

@@ -209,7 +209,7 @@ class PowerMatrix:
         return tuple(name for name, cell in rows if cell is not None and cell.n and cell.wrong and not cell.fails)
 
     def failing(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that fail a variation."""
+        """Return the names of the faulty decision rules that fail a variation."""
         return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
 
     def control(self, key: Key) -> bool:

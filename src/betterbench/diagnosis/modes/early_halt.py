@@ -18,7 +18,7 @@ from betterbench.tasks.labels import Label
 def _exposed(x: Exposure) -> bool:
     """Return whether the combination of instruction and scene is new in this variation and a step is open.
 
-    Scenes that look half done do not count, because a halt before the first attempt is a phase conflict in these.
+    Scenes that look half done do not count, because a halt before the first attempt is then a phase conflict.
     """
     met = {pairing(condition) for condition in x.task.training}
     return x.test.expected is Expected.SUCCEED and not x.test.mid_task_look and pairing(x.test) not in met

@@ -265,7 +265,7 @@ def _is_long(info: ObjectInfo) -> bool:
 
 
 def _below_middle(state: WorldState, name: str) -> Vector:
-    """Return the point below the middle of an object, at the height of its lowest point, in the world [m]."""
+    """Return the point below the center of an object, at the height of its lowest point, in the world [m]."""
     x, y, _ = middle(state, name)
     return (x, y, lowest(state, name))
 
@@ -287,7 +287,7 @@ def _lies_on_cutlery(state: WorldState, name: str) -> bool:
 
 
 def _points_to_front(state: WorldState, name: str, anchor: str) -> bool:
-    """Return whether the handle of cutlery points to the front, toward the eater."""
+    """Return whether the handle of a piece of cutlery points to the front, i.e. toward the person at the table."""
     turn = yaw_of(state.pose(name).quaternion) - yaw_of(state.pose(anchor).quaternion)
     return abs(math.remainder(turn, 2.0 * math.pi)) <= TURN
 

@@ -66,7 +66,7 @@ def drawer_to_move(condition: Condition, state: WorldState, target: str) -> tupl
 
     Returns:
         The name of the drawer, and True if it must be opened or False if it must be closed. None if nothing is in the
-            way.
+        way.
     """
     drawer = condition.object(target)
     if drawer.mount is None:

@@ -83,7 +83,10 @@ def rests_on(state: WorldState, name: str, target: str) -> bool:
 
 
 def held_upon(state: WorldState, name: str, target: str) -> bool:
-    """Return whether the gripper holds an object over a target, at most as high as the top of it or its content."""
+    """Return whether the gripper holds an object low over a target.
+
+    The object must be at most as high as the top of the target or of the objects on the target.
+    """
     if state.held != name or not _over(state, name, target):
         return False
     lying = (o.name for o in state.info.objects if not o.fixed and rests_on(state, o.name, target))

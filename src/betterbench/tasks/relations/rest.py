@@ -62,5 +62,5 @@ def lies_on_side(state: WorldState, name: str) -> bool:
 
 
 def arm_still(state: WorldState) -> bool:
-    """Return whether all arm joints are slower than 0.05 rad/s, about 2 cm/s at the end effector."""
+    """Return whether all arm joints are slower than 0.05 rad/s, which is about 2 cm/s at the end effector."""
     return all(abs(v) < 0.05 for v in state.joint_velocities)

@@ -38,7 +38,7 @@ def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
 
 
 def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions whether the object in a box is of a certain kind.
+    """Yield questions about whether the object in a box is of a certain kind.
 
     They ask for the object's own kind, and for the kinds that stood in the object's slot in training.
     """
@@ -55,7 +55,7 @@ def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _can_be_done(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield the question whether all objects of the instruction are present."""
+    """Yield the question of whether all objects of the instruction are present."""
     goals, trace = moment.condition.instruction.subgoals, moment.episode.trace
     names = [trace.info.objects[i].name for meant in trace.meant for i in meant]
     targets = [trace.info.objects[i].name for i in trace.targets]

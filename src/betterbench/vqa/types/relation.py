@@ -89,7 +89,7 @@ def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) 
 
 
 def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> Iterator[QuestionDraft]:
-    """Yield the question whether an object is at a side of another object, whose front defines the sides."""
+    """Yield the question of whether an object is at a side of another object, whose front defines the sides."""
     try:
         side = moment.place(BESIDE, thing[1], anchor[1])
     except LookupError:
@@ -110,7 +110,7 @@ def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> 
 
 
 def _outermost(moment: Moment, kinds: tuple[str, ...]) -> Iterator[QuestionDraft]:
-    """Yield the question which of several objects is leftmost or rightmost in the image."""
+    """Yield the question of which of several objects is leftmost or rightmost in the image."""
     if len(kinds) < 3:
         return
     across = sorted((moment.view.objects[moment.things[k].name].centroid[0], k) for k in kinds)

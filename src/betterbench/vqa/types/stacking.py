@@ -92,7 +92,7 @@ def _order(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[Quest
 
 
 def _higher(moment: Moment, stacked: frozenset[str]) -> Iterator[QuestionDraft]:
-    """Yield the question which of two objects has the higher center, if at least one of them is on a stack."""
+    """Yield the question of which of two objects has the higher center, if at least one of them is on a stack."""
     for (a, first), (b, second) in itertools.combinations(moment.things.items(), 2):
         if {first.name, second.name} & stacked and moment.state.held not in (first.name, second.name):
             up, down = (moment.center(o.name)[2] for o in (first, second))

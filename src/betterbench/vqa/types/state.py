@@ -21,7 +21,7 @@ People disagree about openings in between.
 FALLEN_RAD = 1.0
 """Smallest tilt of an object that has fallen, about 60 degrees [rad].
 
-Objects with a smaller tilt lean, and there are no questions about these.
+There are no questions about objects with a smaller tilt, which only lean.
 """
 UPRIGHT_RAD = 0.1
 LEAST_SLENDER = 0.9
