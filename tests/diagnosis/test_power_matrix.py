@@ -167,7 +167,7 @@ def test_cells_of_other_versions_are_not_kept(changed, text):
 def test_cells_are_not_kept_next_to_those_of_other_pretenders():
     earlier = other_task(5)
     fewer = dataclasses.replace(earlier, cells={n: row for n, row in earlier.cells.items() if n != "zoo:shape"})
-    with pytest.raises(InvalidInputError, match="pretenders have changed: zoo:shape"):
+    with pytest.raises(InvalidInputError, match="compared policies have changed: zoo:shape"):
         matrix().with_kept(fewer)
 
 
