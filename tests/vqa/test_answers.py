@@ -337,7 +337,7 @@ def test_a_set_is_asked_once_and_scored_by_type(made, tmp_path):
     mute = ask_set(made, ScriptedChat(lambda _: "?", name="mute"), tmp_path / "mute.jsonl", at_once=3)
     assert [s.rate.k for s in scores_of(made, mute)] == [0] * len(scores_of(made, mute))
     (tmp_path / "bad.jsonl").write_text('{"model": "x", "set_sha256": "0"}\n')
-    with pytest.raises(InvalidInputError, match="another set"):
+    with pytest.raises(InvalidInputError, match="different set"):
         read_answers(tmp_path / "bad.jsonl", made)
     head, first = file.read_text().splitlines()[:2]
     for more, said in ((first, "is answered twice"), ('{"id": "x", "text": "Yes"}', "x, which is not in the set")):
