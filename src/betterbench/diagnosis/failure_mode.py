@@ -114,8 +114,8 @@ class FailureMode:
 def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDiagnosis]], str]:
     """Return a function that chooses a sentence for a list of trials by the evidence rule that most of them have.
 
-    The function returns an empty string if nearly all of the trials do not share one rule, or if the rule has no
-    sentence.
+    The function returns an empty string if no rule is shared by nearly all of the trials, or if that rule has
+    no sentence.
     """
 
     def sharper(trials: Sequence[TrialDiagnosis]) -> str:

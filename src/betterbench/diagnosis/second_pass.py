@@ -1,15 +1,20 @@
 """Second pass: the search for a decision rule that explains a policy's wrong first attempts in all tasks.
 
-Four kinds of rule predict the slot of a first attempt. *word* goes to the slot to which a word of the instruction led
-in training. *habit* begins with the most frequent first step. *later* begins with the object of a later step. *place*
-always goes to the same slot, or to a fixed slot for each set of occupied slots, as a policy does that takes the nearest
-object. All rules compete with undirected confusion. :mod:`betterbench.diagnosis.rule_likelihood` computes the
-likelihood of the attempts under each rule, and :mod:`betterbench.diagnosis.task_rules` makes the ruling within a task.
-See docs/second-pass.md for the complete model.
+Four kinds of rule predict the slot of a first attempt:
 
-A single trial can show a wrong order, but only several trials with different instructions can show a favorite place. An
-attempt at the object of a later step therefore counts as a wrong order if "later" explains the first attempts in all
-tasks together at least as well as the other rules do (:func:`mistakes_order`).
+- *word* goes to the slot to which a word of the instruction led in training.
+- *habit* begins with the most frequent first step.
+- *later* begins with the object of a later step.
+- *place* always goes to the same slot, or to a fixed slot for each set of occupied slots. A policy that takes the
+  nearest object follows such a rule.
+
+All rules compete with undirected confusion. :mod:`betterbench.diagnosis.rule_likelihood` computes the likelihood of the
+attempts under each rule, and :mod:`betterbench.diagnosis.task_rules` makes the ruling within a task. See
+docs/second-pass.md for the complete model.
+
+A single trial can show a wrong order, but only several trials with different instructions can show a favorite place.
+Attempts at objects of later steps therefore count as a wrong order if "later" explains the first attempts in all tasks
+at least as well as the other rules do (:func:`mistakes_order`).
 
 Evidence is pooled over the tasks of a policy, so that findings in one task have some weight in the others. The prior
 cost of each kind of rule depends on the fraction of tasks with wrong attempts that it explains

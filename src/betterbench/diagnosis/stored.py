@@ -52,7 +52,7 @@ class StoredTrial:
         text: Explanation of the label.
         start_s: Beginning of the evidence [s].
         end_s: End of the evidence [s].
-        candidates: Labels between which this trial alone does not allow to decide.
+        candidates: Labels that remain possible judging by this trial alone.
         attempts: Grasp attempts in the trial.
         steps: Number of control steps of the trial.
         has_record: Whether the trial had a record.

@@ -25,7 +25,7 @@ class Evidence:
         objects: Names of the objects concerned.
         shared: Properties that the grasped object shares with the requested object ("color", "shape"; for a look-alike
             also "slot").
-        candidates: Labels between which this trial alone does not decide. The second pass may decide between them.
+        candidates: Labels that remain possible judging by this trial alone. The second pass may decide between them.
     """
 
     rule: str

@@ -38,11 +38,11 @@ def scene_twin(trial: TrialId) -> TrialId | None:
 def static_twins(questions: Sequence[Question]) -> dict[str, str]:
     """Return the identifiers of the twins, by the identifiers of the questions about variations.
 
-    The twin is chosen among the questions of the same kind about the training scene. A question that is the twin of few
-    others so far is preferred, then one from the same camera, then one with the same number of the wording, and then
-    the nearest one in time. A question about a training scene may be the twin of several questions, just as a training
-    trial may be the twin of several variations. A question for which there is no question of its kind about the
-    training scene has no twin and is left out.
+    The twin is chosen among the questions of the same kind about the training scene. The first criterion is that the
+    question is the twin of as few others as possible. Then the camera counts, then the number of the wording, and then
+    the distance in time. A question about a training scene may be the twin of several questions, just as a training
+    trial may be the twin of several variations. If there is no question of the same kind about the training scene, a
+    question has no twin and is left out.
     """
     scenes: dict[tuple[object, ...], list[Question]] = {}
     for question in questions:

@@ -366,9 +366,9 @@ class EpisodeAnalysis:
         """Return the wrong region in which an object was set down in any posture, or None if there is no such region.
 
         An object counts as set down if the gripper released it there. It also counts if it stood there before it
-        slipped out of the closed gripper or was dragged away. The result is None if the object is in a requested
-        region, or about as close to the center of a requested region as to the center of the wrong region, since the
-        policy then aimed at the requested region.
+        slipped out of the closed gripper or was dragged away. If the object is in a requested region, the result is
+        None. It is also None if the object is about as close to the center of a requested region as to the center of
+        the wrong region, since the policy then aimed at the requested region.
         """
         gone, rest = rows
         fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
@@ -711,11 +711,11 @@ def _start(grasp: GraspAttempt) -> int:
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether the gripper closed so far from an empty slot that it may have missed an object elsewhere.
 
-    This is the case if an object of a correct attempt is about as near to the gripper as the point at which
-    demonstrations close the gripper in this slot, or is at least as near when seen from above. The view from above
-    counts because a gripper that closes above the rim of a plate has missed the plate at any height. If the slot
-    contains an object, or if training never picks from this slot, the distance to the center of the slot is used
-    instead.
+    The distance to the slot is measured from the point at which demonstrations close the gripper there. The gripper may
+    have missed an object elsewhere if the object is about as near as this point, or at least as near when seen from
+    above. The view from above counts because a gripper that closes above the rim of a plate has missed the plate at any
+    height. If the slot contains an object, or if training never picks from this slot, only the distance to the center
+    of the slot is considered.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:

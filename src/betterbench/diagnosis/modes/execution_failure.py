@@ -198,7 +198,7 @@ def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
 
 
 def _tried_in_vain(episode: EpisodeAnalysis, i: int) -> bool:
-    """Return whether the policy has grasped an object several times in vain before."""
+    """Return whether the policy has already grasped an object several times without success."""
     tries = [s for s in episode.steps if s.grasp.object == i and s.target is AttemptTarget.ASKED]
     vain = [s for s in tries[:-1] if not episode.completed_after(s.goal, s.grasp.end)]
     return len(vain) >= TRIES_IN_VAIN

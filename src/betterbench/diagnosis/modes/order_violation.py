@@ -69,7 +69,7 @@ def _followed(episode: EpisodeAnalysis, done: str, step: Step) -> bool:
 
 
 def _completed_in_wrong_order(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a step is completed before an earlier step of the instruction, whatever the cause."""
+    """Return evidence if a step is completed before an earlier step of the instruction, regardless of the cause."""
     done = episode.trace.done
     first = [int(np.argmax(column)) if column.any() else None for column in done.T]
     late: list[tuple[int, int]] = []

@@ -16,7 +16,7 @@ class GraspAttempt:
     """Grasp attempt, described without regard to the instruction.
 
     Attributes:
-        start: Last row of the trace before the gripper begins to close.
+        start: Last row before the gripper begins to close.
         end: Row at which the object is touched, or at which the fingers come to rest.
         release: Row at which the gripper is commanded to open again, or the number of rows if it never is.
         object: Index of the object on which the gripper closes, or None if it closes without an object.

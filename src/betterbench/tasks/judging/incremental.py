@@ -162,7 +162,7 @@ def _changed(before: WorldState, now: WorldState) -> set[str]:
 
 
 def _same_pairs(before: Sequence[Contact], now: Sequence[Contact]) -> bool:
-    """Return whether the same pairs of bodies touch in both states, whatever the force."""
+    """Return whether the same pairs of bodies touch in both states, regardless of the force."""
     if before is now:
         return True
     if len(before) != len(now):

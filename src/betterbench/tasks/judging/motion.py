@@ -271,7 +271,7 @@ class MotionBuilder:
         self._there: list[list[bool]] = []
 
     def append(self, state: WorldState, there: list[bool]) -> None:
-        """Append the next state. ``there`` states for each object whether it is in a region of any target."""
+        """Append the next state. ``there`` lists for each object whether it is in a region of any target."""
         self._states.append(state)
         self._there.append(there)
 

@@ -186,8 +186,8 @@ class Restraint:
     def _has_to_look(self, state: WorldState) -> bool:
         """Return whether the whole motion has to be checked now. A check at every control step would take too long.
 
-        The motion is checked at the last step, at the end of a closing (including chatter), after the time in which an
-        attempt is resolved, and at regular intervals while the gripper stays near an object.
+        The motion is checked at the last step, at the end of a closing (including chatter), and after the time in which
+        an attempt is resolved. It is also checked at regular intervals while the gripper stays near an object.
         """
         span = THRESHOLDS.attempt_window if self._closing else THRESHOLDS.chatter_time
         resolved = self._changed > 0 and self._row - self._changed == math.ceil(round(span * self._rate_hz, 6))

@@ -1,7 +1,7 @@
 """Listed regimes of the suite, with one package for each regime and one file for each task.
 
-The file of a task lists the conditions in the function ``balanced_TASK`` or ``diverse_TASK``, the factors that are
-crossed or tied to each other in ``CROSSED``, and slots that neither training nor variations use in ``ASIDE``. The
+The file of a task lists the conditions in the function ``balanced_TASK`` or ``diverse_TASK``. ``CROSSED`` describes the
+factors that are crossed or tied to each other, and ``ASIDE`` lists slots that neither training nor variations use. The
 conditions do not include tests: the initial scene of a variation never occurs together with its instruction, unless
 training contains this pair.
 """

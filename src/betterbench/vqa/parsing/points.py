@@ -117,7 +117,7 @@ def _split(group: str) -> Numbers:
 def _tagged(tags: Sequence[str]) -> list[Numbers]:
     """Return the points in XML tags such as ``x="1" y="2"`` or ``x1="1" y1="2" x2=...``.
 
-    Each point is returned with x first, whatever the order in the tag.
+    Each point is returned with x first, regardless of the order in the tag.
     """
     found: list[Numbers] = []
     for tag in tags:
