@@ -91,7 +91,7 @@ class LiberoRun:
         return cls(trained_in(regime), instructions)
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the result of the first pass over a record.
+        """Diagnose a record on its own, without other trials of the policy (first pass).
 
         Raises:
             RecordError: If the record lacks a field that LIBERO records have.

@@ -29,7 +29,7 @@ class Reader(Protocol):
 
     @property
     def twins_elsewhere(self) -> bool:
-        """Whether the twins of a run's variation trials may come from another run."""
+        """Whether the twins (training trials with the same seeds) may come from a different run."""
 
     @property
     def finds_favorites(self) -> bool:
@@ -40,7 +40,7 @@ class Reader(Protocol):
         """Advice on how to obtain missing twins, used in notes."""
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the result of the first pass over a record."""
+        """Diagnose a record on its own, without other trials of the policy (first pass)."""
 
     def without_record(self, trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
         """Return the diagnosis of a planned trial that has no record."""
@@ -65,7 +65,7 @@ class OwnReader:
     twins_cure = "run their training conditions with the same seeds"
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the result of the first pass over a record."""
+        """Diagnose a record on its own, without other trials of the policy (first pass)."""
         return read_trial(record, path=path)
 
     def without_record(self, trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
@@ -135,7 +135,7 @@ class OutcomeReader:
     twins_cure: str = OwnReader.twins_cure
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the result of the first pass over a record.
+        """Diagnose a record on its own, by its outcome alone (first pass).
 
         The label is success, policy error if the episode ended early, or timeout.
         """

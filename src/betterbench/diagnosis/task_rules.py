@@ -124,7 +124,7 @@ def _choice_of_slot(attempts: Sequence[Choice]) -> float:
 def _proven(
     attempts: Sequence[Choice], rules: Sequence[PolicyRule], confusion: float, known: Sequence[str] | None
 ) -> frozenset[str]:
-    """Return the names of the rules that cost less than confusion and are distinguishable from similar rules."""
+    """Return the rules that cost less than confusion (undirected errors) and can be told from similar rules."""
 
     def told_apart(rule: PolicyRule) -> bool:
         if rule.family == LATER:

@@ -80,7 +80,7 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Result of the first pass over a record.
+    """Diagnosis of a record on its own (first pass), with the input for the second pass.
 
     Attributes:
         diagnosis: Diagnosis of the trial on its own.
@@ -113,7 +113,7 @@ def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosi
 
 
 def read_trial(record: Record, *, path: str | None = None) -> Reading:
-    """Return the complete result of the first pass over a record (see :func:`diagnose_record`)."""
+    """Diagnose a record on its own (first pass), and collect the input for the second pass."""
     m = record.metadata
     resolved = resolved_of(m)
     task, condition = resolved.task, resolved.condition

@@ -85,7 +85,9 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
 
 def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
-    """Return the first stay over the object that the policy chose by staying over it, or None if it chose no object.
+    """Return the first stay over the object that the policy chose, as shown by how long the gripper stays over it.
+
+    None if staying over objects does not show a choice.
 
     Args:
         trace: The episode.

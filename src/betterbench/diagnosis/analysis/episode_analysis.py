@@ -35,7 +35,7 @@ from betterbench.tasks.words import place_words
 
 
 class AttemptTarget(StrEnum):
-    """How the object of an attempt is related to the instruction at the time of the attempt."""
+    """Relation of the attempted object to the instruction at the time of the attempt."""
 
     ASKED = "asked"
     """The step of the instruction that is due refers to the object."""
@@ -180,7 +180,7 @@ class EpisodeAnalysis:
         return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
 
     def _opens(self, step: Step) -> bool:
-        """Return whether an attempt moves a drawer in another way than pushing it shut."""
+        """Return whether an attempt is at a drawer and does not push it in."""
         return not self._may_be_choice(step) and not self.pushes_in(step)
 
     def pushes_in(self, step: Step) -> bool:
@@ -890,7 +890,7 @@ def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | No
 def _compared(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None, chosen: int
 ) -> Step:
-    """Compare an attempt with the steps of the instruction that were due at row ``chosen``, when it was decided on."""
+    """Compare an attempt with the steps that were due when its target was chosen, at row ``chosen``."""
     row = grasp.start
     due, now = _due(trace, instruction, chosen)
     wanted = {g: _wanted(trace, g, chosen) | _drawn(trace, g, grasp) for g in due}

@@ -104,7 +104,7 @@ def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
 
 
 def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
-    """Return the rows from ``first`` on, as flags, at which an object is at or over the target region of a subgoal."""
+    """Return whether an object is at or over the target region of a subgoal, for each row from ``first`` on."""
     trace, goal, t = episode.trace, episode.goals[g], episode.trace.targets[g]
     target = trace.info.objects[t]
     middle = place_middle(target, goal.relation, goal.region)

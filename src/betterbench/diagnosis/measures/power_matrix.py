@@ -69,7 +69,7 @@ def power_cure(tasks: Iterable[str]) -> str:
 @open_form
 @dataclass(frozen=True, slots=True)
 class PowerCell:
-    """Results of one pretender on one variation.
+    """Results of one pretender (a policy without the tested ability) on one variation.
 
     Attributes:
         k: Number of trials that succeeded.
@@ -95,7 +95,7 @@ class PowerCell:
 
     @property
     def fails(self) -> bool:
-        """Whether at least half of the pretender's trials on the variation fail."""
+        """Whether at least half of the policy's trials on the variation fail."""
         return self.n > 0 and self.k <= FAILS_AT * self.n
 
     def to_json(self) -> dict[str, Any]:
@@ -107,13 +107,13 @@ class PowerCell:
 
 @dataclass(frozen=True, slots=True)
 class BlindCell:
-    """Results of a pretender that lacks an input, on a variation that requires an action.
+    """Results of a policy that lacks an input, such as the images, on a variation that requires an action.
 
     Attributes:
-        pretender: Name of the pretender.
+        pretender: Name of the policy.
         task: Name of the task.
         variation: Name of the variation.
-        rate: Success rate of the pretender.
+        rate: Success rate of the policy.
         chance: Success rate expected from guessing the instruction, or from replaying demonstrations with jittered
             poses.
         p_value: p-value of a two-sided exact binomial test against the expected rate.
@@ -130,7 +130,7 @@ class BlindCell:
 
     @property
     def above(self) -> bool:
-        """Whether the pretender succeeds more often than expected by chance."""
+        """Whether the policy succeeds more often than expected by chance."""
         return self.rate.k > self.chance * self.rate.n
 
     @property
@@ -146,7 +146,7 @@ class BlindCell:
 
 @dataclass(frozen=True, slots=True)
 class Ceiling:
-    """Best success rate on a variation among the pretenders that the variation is designed to expose."""
+    """Best success rate on a variation among the policies without the tested ability (pretenders)."""
 
     pretender: str
     rate: Rate
@@ -154,7 +154,7 @@ class Ceiling:
 
 @dataclass(frozen=True, slots=True)
 class PowerMatrix:
-    """Measured success rates of every pretender on every variation.
+    """Measured success rates on every variation of policies that lack the tested ability (pretenders).
 
     Attributes:
         cells: Results on each variation, for each pretender and for the expert as a reference.
@@ -169,12 +169,12 @@ class PowerMatrix:
 
     @property
     def pretenders(self) -> tuple[str, ...]:
-        """Names of all pretenders, i.e. of all measured policies except the expert."""
+        """Names of all measured policies except the expert. They lack the tested ability (pretenders)."""
         return tuple(name for name in self.cells if name != EXPERT)
 
     @property
     def rules(self) -> tuple[str, ...]:
-        """Names of the pretenders that follow a faulty decision rule."""
+        """Names of the measured policies that follow a faulty decision rule."""
         return tuple(name for name in self.pretenders if name not in (*BLIND, *FLOOR))
 
     @property
@@ -183,11 +183,11 @@ class PowerMatrix:
         return tuple(dict.fromkeys(key for row in self.cells.values() for key in row))
 
     def cell(self, pretender: str, key: Key) -> PowerCell | None:
-        """Return the results of a pretender on a variation, or None if they were not measured."""
+        """Return the results of a policy on a variation, or None if they were not measured."""
         return self.cells.get(pretender, {}).get(key)
 
     def backed(self, key: Key) -> frozenset[Label]:
-        """Return the labels of the wrong decisions by which rules fail a variation."""
+        """Return the labels of the wrong decisions with which faulty rules fail a variation."""
         found: set[Label] = set()
         for name in self.rules:
             cell = self.cell(name, key)
@@ -196,7 +196,7 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that a variation is designed to expose and that fail it by decisions with a claimed label.
+        """Return the faulty rules that a variation is designed to expose and that fail it as claimed.
 
         A rule that passes with a needless step is not included, since its success rate does not expose it.
         """
@@ -204,7 +204,7 @@ class PowerMatrix:
         return tuple(name for name in self.failing(key) if claims & self.cells[name][key].wrong.keys())
 
     def passing_wrongly(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that pass a variation although they made wrong decisions (needless steps)."""
+        """Return the faulty rules that pass a variation although they made wrong decisions (needless steps)."""
         rows = ((name, self.cell(name, key)) for name in self.rules)
         return tuple(name for name, cell in rows if cell is not None and cell.n and cell.wrong and not cell.fails)
 
@@ -213,7 +213,7 @@ class PowerMatrix:
         return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
 
     def control(self, key: Key) -> bool:
-        """Return whether a variation is a control, on which all pretenders succeed.
+        """Return whether a variation is a control, on which even the policies without the tested ability succeed.
 
         The rule that fails every variation is left out of this test.
         """
@@ -235,9 +235,9 @@ class PowerMatrix:
         return Ceiling(best, known[best].rate)
 
     def blind_cells(self) -> tuple[BlindCell, ...]:
-        """Test whether pretenders that lack an input succeed more often than expected by chance.
+        """Test whether policies that lack an input succeed more often than expected by chance.
 
-        Variations in which the policy should stay still are left out, because a pretender that does not move passes
+        Variations in which the policy should stay still are left out, because a policy that does not move passes
         them.
         """
         found = []

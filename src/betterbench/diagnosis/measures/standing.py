@@ -21,7 +21,7 @@ from betterbench.tasks.labels import Kind
 
 @dataclass(frozen=True, slots=True)
 class ReferenceLine:
-    """Success rates that one pretender is expected to reach on the trials of a run.
+    """Success rates that a policy without the tested ability (a pretender) is expected to reach in a run.
 
     Attributes:
         pretender: Name of the pretender.
@@ -35,7 +35,7 @@ class ReferenceLine:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """Agreement between the outcomes of a pretender and those of a policy.
+    """Agreement between the outcomes of a policy and those of a policy without the tested ability (a pretender).
 
     Attributes:
         pretender: Name of the pretender.
@@ -96,12 +96,12 @@ class Standing:
 
     @property
     def nearest(self) -> Likeness | None:
-        """Pretender whose outcomes agree most with those of the policy, or None if there is no matrix."""
+        """Policy without the tested ability (pretender) whose outcomes agree most with those of the run, or None."""
         return self.likenesses[0] if self.likenesses else None
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """Other pretenders that agree with the policy as much as the nearest pretender does."""
+        """Other policies without the tested ability that agree with the run as much as the nearest one does."""
         best = self.nearest
         return tuple(x.pretender for x in self.likenesses[1:] if best is not None and x.agreement >= best.agreement)
 

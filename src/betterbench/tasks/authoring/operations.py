@@ -41,7 +41,7 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """Operation of an intervention, with its arguments by name. Operations with the same name and arguments are equal.
+    """Operation that changes a condition, with its arguments. Operations with equal names and arguments are equal.
 
     Attributes:
         name: Name of the operation.
