@@ -29,7 +29,7 @@ CARRY_M = 0.03
 
 
 class Act(StrEnum):
-    """What the robot is doing, as far as an image shows it."""
+    """Activity of the robot, as far as an image shows it."""
 
     REACHING = "reaching"
     CARRYING = "carrying"
@@ -37,7 +37,7 @@ class Act(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Doing:
-    """What the robot is doing, with the index of the object."""
+    """Activity of the robot, with the index of the object."""
 
     act: Act
     object: int
