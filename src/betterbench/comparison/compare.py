@@ -138,13 +138,13 @@ def compare(
 
 
 class _Question(NamedTuple):
-    """Measure and scope of a group that has not been tested yet."""
+    """Question that a comparison asks: what is counted (the measure), and in which trials (the scope)."""
 
     measure: str
     scope: str
 
     def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
-        """Return the trials in the scope, each with True if it has the outcome that is counted."""
+        """Return the trials in which the question is asked, each with True if it has the outcome that is counted."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 
     def _holds(self, t: TrialDiagnosis) -> bool:
@@ -157,7 +157,10 @@ class _Question(NamedTuple):
 
 
 def _families(matching: Matching) -> Iterator[list[_Question]]:
-    """Yield the families of groups. Within a family, p-values are corrected together."""
+    """Yield the families of questions to test.
+
+    The p-values within a family are corrected together for multiple testing.
+    """
     varied = [t for side in matching.trials for t in side if t.variation is not None]
     yield [_Question("success", "overall")]
     yield [_Question("success", "training")]
@@ -170,9 +173,9 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
 
 
 def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Matching, alpha: float) -> Iterator[Group]:
-    """Test the groups of a family and yield them, with p-values that are corrected together.
+    """Compare the policies on each question of a family, and correct the p-values together.
 
-    Groups in which a policy has no trials are skipped.
+    Questions for which a policy has no trials are skipped.
     """
     counted = {q: [q.counted(side) for side in matching.trials] for q in family}
     asked = [q for q, sides in counted.items() if all(sides)]
@@ -204,7 +207,7 @@ def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Match
 def _contrast(
     question: _Question, tally: OutcomeCounts, names: tuple[str, str], *, paired: bool, alpha: float
 ) -> Contrast:
-    """Compare two policies on one question. The p-value is not corrected yet."""
+    """Compare two policies on one question. The p-value of the result is not corrected yet."""
     purpose = f"{question.measure}:{question.scope}"
     difference, test, p = judged(tally, paired=paired, purpose=purpose, confidence=1.0 - alpha)
     return Contrast(
@@ -214,7 +217,7 @@ def _contrast(
 
 
 def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequence[tuple[int, int]]) -> tuple[str, ...]:
-    """Return the compact letter display of the policies, which starts with "a" for the highest rate."""
+    """Return the compact letter display of the policies. The policy with the highest rate has the letter "a"."""
     order = sorted(range(len(rates)), key=lambda i: -(rates[i].value or 0.0))
     apart = {frozenset(pair) for pair, c in zip(pairs, contrasts, strict=True) if c.different}
     letters = compact_letters([[frozenset((i, j)) in apart for j in order] for i in order])
@@ -224,7 +227,7 @@ def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequen
 def _sequential(sides: Sequence[Side], matching: Matching, alpha: float) -> Iterator[SequentialContrast]:
     """Yield the sequential evidence for every pair of compared policies.
 
-    Pairs of trials are used in the order of the run, up to the first pair that one of the runs has not finished. The
+    Paired trials are used in the order of the run, up to the first pair that one of the runs has not finished. The
     selection therefore does not depend on outcomes, and a later inspection adds to it.
     """
     order = sorted(

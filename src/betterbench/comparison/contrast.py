@@ -185,12 +185,12 @@ class OutcomeCounts:
 
     @property
     def outcomes(self) -> list[tuple[bool, bool]]:
-        """Outcomes of each pair, for the first and for the second policy."""
+        """Outcomes in each pair of trials, for the first and for the second policy."""
         return [(a, b) for (_, a), (_, b) in zip(self.first, self.second, strict=True)]
 
     @property
     def table(self) -> PairedTable:
-        """Counts of the four kinds of pairs."""
+        """Counts of the four kinds of pairs: both policies have the outcome, one of them has it, or neither."""
         return PairedTable.from_outcomes(self.outcomes)
 
 
@@ -212,10 +212,10 @@ def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: floa
 
 
 def could_have_shown(tally: OutcomeCounts, *, paired: bool, alpha: float) -> DetectableDifference | None:
-    """Return the smallest difference that these trials can detect with 80 % power, or None if there are no trials.
+    """Return the smallest difference that these trials can detect with a power of 80 %, or None if there are no trials.
 
-    For paired trials, the observed fraction of discordant pairs is assumed, because policies that fail in different
-    trials need more pairs.
+    For paired trials, the observed fraction of discordant pairs is assumed, because more pairs are needed if the
+    policies fail in different trials.
     """
     a, b = tally.rates
     n = min(a.n, b.n)

@@ -12,7 +12,7 @@ def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # 
     """Return the conventions that are declared in a plan and in the records of the run.
 
     Args:
-        plan: Plan as JSON. Conventions that it lacks are skipped.
+        plan: Plan as JSON. Conventions that the plan does not state are skipped.
         versions: Versions in the records, which take precedence over those in the plan.
     """
     found = {name: _shown(plan[name]) for name in _PLAIN if name in plan}

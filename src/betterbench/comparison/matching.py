@@ -102,10 +102,11 @@ def _unpaired_note(sides: Sequence[Side]) -> str:
 
 
 def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
-    """Yield a note for every convention in which two runs differ.
+    """Yield a note for every convention (such as a version, engine or control rate) in which two runs differ.
 
     Raises:
-        RunConflictError: If such a convention is decisive and ``allow_mixed`` is False.
+        RunConflictError: If runs that differ in one of these conventions cannot be compared and ``allow_mixed`` is
+            False.
     """
     for name in sorted(set().union(*(s.conventions for s in sides))):
         values = {s.name: s.conventions[name] for s in sides if name in s.conventions}
@@ -116,7 +117,7 @@ def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
         listed = ", ".join(f"{value!r} in {side}" for side, value in values.items())
         if name.startswith(_DECISIVE) and not allow_mixed:
             raise RunConflictError(
-                f"{name} differs: {listed}. Run one of them again under the same conventions, "
+                f"{name} differs: {listed}. Repeat one of the runs under the same conventions, "
                 "or give --allow-mixed and interpret the results with care."
             )
         yield f"{name} differs: {listed}."

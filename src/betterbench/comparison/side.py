@@ -1,4 +1,4 @@
-"""Sides of a comparison: the compared runs, each with its diagnosis and its conventions."""
+"""Sides of a comparison, i.e. the compared runs, each with its diagnosis and its conventions."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def load_sides(
 
 
 def name_sides(sides: Sequence[Side]) -> tuple[Side, ...]:
-    """Return the compared runs with unique names. If two runs have the same policy, the folder name is added."""
+    """Give each compared run a unique name. If two runs have the same policy, the folder name is added."""
     names = told_apart([s.diagnosis.policy for s in sides], [s.path for s in sides])
     return tuple(replace(s, name=name) for s, name in zip(sides, names, strict=True))
 
@@ -86,9 +86,9 @@ def _load(run: RunFolder, name: str, *, allow_mixed: bool, on_progress: Callable
 
 
 def _heading(source: RunFolder | Submission, path: Path) -> RunFolder:
-    """Return the run folder that a source stands for, as far as its name is concerned.
+    """Return a run folder from which the name of a compared run can be read.
 
-    For a submission, the result contains only the policy's address and name.
+    For a submission, this is a stand-in that contains only the policy's address and name.
     """
     if isinstance(source, RunFolder):
         return source

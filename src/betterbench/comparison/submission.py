@@ -99,7 +99,7 @@ class SubmittedTrial:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Submission:
-    """Outcomes of one run.
+    """Outcomes of one run, as a file that can be published.
 
     Attributes:
         format: Name of the file format.
@@ -111,8 +111,8 @@ class Submission:
         conventions: Versions and other conventions in the plan and the records, by name.
         thresholds: Thresholds of the diagnosis, by name.
         plan_sha256: SHA-256 of the plan as canonical JSON.
-        left_out: Number of trials that are left out. These are ambiguous trials, and trials that a run with
-            ``--until-decided`` selected by earlier outcomes.
+        left_out: Number of trials that are left out. These are the ambiguous trials and, in a run with
+            ``--until-decided``, the trials that were chosen because of earlier outcomes.
         trials: All other planned trials, in the order of the plan.
         sha256: SHA-256 of all other fields as canonical JSON. It detects damage, but does not prove who wrote the file.
     """
@@ -252,7 +252,7 @@ def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount
         on_progress: Called as in :func:`submission_of`.
 
     Raises:
-        RunConflictError: If they disagree. The message names the first difference.
+        RunConflictError: If the submission and the records disagree. The message names the first difference.
     """
     own = submission_of(run, name=submission.name, on_progress=on_progress).to_json()
     difference = first_difference(json.loads(dump_json(own)), json.loads(dump_json(submission.to_json())), "submission")
@@ -280,7 +280,7 @@ def _resolved(task: str, condition: str) -> ResolvedCondition:
 
 
 def _diagnosed(trial: SubmittedTrial, policy: str) -> TrialDiagnosis:
-    """Convert a submitted trial to a diagnosis without evidence."""
+    """Convert a submitted trial to a diagnosis, which has a label but no evidence."""
     resolved = _resolved(trial.task, trial.condition)
     # Before version 0.2, submissions labeled unfinished trials as policy errors.
     label = Label.UNFINISHED if trial.status == "unfinished" else Label(trial.label)

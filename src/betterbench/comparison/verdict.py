@@ -1,4 +1,4 @@
-"""Verdict of a comparison in sentences, including the differences that the trials could not have detected."""
+"""Verdict of a comparison in sentences, with the size of the differences that the trials could not have detected."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) 
 
 
 def scope_text(scope: str) -> str:
-    """Describe the scope of a group in words. Names of tasks in other worlds are not changed."""
+    """Describe in words which trials a comparison covers. Names of tasks in other worlds are not changed."""
     if not facts_of_task(scope).measured:
         return scope
     return {"overall": "all variations", "training": "training conditions"}.get(
@@ -71,7 +71,7 @@ def _sentence(c: Contrast, *, paired: bool, alpha: float) -> str:
 
 
 def _limit(c: Contrast, n: int, trials: str) -> str:
-    """Describe the smallest difference that the trials of an undecided contrast could have detected."""
+    """Describe the smallest difference that could have been detected, for a comparison without a significant result."""
     fewer = 0 if c.table is None else min(c.table.only_first, c.table.only_second)
     if fewer:
         trials += f", of which {fewer}/{n} ({percent(fewer, n)} %) point in the other direction,"
@@ -81,7 +81,10 @@ def _limit(c: Contrast, n: int, trials: str) -> str:
 
 
 def _ranking(group: Group) -> str:
-    """Return sentences with the ranking of the policies, their letters, and the smallest detectable difference."""
+    """Return sentences that rank the policies.
+
+    They include the letters that mark significant differences, and the smallest difference that could be detected.
+    """
     order = sorted(zip(group.rates, group.names, group.letters, strict=True), key=lambda row: -(row[0].value or 0.0))
     listed = ", ".join(f"{name} {counted(rate)} {letters}" for rate, name, letters in order)
     where = "Training conditions" if group.scope == "training" else "Variations"
@@ -100,7 +103,10 @@ def _ranking(group: Group) -> str:
 
 
 def _parts(groups: Sequence[Group], main: Group) -> Iterator[str]:
-    """Yield one sentence for each pair of policies about the groups in which they differ, most significant first."""
+    """For each pair of policies, yield a sentence on the groups of trials in which they differ significantly.
+
+    The groups are sorted by significance.
+    """
     for k, pair in enumerate(main.contrasts):
         apart = [g.contrasts[k] for g in groups if g is not main and g.contrasts[k].different]
         if apart:

@@ -1,8 +1,8 @@
 """Words and targets that a policy consistently confuses, inferred from the first attempts in a run.
 
 A policy may use the instruction but misunderstand some of the words, for example by exchanging fork and spoon. A single
-trial cannot distinguish this from chance, so a single trial is labeled ``wrong_object``. Several trials with the same
-words can show it, because a policy that chooses at random would sometimes be correct.
+trial with a wrong object may be due to chance, and is therefore labeled ``wrong_object``. Several trials with the same
+words can show a confusion, because a policy that chooses at random would sometimes be correct.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ _SHOWN = 4
 
 @dataclass(frozen=True, slots=True)
 class _FirstWord:
-    """Word of the instruction for the first requested object, and the words for the object that was attempted first.
+    """Instruction's word for the first requested object, and the words for the object that was attempted first.
 
     Attributes:
         word: Word of the instruction for the first requested object.
-        taken: All words of the task that refer to the object of the first attempt.
+        taken: All words in the task's instructions that refer to the object of the first attempt.
     """
 
     word: str
@@ -48,9 +48,10 @@ class _FirstWord:
 def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis]) -> str:
     """Return a sentence about the instruction words that the policy mistakes for other words, or an empty string.
 
-    A word counts as confused if nearly all trials with it agree. The agreeing trials must be significantly more than
-    half of the trials with confused words, and they must include at least half of the failures. At least two different
-    words must be confused, because a single confused word may only show that the policy has a favorite object.
+    A word counts as confused if, in nearly all trials with this word, the policy takes it for the same other word.
+    These trials must be significantly more than half of the trials with confused words, and they must include at least
+    half of the failures. At least two different words must be confused, because a single confused word may only show
+    that the policy has a favorite object.
 
     Args:
         trials: All trials of the run.
@@ -75,10 +76,10 @@ def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagn
 
 
 def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
-    """Return the first word of a trial's instruction and the words for the attempted object, or None.
+    """Return the first word of a trial's instruction and the words for the attempted object, or None if one is unknown.
 
-    None if one of them is unknown. Also None if the policy attempted another object of the same instruction, because
-    the fault is then a wrong order.
+    The result is also None if the policy attempted an object that the same instruction requests for a later step,
+    because the fault is then a wrong order.
     """
     try:
         condition = resolve_condition(trial.task, trial.variation or trial.condition).condition
@@ -136,7 +137,7 @@ def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
 
 
 def _is_misplaced(trial: TrialDiagnosis) -> bool:
-    """Return whether the evidence that decided a trial's label is a correct object at a wrong target."""
+    """Return whether a trial's label was decided by evidence that a correct object was brought to a wrong target."""
     if trial.evidence.rule in ("place_of_another_instruction", MEMORIZED_PLACE):
         return True
     undecided = trial.label is Label.WRONG_OBJECT and trial.evidence.rule == "undecided"

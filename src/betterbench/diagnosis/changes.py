@@ -42,7 +42,7 @@ class TrialChange:
 
     Attributes:
         key: Key of the trial ("fast_food/T1/3").
-        sort: How the trial differs.
+        sort: Kind of the difference.
         before: Stored diagnosis, or None if the trial is new.
         now: New diagnosis, or None if the trial is gone.
         reasons: Reasons for the change that can be seen from the two diagnoses, each as a sentence without a period.
@@ -151,7 +151,7 @@ def _trial(key: str, before: StoredTrial | None, now: StoredTrial | None, thresh
 
 
 def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
-    """Return a clause that states how the judged record was replaced, or None if no replacement is visible."""
+    """Describe in a clause how the record of a trial was replaced, or return None if no replacement is visible."""
     if before.has_record != now.has_record:
         return "the trial has a record now" if now.has_record else "its record is missing"
     if (before.steps, before.success) != (now.steps, now.success):
@@ -175,7 +175,7 @@ def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...])
 
 
 def _of_rules(before: StoredTrial, now: StoredTrial) -> str:
-    """Return a clause that states how the rule that decided the label has changed."""
+    """Describe in a clause how the rule that decided the label has changed."""
     same = before.rule == now.rule
     later = now.start_s - before.start_s
     if later < -_SAME_TIME:

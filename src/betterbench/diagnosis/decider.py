@@ -1,4 +1,4 @@
-"""Cues that a policy may use instead of the instruction, such as an object's slot, kind, color or distance."""
+"""Cues that a policy may follow instead of the instruction, such as an object's slot, kind, color or distance."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Decider:
     """Cues that explain the first targets of a policy that ignores the instruction.
 
     Attributes:
-        names: Cues that each explain the first attempts on their own. Empty if no known cue explains them.
+        names: Cues, each of which explains the first attempts on its own. Empty if no known cue explains them.
     """
 
     names: tuple[str, ...]
@@ -61,7 +61,7 @@ def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
 def _by_place(attempts: Sequence[Choice]) -> bool:
     """Return whether nearly all attempts are at the policy's favorite slot.
 
-    Where the favorite slot is empty, attempts at the next favorite slot count.
+    In trials in which the favorite slot is empty, attempts at the second favorite slot count.
     """
     rest, followed = list(attempts), 0
     while rest:

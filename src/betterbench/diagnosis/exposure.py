@@ -1,7 +1,7 @@
-"""Exposure: the failure modes that a variation's test condition can reveal, given the training distribution.
+"""Exposure of failure modes: which modes the test condition of a variation can reveal, given the training distribution.
 
 Each failure mode has a function that takes an :class:`Exposure` and returns whether the variation can reveal this
-failure mode. A variation may only claim failure modes for which the function returns True.
+failure mode. A variation may only claim to reveal failure modes for which the function returns True.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.tasks.interventions import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """Test condition, the training condition from which it is derived, and the regularities of training.
+    """Test condition of a variation, with the condition from which it is derived and the task's training distribution.
 
     Attributes:
         task: The task.
@@ -53,7 +53,7 @@ class Exposure:
         return self.test.instruction.subgoals
 
     def slots(self, goal: Subgoal) -> set[str]:
-        """Return the slots in which the objects that a subgoal refers to start."""
+        """Return the starting slots of the objects to which a subgoal refers."""
         return {self.test.layout[n] for n in self.test.resolve(goal.reference) if n in self.test.layout}
 
     @property
@@ -96,7 +96,10 @@ class Exposure:
 
 
 def absent_steps(task: Task, condition: Condition) -> set[int]:
-    """Return the indices of the instruction's steps in training whose object is missing from the scene."""
+    """Return the indices of the steps whose object is missing from the scene.
+
+    The steps are those of the training instructions that have the same text as the instruction of the condition.
+    """
     here = {o.kind for o in condition.objects}
     return {
         number

@@ -1,4 +1,4 @@
-"""Outcomes of runs, where each run is in one suite of one world.
+"""Outcomes of runs, each of which covers one suite of one simulated world.
 
 Every planned trial counts. Unfinished trials count as failures.
 """
@@ -41,7 +41,7 @@ class SuiteRun:
         suite: Name of the suite.
         base: Suite from which this suite is derived, or this suite itself.
         change: Change that was made to the base suite ("swap", "resampled"), or None.
-        protocol: Published evaluation protocol of the run. Empty for betterbench's own suite.
+        protocol: Published evaluation protocol that the run follows. Empty for betterbench's own suite.
         versions: Versions of the world's packages. Results with different versions cannot be compared.
         successes: Whether each planned trial succeeded.
         chains: Results of the planned CALVIN chains.
@@ -68,18 +68,18 @@ class SuiteRun:
 
 
 def is_across(runs: Sequence[RunFolder]) -> bool:
-    """Return whether the runs are in several suites, or one of them contains CALVIN chains."""
+    """Return whether the runs belong to different suites, or whether one of them contains CALVIN chains."""
     suites = {_suite_of(run) for run in runs}
     return len(suites) > 1 or any(run.world.reading == "chains" for run in runs)
 
 
 def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> tuple[SuiteRun, ...]:
-    """Read the outcomes of runs.
+    """Read the outcomes of runs in several suites or worlds.
 
     Args:
         runs: Folders of the runs.
-        names: Name of the policy of each run. Runs with the same name share a row of the table. By default, the names
-            are those that the policies declared.
+        names: Name of the policy of each run. Runs with the same name share a row of the result table. By default, the
+            names are those that the policies declared.
 
     Raises:
         InvalidInputError: If there are not as many names as runs, or if a policy has two runs in the same suite.

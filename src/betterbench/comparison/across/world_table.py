@@ -1,4 +1,4 @@
-"""Table 4 of the paper, computed from runs: success rates in LIBERO's suites, and lengths of CALVIN's chains."""
+"""Table 4 of the betterbench paper, computed from runs: LIBERO success rates and lengths of CALVIN chains."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ CALVIN = "calvin"
 
 @dataclass(frozen=True, slots=True)
 class WorldRow:
-    """Row of the table, with the results of one policy.
+    """Results of one policy in LIBERO and CALVIN, shown as one row of the table.
 
     Attributes:
         policy: Name of the policy.
         suites: Success rate in each LIBERO suite that was run, by the suite's name.
-        average: Mean of the four success rates with equal weights, with its confidence interval. None if a suite was
-            not run.
+        average: Mean of the success rates in LIBERO's four suites, with equal weights, with its confidence interval.
+            None if a suite was not run.
         chains: Results of the CALVIN chains, or None if they were not run.
     """
 
@@ -87,7 +87,7 @@ class WorldContrast:
 
 @dataclass(frozen=True, slots=True)
 class WorldTable:
-    """Table of policies, with comparisons of its rows.
+    """Table of the results of policies in LIBERO and CALVIN, with comparisons between the policies.
 
     Attributes:
         rows: One row for each policy.
@@ -115,10 +115,10 @@ class WorldTable:
 
 
 def world_table(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> WorldTable:
-    """Return the table of all policies, in the order of the runs.
+    """Return the table of the results of all policies, in the order of the runs.
 
     Raises:
-        RunConflictError: If two runs of the same suite used different protocols or versions of the world, and
+        RunConflictError: If two runs of the same suite used different protocols or versions of the simulated world, and
             ``allow_mixed`` is False.
     """
     notes = [*_clashes(runs, allow_mixed=allow_mixed), *_limits(runs)]
@@ -203,7 +203,7 @@ def _clashes(runs: Sequence[SuiteRun], *, allow_mixed: bool) -> list[str]:
                 problem = f"{base}: the {what} differ: {listed}."
                 if not allow_mixed:
                     raise RunConflictError(
-                        f"{problem} Run one of the two again with the same protocol and installation, or give "
+                        f"{problem} Repeat one of the two runs with the same protocol and installation, or give "
                         f"--allow-mixed and interpret the results with care."
                     )
                 notes.append(problem)

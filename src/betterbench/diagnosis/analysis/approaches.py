@@ -1,8 +1,8 @@
-"""Targets of a policy that grasps nothing: its gripper stays over an object or pushes it.
+"""Targets of a policy that does not close its gripper on an object, inferred from the path of the empty gripper.
 
 A grasp shows which object the policy wants. After the last grasp, the target can only be inferred from the path of the
-empty gripper. The gripper may stay over an object, return to it repeatedly, or move back and forth between several
-objects.
+empty gripper. The gripper may stay over an object, push it, return to it repeatedly, or move back and forth between
+several objects.
 """
 
 from __future__ import annotations
@@ -85,13 +85,13 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
 
 def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
-    """Return the first stay over the object that the policy chose, as shown by how long the gripper stays over it.
+    """Return the first interval in which the gripper stays over the object that the policy chose.
 
-    None if staying over objects does not show a choice.
+    The choice is inferred from how long the gripper stays over each object. Return None if this does not show a choice.
 
     Args:
         trace: The episode.
-        first: Only stays that begin at or after this row of the trace are considered.
+        first: Only intervals that begin at or after this row of the trace are considered.
         asked: Indices of the requested objects. An object that was not requested does not count as chosen if the
             gripper was over a requested object for about as long or about as often.
     """
@@ -110,10 +110,10 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 
 
 def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
-    """Return whether the gripper was over a requested object for about as long, or as often, as over the chosen object.
+    """Return whether the gripper was over a requested object about as long or as often as over the chosen object.
 
-    For both objects, only the time below the same height above the table counts. Otherwise, the gripper would be over
-    the taller object earlier.
+    Only the time that the gripper spends below a certain height above the table counts. The height is the same for both
+    objects, since a descending gripper would otherwise count as being over the taller object earlier.
     """
     chosen = stays[0].object
     ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)
@@ -134,10 +134,10 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
-    """Return the index of the object at which the open gripper comes down low enough to grasp it, or None.
+    """Return the index of the object that the open gripper approaches, low enough to grasp it, or None.
 
-    Only rows of the trace from ``first`` on are considered. The gripper must be at the object for a minimum total time,
-    and within reach of other objects only rarely.
+    Only rows of the trace from ``first`` on are considered. The gripper must spend a minimum time at the object, and
+    only rarely be within reach of other objects.
     """
     free = ~trace.closing & (trace.held < 0)
     low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
@@ -158,7 +158,7 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
 
 
 def taken_below(trace: Trace, i: int) -> Floats:
-    """Return the height below which the gripper counts as lowered to an object, for each row of the trace (T,) [m].
+    """Return the height [m] below which the gripper is low enough to grasp an object, for each row of the trace (T,).
 
     This is the height of the object's top, or a fixed height above the object's base if the object is flatter than
     that.
@@ -183,7 +183,7 @@ def stays_above(trace: Trace, first: int, i: int) -> bool:
 
 
 def lowered(heights: Floats) -> float:
-    """Return by how much the median height falls from the first half of the given heights to the second half [m]."""
+    """Split a series of heights into halves, and return by how much the median of the second half is lower [m]."""
     first, second = np.array_split(heights, 2)
     return float(np.median(first) - np.median(second))
 
@@ -191,7 +191,7 @@ def lowered(heights: Floats) -> float:
 def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     """Return the first and last row of the trace between which the open gripper keeps returning to an object.
 
-    None if the gripper does not move over the object, away from it and back often enough.
+    Return None if the gripper does not move over the object, away from it and back often enough.
     """
     visits = [stay for stay in find_stays(trace, first) if stay.object == i]
     times = 1
@@ -202,9 +202,9 @@ def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first and last row of a grasp that closed only partly around an object, or None if there is none.
+    """Return the first and last row of an attempt in which the fingers closed only partly around an object, or None.
 
-    In a partial grasp, the fingers come closer together around the object but never touch it, and the gripper rises
+    In such an attempt, the fingers come closer together around the object but never touch it, and the gripper rises
     again.
     """
     below, low = taken_below(trace, i), is_down(trace, i)
@@ -224,8 +224,8 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     """Return the first and last row between which the open gripper repeatedly comes down on an object and rises again.
 
-    None if this does not happen often enough. Contacts of a closed gripper do not count, and neither do contacts with
-    an object that is between the fingers.
+    Return None if this does not happen often enough. Contacts of a closed gripper do not count, and neither do contacts
+    with an object that is between the fingers.
     """
     shut = trace.closing | (trace.width <= THRESHOLDS.closed_width)
     met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
@@ -239,10 +239,12 @@ def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows of the first interval in which a closed and empty gripper is within reach of an object.
+    """Return the first interval in which a closed and empty gripper is within reach of an object.
 
-    Only rows of the trace from ``first`` on are considered. The two rows are the first and last row of the interval, or
-    None if there is no such interval.
+    Only rows of the trace from ``first`` on are considered.
+
+    Returns:
+        The first and last row of the interval, or None if there is no such interval.
     """
     shut = trace.closing & (trace.held < 0) & (trace.width <= THRESHOLDS.closed_width)
     near = [
@@ -254,8 +256,8 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
     """Return the rows between which the empty gripper moves back and forth until the end of the episode, or None.
 
-    The path that leads to the region of this motion is not included. The rows in which the opening fingers still hold
-    the last object are not included either.
+    The interval does not include the approach to the region in which the gripper moves back and forth. It does not
+    include the rows in which the opening fingers still hold the last object either.
     """
     holding = np.flatnonzero(trace.held[first:] >= 0)
     first += int(holding[-1]) + 1 if holding.size else 0
@@ -269,7 +271,7 @@ def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> 
     """Return whether the path between two rows of the trace approaches at least one of the given objects.
 
     The path is divided into quarters. The center of each quarter must be closer to the object than the center of the
-    previous quarter. A path whose center is at an object from the start therefore does not approach this object.
+    previous quarter. A path that is centered on an object from the start therefore does not count as approaching it.
     """
     first, last = rows
     middles = np.array([part.mean(axis=0) for part in np.array_split(trace.tool[first : last + 1, :2], 4)])
@@ -278,9 +280,9 @@ def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> 
 
 
 def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
-    """Return the rows between which an empty gripper pushes a drawer shut, from its first touch on, or None.
+    """Return the rows in which an empty gripper pushes a drawer shut, beginning with the first touch, or None.
 
-    None if the drawer is not shut at the end, was never open, or was not touched just before it shut.
+    The result is None if the drawer is not shut at the end, was never open, or was not touched just before it shut.
 
     Args:
         trace: The episode.
@@ -295,7 +297,7 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 
 
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the pushes of objects by the empty gripper in time order, with the rows and the object of each push.
+    """Return the pushes of objects by the empty gripper in time order, each with its rows in the trace and its object.
 
     An object that moves while the gripper is closed on it is carried or dragged, which is not a push. An object that is
     hit while another object is between the fingers is not pushed either.
@@ -308,7 +310,7 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
     """Return the intervals in which the empty gripper moves an object, in time order.
 
-    Movements that are too short to count as a push are included.
+    This includes movements that are too short to count as a push.
     """
     shoves = [Stay(a, b, i) for i in trace.items for a, b in _touches(trace, grasps, i) if _shoved(trace, i, a, b)]
     return tuple(sorted(shoves, key=lambda s: (s.start, s.object)))
@@ -335,7 +337,7 @@ def _leaves(trace: Trace, i: int, row: int) -> int:
 
 
 def _near_anything(trace: Trace) -> Bools:
-    """Return whether any object may be under or near the tool center point, for each row of the trace (T,)."""
+    """Return whether the gripper may be over or near any object, for each row of the trace (T,)."""
     items = list(trace.items)
     reach = np.array([math.hypot(*trace.info.objects[i].size_m) + OVER_HEIGHT + 2.0 * BESIDE for i in items])
     near: Bools = (np.linalg.norm(trace.positions[:, items] - trace.tool[:, None], axis=2) <= reach).any(axis=1)
@@ -380,7 +382,8 @@ class _Gap(NamedTuple):
     def is_over(self) -> bool:
         """Whether the gripper is over the object or close to its bounding box.
 
-        The bounding box counts as well as the center, because wide objects are grasped far from their center.
+        The bounding box is considered in addition to the center, because wide objects are grasped far from their
+        center.
         """
         return self.beside <= BESIDE or self.center <= THRESHOLDS.slot_reach
 
@@ -403,10 +406,10 @@ def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
-    """Return whether the gripper only passes over an object during a stay.
+    """Return whether the gripper, in an interval in which it is over an object, merely passes over it.
 
-    It does if it leaves again after a short time, or on a different side from the one it came from. If the episode ends
-    while the gripper is over the object, it only passes if it is still moving in a straight line.
+    It only passes if it leaves after a short time, or on a different side than it came from. If the episode ends while
+    the gripper is over the object, it only passes if it is still moving in a straight line.
     """
     if stay.end == trace.rows - 1:
         last = trace.tool[max(stay.start, stay.end - trace.steps(STAY_TIME)) : stay.end + 1, :2]
@@ -429,9 +432,10 @@ def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
 
 
 def _moves_from(trace: Trace, i: int, touched: int) -> int:
-    """Return the row at which an object begins to move, which is the row of the first recorded touch at the latest.
+    """Return the row at which an object begins to move.
 
-    A touch that lasts less than a control step is not recorded, so it only shows in the object's motion.
+    The row is at most that of the first recorded touch. A touch that lasts less than a control step is not recorded,
+    but it can be seen in the object's motion.
     """
     before = max(0, touched - trace.steps(FLICKER_TIME))
     moved = np.linalg.norm(trace.positions[before : touched + 1, i] - trace.positions[before, i], axis=1)
@@ -448,7 +452,7 @@ def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
 
 
 def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
-    """Return whether a touched object moved at least a given fraction (``PUSH_SHARE``) of the distance of a push."""
+    """Return whether a touched object moved at least a fraction ``PUSH_SHARE`` of the length of a push."""
     way, _ = _ways(trace, i, start, end)
     return float(np.linalg.norm(way)) >= PUSH_SHARE * PUSH_TRAVEL
 

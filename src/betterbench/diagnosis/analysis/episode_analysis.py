@@ -1,4 +1,4 @@
-"""Analysis of an episode: the object of each grasp attempt, compared with the step of the instruction then due."""
+"""Analysis of an episode: the object of each grasp attempt, compared with the step of the instruction that is due."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class AttemptTarget(StrEnum):
 
 
 class Means(StrEnum):
-    """Behavior that shows which object the policy wants: a grasp, a push, a stay over the object, or a weak grip."""
+    """Behavior that shows which object the policy wants: a grasp, a push, a weak grip, or staying over the object."""
 
     GRASP = "grasp"
     """The gripper closes."""
@@ -77,7 +77,7 @@ _INSTRUCTION_WORDS = ("steps left: ", "the instruction asks for", "the instructi
 class Step:
     """One attempt of the policy, compared with the instruction.
 
-    It is a grasp attempt, or a push, stay or weak grip that counts as an attempt.
+    This is a grasp attempt. A push, a weak grip, or staying over an object can also count as an attempt.
 
     Attributes:
         grasp: Rows, object and slot of the attempt in the trace.
@@ -85,10 +85,10 @@ class Step:
         at: Index of the attempted or missed object, or None if there is no object.
         target: Relation of the object to the instruction.
         goal: Index of the subgoal that was current, or None if no subgoal was open.
-        asked_slots: Slots of the objects that were requested at that time.
+        asked_slots: Slots of the objects that were requested at the time of the attempt.
         means: Behavior that shows the attempt.
-        between: Index of another object that may also have been the target, because it was about as near as the
-            requested object when the empty gripper closed. None if there is no such object.
+        between: Index of a second object that may have been the target. It was about as near as the requested object
+            when the empty gripper closed. None if there is no such object.
     """
 
     grasp: GraspAttempt
@@ -102,7 +102,7 @@ class Step:
 
     @property
     def missed(self) -> bool:
-        """Whether the gripper missed the object and closed next to it."""
+        """Whether the gripper closed next to the object and missed it."""
         return self.means is Means.GRASP and self.grasp.object is None and self.at is not None
 
 
@@ -117,9 +117,9 @@ class EpisodeAnalysis:
         meant: For each subgoal, the indices of the objects that can satisfy it.
         steps: All grasp attempts, in time order.
         harm: Harm to objects that were not requested, in time order.
-        others: Approaches to an object without closing the gripper, in time order.
-        on_nothing: Closings of the gripper far from all objects or next to an empty slot, in time order.
-        fists: Closings of the empty gripper before it pushed a drawer shut, in time order.
+        others: Approaches to an object in which the gripper does not close, in time order.
+        on_nothing: Occasions on which the gripper closed far from all objects or next to an empty slot, in time order.
+        fists: Occasions on which the empty gripper closed in order to push a drawer shut, in time order.
         state: Function that returns the world state at a row of the trace. If None, placements are judged only by the
             target regions in the record.
         found_once: Results cached by :func:`once_per_episode`.
@@ -141,8 +141,8 @@ class EpisodeAnalysis:
     def decisions(self) -> tuple[Step, ...]:
         """All attempts that show which object the policy wants, in time order.
 
-        These are grasp attempts, pushes, and a final stay over an object. Attempts at drawers that were opened or shut
-        to reach a wrong first choice are left out.
+        These are grasp attempts and pushes. If the gripper stays over an object at the end, this counts as well.
+        Attempts at drawers that were opened or shut to reach a wrong first choice are left out.
         """
         apart = (*self.opened_first, *self.shut_first)
         return tuple(s for s in self._in_order if s not in apart)
@@ -162,8 +162,8 @@ class EpisodeAnalysis:
     def shut_first(self) -> tuple[Step, ...]:
         """Attempts that shut a drawer before another drawer is opened to reach a wrong first choice.
 
-        An open drawer blocks the drawer below it. Shutting it is therefore part of the wrong choice, like opening the
-        other drawer.
+        An open drawer blocks the drawer below it. Shutting it is therefore part of the wrong choice, just like opening
+        the drawer below.
         """
         opened = self.opened_first
         return tuple(
@@ -176,7 +176,7 @@ class EpisodeAnalysis:
 
     @property
     def _in_order(self) -> tuple[Step, ...]:
-        """All attempts, pushes and stays, in time order."""
+        """All attempts, pushes, and intervals in which the gripper stays over an object, in time order."""
         return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
 
     def _opens(self, step: Step) -> bool:
@@ -205,7 +205,7 @@ class EpisodeAnalysis:
     def idle_from(self) -> int:
         """Row of the trace at which the last grasp and its effects end, or 0 if the gripper never closed.
 
-        Closings of the gripper on nothing count as grasps here.
+        Closing the gripper on nothing counts as a grasp here.
         """
         grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
@@ -231,25 +231,23 @@ class EpisodeAnalysis:
 
     @property
     def first_choice(self) -> Step | None:
-        """First attempt, push or stay that shows which object the policy chose, or None.
+        """First attempt that shows which object the policy chose, or None.
 
-        Moving a drawer to reach an object does not count.
+        The attempt may be a grasp, a push, or staying over an object. Moving a drawer to reach an object does not
+        count.
         """
         return next(filter(self._may_be_choice, self._in_order), None)
 
     @property
     def first_attempt(self) -> Step | None:
-        """First grasp attempt that shows which object the policy chose, or None.
-
-        This is the attempt that is reported.
-        """
+        """First grasp attempt that shows which object the policy chose, or None. It is the one that reports mention."""
         return next(filter(self._may_be_choice, self.steps), None)
 
     @property
     def off_limits(self) -> tuple[int, ...]:
         """Indices of the objects that the policy must not touch.
 
-        Empty unless the policy is expected to stay still or to refuse an impossible instruction.
+        The result is empty unless the policy is expected to stay still or to refuse an impossible instruction.
         """
         if self.condition.expected is Expected.STAY_STILL:
             return self.trace.items
@@ -259,12 +257,12 @@ class EpisodeAnalysis:
     def shoves(self) -> tuple[Stay, ...]:
         """Intervals in which the empty gripper moves an object, in time order.
 
-        Movements that are too short to count as a push are included.
+        This includes movements that are too short to count as a push.
         """
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
-        """Return one clause for each harm to an object that was not requested, in time order."""
+        """Describe each harm to an object that was not requested, as one clause per harm in time order."""
         return tuple(dated.harm.words(self.trace.info) for dated in self.harm)
 
     def kind(self, i: int) -> str:
@@ -280,7 +278,7 @@ class EpisodeAnalysis:
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
-        """Return the earlier subgoals that fill the drawer which the given subgoal closes."""
+        """Return the earlier subgoals that put objects into the drawer that the given subgoal closes."""
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
@@ -292,7 +290,7 @@ class EpisodeAnalysis:
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
     def completed_after(self, goal: int | None, row: int) -> bool:
-        """Return whether a subgoal is done at a row of the trace or later, so that an earlier failure is corrected."""
+        """Return whether a subgoal is done at a row of the trace or later. If so, an earlier failure was corrected."""
         return goal is not None and bool(self.trace.done[row:, goal].any())
 
     def attempted_after(self, goal: int, row: int) -> bool:
@@ -334,7 +332,7 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def telling_place(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region of an object if the policy certainly brought the object there, otherwise None.
+        """Return the target region in which an object is, if the policy has certainly brought it there, otherwise None.
 
         A wide region, such as one side of another object, does not count, because the object may have been there from
         the start.
@@ -345,13 +343,13 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return where an object was placed contrary to the instruction, with the rows of its release and of its rest.
+        """Return where an object was placed contrary to the instruction, with the rows of the trace.
 
-        An object that was deliberately released at a region counts as placed there in any posture. None if the object
-        was not placed in such a region.
+        If an object was deliberately released at a region, it counts as placed there in any posture.
 
         Returns:
-            The row at which the object was released, the row at which it came to rest, and the region.
+            The row at which the object was released, the row at which it came to rest, and the region. None if the
+            object was not placed in a region that contradicts the instruction.
         """
         i, rows = step.grasp.object, self.let_go(step)
         if rows is None or i is None or not step.grasp.secured:
@@ -403,8 +401,8 @@ class EpisodeAnalysis:
     def _set_down_before(self, step: Step, i: int, gone: int) -> tuple[int, ...]:
         """Return the first row at which a carried object stood on a support, as a tuple of at most one row.
 
-        For example, a jar that jams at the edge of its hole stands there, although the closed gripper then drags it
-        away.
+        For example, a jar that jams at the edge of its hole counts as standing there, even if the closed gripper then
+        drags it away.
         """
         trace, time = self.trace, self.trace.steps(THRESHOLDS.stop_time)
         carried = np.flatnonzero(trace.held[step.grasp.end : gone] == i)
@@ -432,11 +430,11 @@ class EpisodeAnalysis:
         return math.dist(trace.positions[row, i, :2], place[:2])
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the wrong region in which a requested object was placed, with the rows of its release and of its rest.
+        """Return the wrong region in which a requested object was placed, with the rows of the trace.
 
         Returns:
-            The two rows of the trace and the region. None if the object was placed in the correct region at any time,
-            or was placed outside all target regions.
+            The row at which the object was released, the row at which it came to rest, and the region. None if the
+            object was placed in the correct region at any time, or was placed outside all target regions.
         """
         if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
             return None
@@ -445,7 +443,7 @@ class EpisodeAnalysis:
     def last_try(self, step: Step) -> Step:
         """Return the decisive attempt among repeated attempts at the same object.
 
-        This is the first attempt that lifted the object, or the last attempt if none did.
+        This is the first attempt that lifted the object. If no attempt lifted it, this is the last attempt.
         """
         for later in self.steps:
             if later.grasp.start <= step.grasp.start:
@@ -456,7 +454,9 @@ class EpisodeAnalysis:
         return step
 
     def taken_for(self, step: Step) -> int | None:
-        """Return the subgoal of another object to whose target region the object of an attempt was brought, or None."""
+        """If an attempt brought its object to the target region of a different object, return that object's subgoal,
+        otherwise None.
+        """
         found, i = self.put_down(step), step.grasp.object
         if found is None or i not in self.asked_indices:
             return None
@@ -513,11 +513,11 @@ class EpisodeAnalysis:
         return listed(due) or "none"
 
     def open_words(self, row: int) -> tuple[str, ...]:
-        """Return the distinct instruction words of the subgoals that are open at a row of the trace."""
+        """Return the words of the instruction for the subgoals that are open at a row of the trace, each word once."""
         return tuple(dict.fromkeys(map(self.asked_words, self.open_goals(row))))
 
     def asked_words(self, goal: int) -> str:
-        """Return the instruction's word for an object, with the kind of the object if it differs: "'red' (red mug)"."""
+        """Return the instruction's word for an object. The object's kind is added if it differs: "'red' (red mug)"."""
         word = self.goals[goal].word
         kinds = dict.fromkeys(self.kind(i) for i in self.meant[goal])
         named = " or ".join(kind for kind in kinds if kind != word)
@@ -538,7 +538,7 @@ class EpisodeAnalysis:
         return f"x {100 * x:.0f}, y {100 * y:.0f}, z {100 * z:.0f} cm"
 
     def at_step(self, rule: str, text: str, step: Step, **details: tuple[str, ...]) -> Evidence:
-        """Return evidence that consists of one attempt."""
+        """Return evidence for a label that consists of one attempt."""
         objects = () if step.at is None else (step.at,)
         return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
 
@@ -594,13 +594,13 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(chosen))
 
     def intention_correct(self) -> bool | None:
-        """Return whether the policy's first attempt was correct, or whether it correctly made none (suite, section 4).
+        """Return whether the first attempt was correct, or whether the policy correctly made none (suite, section 4).
 
         An attempt at a wrong drawer makes the intention wrong, even if a correct object is grasped afterward.
 
         Returns:
-            None if this cannot be decided, because the gripper first closed between two objects, or closed only far
-            from all objects.
+            True or False. None if this cannot be decided, because the gripper first closed between two objects, or
+            because it only closed far from all objects.
         """
         expected = self.condition.expected
         if expected is Expected.STAY_STILL:
@@ -639,12 +639,10 @@ _Found = TypeVar("_Found")
 
 
 def once_per_episode(find: Callable[[EpisodeAnalysis], _Found]) -> Callable[[EpisodeAnalysis], _Found]:
-    """Compute the result of a function only once per episode.
+    """Cache the result of a function for each episode, so that it is computed only once.
 
-    This is used for functions that several failure modes call.
-
-    For example, four failure modes look for a halt. Over 37 recorded trials of three policies, the saving was too small
-    to measure (total CPU time 0.35 s, 2026-11-28).
+    This is used for functions that several failure modes call. For example, four failure modes look for a halt. Over 37
+    recorded trials of three policies, the saving was too small to measure (total CPU time 0.35 s, 2026-11-28).
     """
 
     @functools.wraps(find)
@@ -665,7 +663,7 @@ def analyze_episode(
     harm: tuple[DatedHarm, ...] = (),
     state: Callable[[int], WorldState] | None = None,
 ) -> EpisodeAnalysis:
-    """Compare the grasp attempts, pushes and stays of an episode with its instruction.
+    """Compare the attempts in an episode (grasps, pushes, and staying over an object) with the instruction.
 
     Objects are identified by kind and slot, so their names do not matter.
 
@@ -711,11 +709,11 @@ def _start(grasp: GraspAttempt) -> int:
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether the gripper closed so far from an empty slot that it may have missed an object elsewhere.
 
-    The distance to the slot is measured from the point at which demonstrations close the gripper there. The gripper may
-    have missed an object elsewhere if the object is about as near as this point, or at least as near when seen from
-    above. The view from above counts because a gripper that closes above the rim of a plate has missed the plate at any
-    height. If the slot contains an object, or if training never picks from this slot, only the distance to the center
-    of the slot is considered.
+    The distance is measured from the point at which demonstrations close the gripper in this slot. The gripper may have
+    missed an object elsewhere if that object is about as near as this point, or at least as near in the view from
+    above. The view from above is considered because a gripper that closes above the rim of a plate has missed the
+    plate, whatever its height. If the slot contains an object, or if training never picks from this slot, only the
+    distance to the center of the slot is considered.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
@@ -730,17 +728,20 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
-    """Return the objects at which an attempt would be correct: those requested now, and drawers in front of them."""
+    """Return the objects at which an attempt would be correct.
+
+    These are the objects requested now, and the drawers that block them.
+    """
     _, now = _due(trace, instruction, grasp.start)
     return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
 
 
 def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
-    """Return the weak grips at requested objects. They show which object the policy wants, but are not grasp attempts.
+    """Return the weak grips on requested objects.
 
-    In a weak grip, the fingers hardly move although the policy commands them to close for a long time. Closing partly
-    around the object and opening again, several times, is also a weak grip. Objects at which there was a grasp attempt
-    are left out.
+    A weak grip shows which object the policy wants, but is not a grasp attempt. In a weak grip, the fingers hardly move
+    although the policy commands them to close for a long time. It is also a weak grip if the fingers repeatedly close
+    partly around the object and open again. Objects at which there was a grasp attempt are left out.
     """
     seen = {step.at for step in steps}
     long: list[Step] = []
@@ -771,14 +772,17 @@ def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
 
 
 def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: Stay, means: Means) -> Step:
-    """Convert a push or a stay to an attempt that is compared with the instruction."""
+    """Convert a push or a stay to an attempt that is compared with the instruction.
+
+    A stay is an interval in which the gripper stays over an object.
+    """
     slot = trace.slot_of(stay.start, stay.object, THRESHOLDS.slot_reach)
     grasp = GraspAttempt(stay.start, stay.end, trace.rows, None, stay.object, slot, secured=False)
     return replace(_step(trace, instruction, known, grasp, at=stay.object), means=means)
 
 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
-    """Return whether a grasp attempt at another object follows a push.
+    """Return whether the policy, after it pushed an object, tried to grasp another object.
 
     If so, the pushed object was only in the gripper's way.
     """
@@ -843,7 +847,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
     """Return the drawer into which a subgoal puts an object, if the attempt grasped this drawer without pushing it in.
 
     Returns:
-        A set that contains the drawer's index, or an empty set.
+        Set with the index of the drawer, or an empty set if the attempt did something else.
     """
     i, last = grasp.object, min(grasp.release, trace.rows - 1)
     if i is None or i != trace.targets[g] or not trace.is_drawer(i):
@@ -852,7 +856,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
 
 
 def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
-    """Return the object that an empty grasp missed. If there are several candidates, prefer a requested object."""
+    """Return the object that the gripper missed when it closed on nothing. Requested objects take precedence."""
     if grasp.aim is None or grasp.aim in needed:
         return grasp.aim
     gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])
@@ -870,7 +874,7 @@ def _step(
         instruction: Instruction of the trial.
         known: Kinds of objects that occur in the task's training or in the instruction.
         grasp: Rows, object and slot of the attempt.
-        at: Index of the object, for an attempt without a grasp.
+        at: Index of the attempted object if the attempt is not a grasp, otherwise None.
     """
     step = _compared(trace, instruction, known, grasp, at=at, chosen=grasp.start)
     if step.target is not AttemptTarget.LATER:
@@ -880,7 +884,10 @@ def _step(
 
 
 def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | None:
-    """Return the last row, shortly before the given row, at which the steps that are due now were still done."""
+    """Return the last row, shortly before the given row, at which all steps that are due now were done.
+
+    There is such a row if a finished step was undone. Otherwise, return None.
+    """
     _, now = _due(trace, instruction, row)
     first = max(0, row - trace.steps(UNDONE_WITHIN))
     done = np.flatnonzero(trace.done[first:row, list(now)].all(axis=1)) if now else np.array([], int)
@@ -890,7 +897,7 @@ def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | No
 def _compared(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None, chosen: int
 ) -> Step:
-    """Compare an attempt with the steps that were due when its target was chosen, at row ``chosen``."""
+    """Compare an attempt with the steps that were due at row ``chosen``, at which the policy chose the target."""
     row = grasp.start
     due, now = _due(trace, instruction, chosen)
     wanted = {g: _wanted(trace, g, chosen) | _drawn(trace, g, grasp) for g in due}
@@ -923,7 +930,7 @@ def _compared(
 
 
 def finished_on(trace: Trace, instruction: Instruction, row: int, at: int | None) -> tuple[int, ...]:
-    """Return the objects that a finished step has placed on an object, so that they form a finished stack with it.
+    """Return the objects that a finished step has stacked on the given object.
 
     A container does not form a stack with its contents, and objects next to each other on the table do not form a
     stack.

@@ -1,4 +1,4 @@
-"""Detection of halts: until the end, the arm stays still or trembles in place although subgoals are unfinished."""
+"""Detection of halts, in which the arm stays still or trembles in place until the end although subgoals are open."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     Trembling over a requested object is not a halt.
 
     A pause after which the arm continues is not a halt. A final stop that is shorter than an earlier pause may itself
-    be a pause, so it is not a halt either. An arm that holds a correct object at its target region, or that has
-    descended to a correct object with open fingers, has only halted if it does not move at all. If it moves, the fault
-    is a gripper that does not open or close.
+    be a pause, so it is not a halt either. Two situations are stricter: the arm holds a correct object at its target
+    region, or it has descended to a correct object with open fingers. In both, the arm has only halted if it does not
+    move at all. If it moves, the fault is that the gripper does not open or close.
     """
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None
@@ -82,7 +82,7 @@ def in_fingers(trace: Trace, row: int) -> int | None:
 
 @once_per_episode
 def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
-    """Return the object that the closed gripper holds at its target region for a long time until the end, or None.
+    """Return the object that the closed gripper keeps holding at the object's target region until the end, or None.
 
     The object may already be standing on the target. An object that is still being lowered does not count.
     """
@@ -119,17 +119,18 @@ def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
 
 
 def _usual(pauses: list[int], long: int) -> float:
-    """Return how long a pause of this policy can plausibly be [rows].
+    """Return how long a pause of this policy can be without being a halt, in rows of the trace.
 
-    If the policy has made several long pauses, still longer pauses are plausible.
+    This is the length of its longest pause so far. If the policy has made several long pauses, even longer pauses are
+    plausible.
     """
     return max(pauses, default=0) * (PAUSES_VARY if sum(p >= long for p in pauses) > 1 else 1.0)
 
 
 def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
-    """Return the first row of a long slow phase after which the arm stays in place until the end, or None.
+    """Return the row from which the arm stays in place until the end, or None if it does not do so for long enough.
 
-    The rows in which the arm slows down before it comes to rest belong to the slow phase.
+    The arm may still be slowing down at this row.
     """
     last = stop - trace.steps(THRESHOLDS.halt_time)
     if start <= last and stays_in_place(trace.tool, trace.time, start):
@@ -139,7 +140,7 @@ def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
 
 
 def _in_place_from(trace: Trace) -> int:
-    """Return the first row after which the arm stays in place until the end for long enough to count as trembling.
+    """Return the first row after which the arm stays in place until the end, long enough to count as trembling.
 
     If there is no such row, return the number of rows of the trace.
     """

@@ -97,7 +97,10 @@ def _tilted(trace: Trace, i: int) -> np.ndarray:
 
 
 def _since(flags: np.ndarray) -> int | None:
-    """Return the row from which the flags stay true until the end. None if there is none, or if all flags are true."""
+    """Return the row from which the flags stay true until the end.
+
+    The result is None if there is no such row, or if all flags are true.
+    """
     return int(np.flatnonzero(~flags)[-1]) + 1 if flags[-1] and not flags.all() else None
 
 

@@ -1,4 +1,4 @@
-"""Rest and motion of a gripper, computed from its path. The functions serve simulated and real arms."""
+"""Rest and motion of a gripper, computed from its path. The functions work for simulated and for real arms."""
 
 from __future__ import annotations
 
@@ -60,7 +60,8 @@ def stays_in_place(tool: Floats, time: Floats, begin: int, *, within: float = HA
 def to_and_fro_from(tool: Floats, rate_hz: float) -> int | None:
     """Return the first row from which the gripper moves back and forth until the end, or None if it does not.
 
-    The positions have shape (T, 3) [m]. The path that leads to the region of this motion is not included.
+    The positions have shape (T, 3) [m]. The approach to the region in which the gripper moves back and forth is not
+    included.
     """
     steps = np.linalg.norm(np.diff(tool, axis=0), axis=1)
     left = np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))  # path length from each row to the end
@@ -81,12 +82,12 @@ def runs_of(flags: Bools) -> list[tuple[int, int]]:
 
 
 def _window(rows: int, rate_hz: float) -> int:
-    """Return the number of control steps over which the speed is averaged."""
+    """Return the number of control steps over which the gripper's speed is averaged."""
     return min(steps_in(THRESHOLDS.stillness_window, rate_hz), max(1, rows - 1))
 
 
 def _covered(ways: npt.NDArray[np.float64], window: int, rate_hz: float, rows: int) -> Bools:
-    """Return whether each row lies in at least one time window in which the motion is slow."""
+    """Return whether each row lies in at least one of the time windows in which the motion is slow."""
     slow = ways * rate_hz / window < THRESHOLDS.halt_speed
     still = np.zeros(rows, dtype=np.bool_)
     for shift in range(window + 1):

@@ -77,7 +77,7 @@ class Trace(Motion):
 
 
 def place_middle(target: ObjectInfo, kind: str, region: str) -> Vector:
-    """Return the center of a target region in the frame of the target [m]."""
+    """Return the center of a target region in the target object's frame [m]."""
     named = next((r.position for r in target.regions if r.name == region), None)
     return relation(kind).middle(target, region) if named is None else named
 
@@ -172,7 +172,8 @@ def _index_of_kind(info: SceneInfo, kind: str) -> int:
     found = next((i for i, o in enumerate(info.objects) if o.kind == kind), None)
     if found is None:
         raise RecordError(
-            f"scene: the record has no {kind!r}, which the condition of the trial requires. Record the trial again."
+            f"scene: the record contains no object of the kind {kind!r}, but the condition of the trial requires "
+            f"one. Record the trial again."
         )
     return found
 
