@@ -63,7 +63,7 @@ class Exposure:
 
     @property
     def due(self) -> tuple[Subgoal, ...]:
-        """Subgoals that may correctly be done first."""
+        """Open subgoals that may correctly be done first."""
         return self.open_goals[:1] if self.test.instruction.ordered else self.open_goals
 
     @property
@@ -88,9 +88,9 @@ class Exposure:
 
     @property
     def lacks_later_step(self) -> bool:
-        """Whether a later step that training has for this instruction has no object in the scene.
+        """Whether training has a later step for this instruction whose object is missing from the scene.
 
-        False if the condition is ambiguous, because then no behavior counts as a failure.
+        This is False if the condition is ambiguous, because then no behavior counts as a failure.
         """
         return self.test.expected is not Expected.AMBIGUOUS and max(absent_steps(self.task, self.test), default=0) > 0
 

@@ -1,4 +1,4 @@
-"""Failure modes: the class with which each file in ``modes`` registers its mode, and the input of a detector."""
+"""Failure modes: the class with which each file in ``modes`` registers its mode, and the input that a detector gets."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class TrialView:
 
     Attributes:
         record: Record of the trial, with its outcome.
-        episode: Analysis of the record, with every grasp attempt and placement.
-        unexplained: Whether this is the second round of detectors, which follows if no detector found evidence in the
-            first round.
+        episode: Analysis of the record, including every grasp attempt and placement.
+        unexplained: Whether the detectors are called for the second time, because no detector found evidence the first
+            time.
     """
 
     record: Record
@@ -47,7 +47,7 @@ Finder = Callable[[TrialView], Evidence | None]
 
 @dataclass(frozen=True, slots=True)
 class FailureMode:
-    """Outcome label of a trial, with its detector and its texts for tables and reports.
+    """Failure mode or other outcome label, with its detector and its texts for tables and reports.
 
     An instance is used as the decorator of its detector. This registers the label and the detector together.
 
@@ -132,12 +132,12 @@ MODES: Mapping[Label, FailureMode] = MappingProxyType(_MODES)
 
 
 def remove_mode(label: Label) -> None:
-    """Remove a failure mode. This is meant for tests."""
+    """Remove a registered failure mode. This is meant for tests."""
     del _MODES[label]
 
 
 def labels_of_second_pass() -> tuple[Label, ...]:
-    """Return the labels that are only assigned by the second pass, which considers all trials of a policy."""
+    """Return the labels that only the second pass assigns, because it considers all trials of a policy together."""
     return tuple(mode.label for mode in MODES.values() if mode.needs_rule)
 
 

@@ -1,4 +1,4 @@
-"""Favorite kind of object of a policy, in worlds whose tasks do not share scenes.
+"""Favorite kind of object of a policy, determined in worlds in which every task has its own scene.
 
 In betterbench's own scenes, trials that differ only in the instruction show whether the policy uses it
 (:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO, every task has its own scene, so there are no such pairs
@@ -34,14 +34,14 @@ class FavoriteThing:
     asked: int
 
     def words(self) -> str:
-        """Return a sentence that states in how many trials the policy attempts this kind first."""
+        """Return a sentence that states in how many trials the policy attempts its favorite kind of object first."""
         return (
             f"In scenes with an object of kind {self.kind!r} and a request for another kind ({self.asked} kinds in "
             f"total), the first attempt is at the {self.kind} in {self.rate.k} of {self.rate.n} trials."
         )
 
     def finding(self, suite: str) -> str:
-        """Return the sentence that reports this finding for a suite."""
+        """Return the sentence that reports the favorite kind of object for a suite."""
         low, high = 100 * self.rate.low, 100 * self.rate.high
         return (
             f"{suite}: It goes for the {self.kind} in every scene that contains it, regardless of the instruction: in "
@@ -56,7 +56,7 @@ def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
     At least :data:`LEAST_PAIRS` trials must have such an object in the scene while their instruction names another
     kind. These instructions must name at least :data:`LEAST_ASKED` kinds in total. The policy must attempt its favorite
     kind more often than a policy that picks one of two objects at random. This is tested with an exact one-sided
-    binomial test, which is corrected for the number of kinds that the policy wrongly attempted.
+    binomial test, whose p-value is corrected for the number of kinds that the policy wrongly attempted.
     """
     wrong = Counter(c.thing for c in choices.values() if c.thing and not c.correct)
     if not wrong:
@@ -72,6 +72,6 @@ def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
 
 
 def _asks_for_another(choice: Choice, kind: str) -> bool:
-    """Return whether a trial's scene contains an object of a kind although the instruction names another kind."""
+    """Return whether a trial's scene contains an object of the given kind while its instruction names another kind."""
     standing = {slot for slot, k in choice.layout if k == kind}
     return bool(standing) and bool(choice.right) and not standing & choice.right

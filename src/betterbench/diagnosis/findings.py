@@ -1,4 +1,4 @@
-"""Sentences that state what several trials of a policy show together, and notes on the limits of a run."""
+"""Sentences on what several trials of a policy show together, and notes on what a run cannot show."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SHOWN = 5
 
 
 def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules]) -> tuple[str, ...]:
-    """Return one sentence for each task and failure mode that has trials.
+    """Return one sentence for each combination of a task and a failure mode that occurs.
 
     Reasoning failures come before execution failures, and frequent failure modes come first.
     """
@@ -56,7 +56,7 @@ def find_notes(
     even_pairs: int | None = None,
     cure: str = "run their training conditions with the same seeds",
 ) -> tuple[str, ...]:
-    """Return one sentence for each limit of the run.
+    """Return one sentence for each limit on what the run can show, such as missing trials.
 
     Args:
         trials: The trials of the run.
@@ -128,7 +128,7 @@ def _first_few(keys: Sequence[str]) -> str:
 
 
 def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRules | None) -> str:
-    """Return a clause with the statistical evidence for the rule behind a failure mode.
+    """Return a clause with the statistical evidence for the decision rule that explains a failure mode.
 
     The clause is empty for failure modes that no rule explains.
     """

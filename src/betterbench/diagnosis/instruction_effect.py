@@ -3,7 +3,7 @@
 Random streams do not depend on the condition. Trials with the same seed therefore begin with the same scene if their
 conditions have the same objects in the same slots. A run thus contains pairs of trials that differ only in the
 instruction. If the two instructions name different first objects, a policy that uses the instruction goes to different
-objects, correctly or not. A policy that ignores the instruction goes to the same object in both trials.
+objects, whether these are correct or not. A policy that ignores the instruction goes to the same object in both trials.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 
 
 def first_target(trial: TrialDiagnosis) -> str | None:
-    """Return the name of the object, or of the empty slot, at which the first attempt of a trial is made, or None.
+    """Return the name of the object or empty slot at which the first attempt of a trial is made, or None.
 
     A drawer that is moved to reach an object does not count as a first target.
     """
@@ -88,8 +88,8 @@ def first_target(trial: TrialDiagnosis) -> str | None:
 def changes_target(pair: Pair) -> bool:
     """Return whether the policy's first target changes with the instruction.
 
-    Both trials begin with the same scene. If one of the two grasps missed its object, only the slot of this grasp is
-    known. The slots of both attempts are then compared.
+    The two trials begin with the same scene. If one of the two first grasps missed its object, only the slot of this
+    grasp is known. In this case, the slots of both grasps are compared.
     """
     one, other = pair
     if one.first_attempt and other.first_attempt:
@@ -98,10 +98,10 @@ def changes_target(pair: Pair) -> bool:
 
 
 def instruction_effects(trials: Sequence[TrialDiagnosis]) -> Iterator[Metric]:
-    """Yield the instruction effect over all trials, and for each task.
+    """Yield the instruction effect over all trials, and then the instruction effect in each task.
 
-    Training trials and variation trials are treated alike. The p-value refers to a policy that picks one of two objects
-    at random: it is the exact probability that the first target of such a policy changes in at most this many pairs.
+    Training trials and variation trials are treated alike. The p-value is the exact probability that a policy which
+    picks one of two objects at random changes its first target in at most the observed number of pairs.
     """
     ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
     pairs = instruction_pairs(ended)
@@ -133,8 +133,8 @@ def is_unused(effect: Metric | None, *, tests: int = 1) -> bool:
 def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:
     """Return the tasks in which a policy provably ignores the instruction, each with the metric that proves it.
 
-    A proof over all tasks together applies to each task whose own pairs do not contradict it. Without such a proof,
-    each task needs its own.
+    If the pairs of all tasks together prove it, this applies to each task whose own pairs do not contradict it.
+    Otherwise, it must be proven separately in each task.
     """
     effects = {m.scope: m for m in instruction_effects(trials)}
     overall = effects.pop("overall", None)
@@ -155,7 +155,7 @@ def unused_sentence(effect: Metric) -> str:
 
 
 def effect_sentence(effect: Metric | None) -> str:
-    """Return the conclusion from an instruction effect: the instruction is used, not used, or this is undecided."""
+    """Return the conclusion from an instruction effect: the instruction is used, is not used, or this is undecided."""
     if effect is None or not effect.n:
         return (
             "This run has no two trials that differ only in the instruction and have different first targets, so "

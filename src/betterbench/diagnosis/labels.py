@@ -28,8 +28,8 @@ class LabelEvidence(NamedTuple):
 def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...]:
     """Return all evidence in a trial, in label order.
 
-    If the trial succeeded, or ended for a reason other than the policy's decisions, only this is returned. Otherwise,
-    the evidence includes labels that the second pass must confirm.
+    If the trial succeeded, or if it ended for a reason other than the policy's decisions, only the evidence of this is
+    returned. Otherwise, the evidence includes labels that the second pass must confirm.
 
     Returns:
         At least one piece of evidence.
@@ -65,11 +65,11 @@ _OF_ORDER = ("attempted_in_wrong_order", "required_step_skipped")
 def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEvidence:
     """Return the evidence that decides the label of a trial.
 
-    The earliest evidence decides. If several pieces of evidence concern the same attempt, label order decides. If the
-    second pass cannot decide between rules for an attempt, the label is ``wrong_object`` with the remaining candidates,
-    unless the object's appearance or a training habit explains the attempt. A wrong order does not count as an
-    explanation here. Otherwise, the same favorite slot would be an order violation in ordered tasks and a wrong object
-    in all other tasks.
+    The earliest evidence decides. If several pieces of evidence concern the same attempt, the one whose label comes
+    first in label order decides. If the second pass cannot decide between rules for an attempt, the label is
+    ``wrong_object`` with the remaining candidates, unless the object's appearance or a training habit explains the
+    attempt. A wrong order does not count as an explanation here, since the same favorite slot would then be labeled as
+    an order violation in ordered tasks and as a wrong object in all other tasks.
     """
     order, waiting = all_labels(), labels_of_second_pass()
     undecided: dict[float, tuple[Label, ...]] = {}

@@ -2,8 +2,8 @@
 
 LIBERO's tasks have no conditions. The requested objects are read from the goal in the task file, and the initial
 positions from the record. The training distribution is read from the files of the base suite
-(:mod:`betterbench.tasks.worlds.libero_training`). The regions on the table are those of LIBERO. Heights are measured
-from the table top, as in betterbench's own scenes.
+(:mod:`betterbench.tasks.worlds.libero_training`). The regions on the table are the ones that LIBERO defines. Heights
+are measured from the table top, as in betterbench's own scenes.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ BASE = "base"
 
 @dataclass(frozen=True, slots=True)
 class LiberoRun:
-    """Training distribution and instructions that the diagnosis of a LIBERO run needs.
+    """Data that the diagnosis of a LIBERO run needs in addition to the records.
 
     Attributes:
         trained: Training distribution of the base suite.
@@ -128,7 +128,7 @@ class LiberoRun:
 
 
 def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return advice on which LIBERO-PRO suites to run in addition to base suites, because they add information.
+    """Return advice on which LIBERO-PRO suites to run for a diagnosis that base suites alone cannot give.
 
     The text is empty if the run already contains such a suite.
     """
@@ -177,14 +177,14 @@ def on_our_table(record: Record) -> Record:
 
 
 def _with_regions(thing: ObjectInfo) -> ObjectInfo:
-    """Add the regions for the relations "in" and "on" to an object."""
+    """Add the target regions for the relations "in" and "on" to an object."""
     inside = [replace(r, name="inside") for r in thing.regions if r.name == "contain_region"]
     half = (0.5 * thing.size_m[0], 0.5 * thing.size_m[1], 0.5 * thing.size_m[2])
     return replace(thing, regions=(*inside, Region("floor", (0.0, 0.0, 0.0), half)))
 
 
 def _goals(m: RecordMetadata) -> tuple[Subgoal, ...] | None:
-    """Return the subgoals of a LIBERO goal, or None if a part of the goal moves a joint, such as that of a drawer."""
+    """Return the subgoals of a LIBERO goal, or None if a part of the goal moves a joint, such as a drawer's joint."""
     found = []
     known = {o.name: o for o in m.scene.objects}
     for name in m.subgoal_names:
@@ -219,7 +219,7 @@ def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistr
 
 
 def _trace(record: Record, condition: Condition, trained: TrainingDistribution) -> Trace:
-    """Return the trace of a record. Whether a requested relation holds is LIBERO's own verdict."""
+    """Return the trace of a record. Whether a requested relation holds is taken from LIBERO's own verdict."""
     info, rows = record.metadata.scene, len(record)
     goals = condition.instruction.subgoals
     asked = [name.partition("(")[2].partition(",")[0] for name in record.metadata.subgoal_names]
@@ -246,7 +246,10 @@ def _trace(record: Record, condition: Condition, trained: TrainingDistribution) 
 
 
 def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[PickedSlot, ...]:
-    """Return the regions from which the base suite picks objects. Where the gripper closes in them is unknown."""
+    """Return the regions from which the base suite picks objects, without the points at which the gripper closes there.
+
+    LIBERO's files do not state these points.
+    """
     names = {slot for slots in trained.kind_slots.values() for slot in slots}
     at = {slot.name: (slot.position[0], slot.position[1]) for slot in info.slots if slot.name in names}
     return tuple(PickedSlot(name, (x, y), ((x, y, 0.0),)) for name, (x, y) in at.items())
@@ -274,7 +277,7 @@ def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int
 
 
 def _joint_unmet(record: Record) -> tuple[Label, Evidence]:
-    """Return the label and the evidence of a failed trial whose goal moves a joint."""
+    """Return the label and the evidence of a failed trial whose goal requires that a joint is moved."""
     end = float(record.time[-1])
     text = (
         f"The goal {', '.join(record.metadata.subgoal_names)} is not met at the step limit. Part of the goal moves a "
@@ -296,7 +299,7 @@ def by_outcome(
     Args:
         record: Record of the trial.
         path: Path of the record, as it is stored in the diagnosis.
-        unmet: Label and evidence if the trial did not succeed.
+        unmet: Label and evidence to use if the trial did not succeed.
         axis: Variation axis of the trial, or None.
         condition: Name of the training condition.
     """

@@ -25,11 +25,11 @@ from betterbench.tasks.worlds.libero_training import TrainedTask
 
 
 class Reader(Protocol):
-    """Reader of the records of a run. It knows how trials of the run's world are judged."""
+    """Reader of the records of a run, which knows how trials in the world of the run are judged."""
 
     @property
     def twins_elsewhere(self) -> bool:
-        """Whether the twins (training trials with the same seeds) may come from a different run."""
+        """Whether the twins (training trials with the same seeds) of variation trials may come from a different run."""
 
     @property
     def finds_favorites(self) -> bool:
@@ -37,7 +37,7 @@ class Reader(Protocol):
 
     @property
     def twins_cure(self) -> str:
-        """Advice on how to obtain missing twins, used in notes."""
+        """Advice for notes on how to obtain missing twins (training trials with the same seeds)."""
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
         """Diagnose a record on its own, without other trials of the policy (first pass)."""
@@ -46,7 +46,7 @@ class Reader(Protocol):
         """Return the diagnosis of a planned trial that has no record."""
 
     def group(self, task: str) -> str:
-        """Return the group of trials in which rules are judged together.
+        """Return the name of the group in which a trial's rules are judged together with those of other trials.
 
         This is the task, or the suite if each task of the suite has only one instruction.
         """
@@ -55,7 +55,7 @@ class Reader(Protocol):
         """Return notes about the world of a run."""
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return advice on other runs that would add information."""
+        """Return advice on further runs that would make the diagnosis more informative."""
 
 
 class OwnReader:
@@ -97,13 +97,19 @@ class OwnReader:
 
 
 class LiberoReader(libero.LiberoRun):
-    """Reader of runs in LIBERO and LIBERO-Plus. Goals come from task files, training data from the base suite."""
+    """Reader of runs in LIBERO and LIBERO-Plus.
+
+    It reads goals from task files and the training data of the base suite.
+    """
 
     twins_elsewhere = finds_favorites = True
     twins_cure = libero.TWINS_CURE
 
     def group(self, task: str) -> str:
-        """Return the suite of a task, because each LIBERO task has only one instruction."""
+        """Return the suite of a task.
+
+        A policy's rules are judged per suite, because each LIBERO task has only one instruction.
+        """
         return libero.suite_of(task)
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
@@ -111,7 +117,7 @@ class LiberoReader(libero.LiberoRun):
         return (libero.NOTE, *_plus_notes(run, found))
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return a note on the suites that would add information to a run of base suites."""
+        """Return a note on the suites that would make the diagnosis of a run of base suites more informative."""
         untold = libero.untold_by(trials)
         if not untold:
             return ()
@@ -126,7 +132,7 @@ class OutcomeReader:
         title: Name of the world in messages.
         twins_elsewhere: Whether the twins of a run's variation trials may come from another run.
         finds_favorites: Whether the diagnosis looks for the policy's favorite kind of object.
-        twins_cure: Advice on how to obtain missing twins, used in notes.
+        twins_cure: Advice for notes on how to obtain missing twins.
     """
 
     title: str

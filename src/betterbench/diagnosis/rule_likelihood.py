@@ -1,6 +1,6 @@
 """Likelihood of a policy's first attempts under each decision rule that the policy may follow.
 
-A policy that follows a rule with strength ``q`` goes to a slot that the rule predicts with probability ``q``.
+A policy that follows a rule with strength ``q`` goes, with probability ``q``, to a slot that the rule predicts.
 Otherwise, it goes to a correct slot, apart from occasional slips. The null hypothesis, "confusion", is a policy with a
 constant error rate and no preferred slot. Each hypothesis has one parameter. The cost of a hypothesis is its negative
 log-likelihood at the best value of this parameter [nats]. See docs/second-pass.md for the formulas and an example.
@@ -36,7 +36,8 @@ class PolicyRule:
     """Decision rule, fitted to all first attempts of a policy in a task.
 
     Attributes:
-        name: "word", "habit", "later", "place:SLOT", or "place" for a rule with one slot per set of occupied slots.
+        name: "word", "habit", "later", "place:SLOT", or "place" if the preferred slot depends on which slots are
+            occupied.
         cost: Negative log-likelihood at the best strength, plus the prior costs of the rule and of its kind [nats].
         strength: Best strength, from 0 to 1.
         explained: Number of wrong first attempts that the rule explains.
@@ -55,7 +56,7 @@ class PolicyRule:
 
     @property
     def slot(self) -> str | None:
-        """Slot of a "place" rule, or None for other rules."""
+        """Slot that a "place" rule prefers, or None for other rules."""
         return self.name.removeprefix("place:") if self.name.startswith("place:") else None
 
     @property
@@ -124,7 +125,7 @@ def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
 
 
 def _log_likelihoods(rule: str, choice: Choice) -> npt.NDArray[np.float64]:
-    """Return the log-likelihood of a first attempt for each strength in the grid, shape (100,)."""
+    """Return the log-likelihood of a first attempt for each strength in the grid of 100 strengths, shape (100,)."""
     predicted = predicted_slots(rule, choice)
     unguided = undirected_probability(choice, THRESHOLDS.slip)
     if not predicted:
@@ -137,7 +138,7 @@ def _log_likelihoods(rule: str, choice: Choice) -> npt.NDArray[np.float64]:
 
 
 def undirected_probability(choice: Choice, error_rate: float) -> float:
-    """Return the probability of a first attempt of a policy that makes errors at a given rate.
+    """Return the probability of a first attempt for a policy that errs at a given rate and prefers no wrong slot.
 
     Each wrong slot is equally likely.
     """
@@ -145,9 +146,9 @@ def undirected_probability(choice: Choice, error_rate: float) -> float:
 
 
 def confusion_cost(choices: Sequence[Choice]) -> float:
-    """Return the cost of confusion: the negative log-likelihood at the best error rate [nats].
+    """Return the cost of confusion (undirected errors): the negative log-likelihood at the best error rate [nats].
 
-    The error rate is at most that of guessing.
+    The error rate is at most that of a policy that guesses.
     """
     if not choices:
         return 0.0

@@ -1,4 +1,4 @@
-"""Rulings of the second pass: conclusions about one trial that are drawn from all trials of the policy."""
+"""Rulings of the second pass, i.e. conclusions about one trial that are drawn from all trials of the policy."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ rule.
 
 @dataclass(frozen=True, slots=True)
 class Ruling:
-    """Result of the second pass for one trial: the status of each kind of rule.
+    """Result of the second pass for one trial: for each kind of decision rule, whether it explains the trial.
 
     Attributes:
-        shortcut: Whether the rule "go where the word led in training" explains this trial.
+        shortcut: Whether the rule "go to the slot to which the word led in training" explains this trial.
         place: Whether the rule "always go to the same slot" explains this trial. The status is "open" if the run is too
             small to prove this rule for any policy.
         habit: Whether the rule "begin with the most frequent first step" may explain this trial. A single trial is

@@ -1,4 +1,4 @@
-"""Diagnosis of a run: a first pass over each planned trial, a second pass over all trials, and the findings."""
+"""Diagnosis of a run: a first pass over each single trial, a second pass over all trials together, and the findings."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class _Trials:
         readings: Results of the first pass, by trial.
         missing: Reason why a trial has no record, by trial. None if the reason is unknown.
         pending: Trials that a run in progress has not reached yet. They do not count.
-        until_decided: Stopping rule and decisions, or None for a run that plays all planned trials.
+        until_decided: Stopping rule and decisions, or None for a run that executes all planned trials.
     """
 
     plan: list[TrialId] = field(default_factory=list)
@@ -73,17 +73,17 @@ def diagnose_run(
 ) -> RunDiagnosis:
     """Diagnose a run. The result contains every planned trial, finished or not.
 
-    While a process is writing to the run, the trials that it has not reached yet are pending and do not count. After
-    the process has ended, they are unfinished: they are in the denominator of every rate over planned trials, but do
-    not count as failures. In a run with ``--until-decided``, this applies to the current round, and trials that were
-    made unnecessary by a verdict are left out.
+    While a process is still writing to the run, the trials that it has not reached yet are pending and are not counted.
+    After the process has ended, trials that it did not reach are unfinished: they are in the denominator of every rate
+    over planned trials, but are not failures. In a run with ``--until-decided``, this applies to the trials of the
+    current round. Trials that are no longer needed because a verdict was reached are left out.
 
     Args:
         folder: The run, or its folder.
         allow_mixed: Whether to accept records with different versions, engines or policies.
         whole: Whether to count the trials that a run in progress has not reached yet as trials without a record.
-        twins_in: For a run in LIBERO-PRO, a run of the base suite. The trials of that run with the same numbers are the
-            twins of this run's trials.
+        twins_in: For a run in LIBERO-PRO, a run of the base suite. The twin of a trial is the trial of the base run
+            with the same number.
         on_progress: Called with the number of processed trials and the number of planned trials.
 
     Raises:
@@ -137,7 +137,10 @@ def _read_one(run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordV
 
 
 def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
-    """Add the twins of the planned trials from ``run``, which is a run of the base suite."""
+    """Add the counterfactual twins of the planned trials.
+
+    They are read from ``run``, which is a run of the base suite.
+    """
     wanted = {TrialId(t.task, BASE, t.seed) for t in trials.plan if t.condition != BASE}
     found = [TrialId(e.task, e.variation or e.condition, e.seed) for e in run.entries() if e.status == "done"]
     shared = [trial for trial in found if trial in wanted and trial not in trials.plan]
@@ -186,7 +189,7 @@ def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _PlannedForm:
-    """Planned trial, in the form in which a plan file stores it."""
+    """Planned trial, as it is stored in a plan file."""
 
     task: str
     seed: Annotated[int, Field(ge=0)]

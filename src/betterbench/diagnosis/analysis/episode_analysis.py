@@ -454,9 +454,7 @@ class EpisodeAnalysis:
         return step
 
     def taken_for(self, step: Step) -> int | None:
-        """If an attempt brought its object to the target region of a different object, return that object's subgoal,
-        otherwise None.
-        """
+        """Return the subgoal of another object if the attempt brought its object to that subgoal's target, or None."""
         found, i = self.put_down(step), step.grasp.object
         if found is None or i not in self.asked_indices:
             return None

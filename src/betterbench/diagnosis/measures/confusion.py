@@ -1,4 +1,4 @@
-"""Confusion matrix of the diagnosis on policies with known faults, with the recall and precision of each label."""
+"""Confusion matrix of the diagnosis, measured on policies with known faults, with each label's recall and precision."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Judged:
         trial: Key of the trial ("fast_food/T1/3").
         truth: True label.
         label: Label given by the diagnosis.
-        fault: Wrong decision, as stated by the policy itself.
+        fault: Wrong decision that the policy made, as stated by the policy itself.
         rule: Evidence rule that decided the diagnosed label.
         text: Explanation given by the diagnosis.
         grasped: Whether the record contains a grasp attempt.
@@ -174,13 +174,13 @@ class Calibration:
 
     @property
     def failed_kinds(self) -> Rate:
-        """Fraction of trials with a label of the correct kind, among those whose true label is a failure."""
+        """Fraction of trials whose label has the correct kind of failure, among those whose true label is a failure."""
         counts = [(t.kind is g.kind, n) for (t, g), n in self.counts.items() if t.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 
     @property
     def crossed_rate(self) -> Rate:
-        """Fraction of all reasoning and execution failures in which one was labeled as the other."""
+        """Fraction of all reasoning and execution failures that were labeled as the opposite kind of failure."""
         kinds = (Kind.REASONING, Kind.EXECUTION)
         return Rate(self.crossed, sum(n for (truth, _), n in self.counts.items() if truth.kind in kinds))
 
@@ -218,7 +218,7 @@ class Calibration:
         }
 
     def file_bytes(self) -> bytes:
-        """Return the calibration as the bytes of a JSON document with a checksum."""
+        """Return the calibration as JSON with a checksum, in the form of bytes."""
         return (json.dumps(sealed_form({"version": 2, **self.to_json()}), indent=1) + "\n").encode()
 
     @classmethod
@@ -282,6 +282,6 @@ def packaged_calibration(family: str = "faulty") -> Calibration | None:
 
 
 def _share(found: Iterable[bool]) -> Rate:
-    """Return the fraction of values that are True, with its count."""
+    """Return the fraction of values that are True, as a rate with its numerator and denominator."""
     values = list(found)
     return Rate(sum(values), len(values))

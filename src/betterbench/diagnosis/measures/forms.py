@@ -1,4 +1,4 @@
-"""JSON form of labels in the files of the diagnosis."""
+"""Conversion of labels to and from JSON in the files of the diagnosis."""
 
 from typing import Annotated
 

@@ -61,15 +61,15 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
 
     Args:
         trials: The trials of the run.
-        decided: Decisions of a run with ``--until-decided``, or None for other runs. With it, the intervals of metrics
-            of one condition are valid at any stopping time, and metrics over several conditions use only the seeds of
-            the first round.
+        decided: Decisions of a run with ``--until-decided``, or None for other runs. In such a run, the intervals of
+            metrics of one condition are valid at any stopping time, and metrics over several conditions use only the
+            seeds of the first round.
 
     Returns:
-        For each scope (a task, an axis, a condition, or the whole run): the rates, the distractor grasp rate and the
-        progress. Also the instruction effects, the ΔSR of recompositions, and the illusion gaps. Each gap comes
-        with two success rates, one of the twins and one of the variations in the same pairs. Ambiguous trials are
-        not part of any metric.
+        The rates, the distractor grasp rate and the progress, each for the whole run and for each task, axis and
+        condition. They are followed by the instruction effects, the ΔSR of recompositions (change in success rate), and
+        the illusion gaps. Each gap comes with two success rates, that of the twins and that of the variations in the
+        same pairs. Ambiguous trials are not part of any metric.
     """
     trials = [t for t in trials if not t.ambiguous]
     even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
@@ -108,7 +108,7 @@ def _anytime(scope: str, trials: Trials, rates: _Rates) -> Iterator[Metric]:
 
 
 def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
-    """Yield each scope of a run with the trials that belong to it.
+    """Yield each scope, i.e. each set of trials for which metrics are computed, with its trials.
 
     A scope is the whole run, an axis, a task or a condition (see :class:`~betterbench.diagnosis.Metric`).
     """
@@ -153,7 +153,7 @@ def _progress(scope: str, trials: Trials) -> Metric:
 
 
 def _delta_success_rates(trials: Trials) -> list[Metric]:
-    """Return ΔSR of each recomposition: its success rate minus the mean over the compositions seen in training."""
+    """Return ΔSR of each recomposition: its success rate minus the mean success rate of the training compositions."""
     metrics = []
     for task in sorted({t.task for t in trials}):
         mine = [t for t in trials if t.task == task]
@@ -176,7 +176,7 @@ def _success_rate(trials: Trials) -> Rate:
 def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
     """Return the illusion gaps: success rates of the twins minus success rates of the variations.
 
-    The p-values are corrected by Holm's method within each kind of scope.
+    The p-values are corrected by Holm's method, separately for gaps over all trials, axes, tasks and conditions.
 
     Args:
         trials: The trials from which the gaps are computed.
@@ -212,8 +212,8 @@ def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *
     """Yield the success rates of the twins and of the variations over the pairs of an illusion gap.
 
     A twin that belongs to several variations counts once in each pair. The confidence interval therefore uses the
-    effective number of independent pairs (Kish: the squared number of pairs, divided by the sum of the squared numbers
-    of pairs per twin).
+    effective number of independent pairs according to Kish: the square of the number of pairs, divided by the sum over
+    all twins of the square of their number of pairs.
     """
     uses = Counter(twin.key for twin, _ in pairs)
     worth = len(pairs) ** 2 / sum(count**2 for count in uses.values())

@@ -1,4 +1,4 @@
-"""Power matrix: success rates on each variation of policies that lack the tested ability.
+"""Power matrix: success rates that policies without the tested ability reach on each variation.
 
 These policies are called pretenders. They are policies with faulty decision rules, blind probes, and replays of
 demonstrations. A policy's success rate is evidence of the tested ability only if it exceeds the success rates of the
@@ -51,7 +51,7 @@ Key = tuple[str, str]
 
 
 def power_cure(tasks: Iterable[str]) -> str:
-    """Return advice on how to measure the power matrix of the given tasks, as the last clause of a sentence."""
+    """Return advice on how to measure the power matrix of the given tasks. It is the last clause of a sentence."""
     chosen = tuple(tasks)
     folder = suite_folder_of(chosen)
     if folder is not None:
@@ -75,10 +75,11 @@ class PowerCell:
         k: Number of trials that succeeded.
         n: Number of trials.
         right: Number of trials whose first grasp attempt was at a requested object (suite, section 4).
-        shared: Number of trials that were not simulated, because all decisions of the pretender's rule agree with those
-            of the expert. The outcome of the expert is used for them.
-        wrong: Number of trials by the label of the first wrong decision, for policies that report their decisions.
-        failed: The same for trials that did not succeed.
+        shared: Number of trials that were not simulated, because the pretender makes the same decisions as the expert
+            in them. The expert's outcome is used for these trials.
+        wrong: Number of trials for each label of the first wrong decision. Empty for policies that do not report their
+            decisions.
+        failed: The same numbers, for trials that did not succeed.
     """
 
     k: int
@@ -107,7 +108,7 @@ class PowerCell:
 
 @dataclass(frozen=True, slots=True)
 class BlindCell:
-    """Results of a policy that lacks an input, such as the images, on a variation that requires an action.
+    """Results of a policy that lacks an input, such as the images, on a variation in which the robot has to act.
 
     Attributes:
         pretender: Name of the policy.
@@ -154,12 +155,12 @@ class Ceiling:
 
 @dataclass(frozen=True, slots=True)
 class PowerMatrix:
-    """Measured success rates on every variation of policies that lack the tested ability (pretenders).
+    """Measured success rates of policies without the tested ability (pretenders) on every variation.
 
     Attributes:
         cells: Results on each variation, for each pretender and for the expert as a reference.
-        chances: For each variation, the success rate of a policy that guesses among the instructions that make sense in
-            the scene.
+        chances: For each variation, the success rate of a policy that executes one of the instructions that make sense
+            in the scene, chosen at random.
         versions: Versions of the package, the suite, the engine and the tasks, and a digest of each task's conditions.
     """
 
@@ -169,7 +170,7 @@ class PowerMatrix:
 
     @property
     def pretenders(self) -> tuple[str, ...]:
-        """Names of all measured policies except the expert. They lack the tested ability (pretenders)."""
+        """Names of all measured policies except the expert. These policies lack the tested ability (pretenders)."""
         return tuple(name for name in self.cells if name != EXPERT)
 
     @property
@@ -187,7 +188,7 @@ class PowerMatrix:
         return self.cells.get(pretender, {}).get(key)
 
     def backed(self, key: Key) -> frozenset[Label]:
-        """Return the labels of the wrong decisions with which faulty rules fail a variation."""
+        """Return the labels of the wrong decisions because of which policies with a faulty rule fail a variation."""
         found: set[Label] = set()
         for name in self.rules:
             cell = self.cell(name, key)
@@ -196,15 +197,16 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the faulty rules that a variation is designed to expose and that fail it as claimed.
+        """Return the faulty rules that fail a variation by a wrong decision that the variation is designed to expose.
 
-        A rule that passes with a needless step is not included, since its success rate does not expose it.
+        A rule that passes the variation with a needless step is not included, since its success rate does not expose
+        it.
         """
         claims = {label.value for label in exposed_labels(*key)}
         return tuple(name for name in self.failing(key) if claims & self.cells[name][key].wrong.keys())
 
     def passing_wrongly(self, key: Key) -> tuple[str, ...]:
-        """Return the faulty rules that pass a variation although they made wrong decisions (needless steps)."""
+        """Return the faulty rules that pass a variation despite wrong decisions, such as needless steps."""
         rows = ((name, self.cell(name, key)) for name in self.rules)
         return tuple(name for name, cell in rows if cell is not None and cell.n and cell.wrong and not cell.fails)
 
@@ -215,7 +217,7 @@ class PowerMatrix:
     def control(self, key: Key) -> bool:
         """Return whether a variation is a control, on which even the policies without the tested ability succeed.
 
-        The rule that fails every variation is left out of this test.
+        The rule that stops in every new scene is not considered, because it fails every variation.
         """
         return any(self.cell(name, key) is not None for name in self.rules) and not (
             set(self.failing(key)) - {STOPPING_AT_NEWS}
@@ -252,7 +254,7 @@ class PowerMatrix:
         return tuple(replace(cell, p_adjusted=p) for cell, p in zip(found, corrected, strict=True))
 
     def without(self, tasks: Iterable[str]) -> PowerMatrix:
-        """Return a copy of the matrix without the given tasks."""
+        """Return a copy of the matrix that does not contain the given tasks."""
         left_out = set(tasks)
         cells = {
             name: {key: cell for key, cell in row.items() if key[0] not in left_out} for name, row in self.cells.items()
@@ -261,7 +263,9 @@ class PowerMatrix:
         return PowerMatrix(cells, chances, self.versions)
 
     def with_kept(self, earlier: PowerMatrix) -> PowerMatrix:
-        """Add the results of the tasks that this matrix lacks from an earlier matrix, in the order of that matrix.
+        """Return this matrix with further tasks from an earlier matrix, in the order of the earlier matrix.
+
+        The added tasks are those that this matrix lacks.
 
         Raises:
             InvalidInputError: If one of the added tasks has changed since the earlier measurement, or if the earlier
@@ -291,8 +295,8 @@ class PowerMatrix:
         """Return the tasks that have changed since the matrix was measured.
 
         Args:
-            versions: Versions in the records of a run (``task_version:NAME``), which must agree with the matrix as
-                well.
+            versions: Versions in the records of a run (``task_version:NAME``). A task is also returned if its version
+                there differs from that in the matrix.
         """
         stale = []
         for name in dict.fromkeys(task for task, _ in self.variations):
@@ -376,7 +380,10 @@ def _expected(key: Key) -> Expected:
 
 
 def task_versions(task: Task) -> dict[str, str]:
-    """Return the version of a task, and a digest of its conditions and slots, since these determine its results."""
+    """Return the version of a task, and a digest of its conditions and slots.
+
+    Both affect the task's results in the matrix.
+    """
     conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]
     form = [[c.to_json() for c in conditions], [repr(slot) for slot in task.slots], [v.base for v in task.variations]]
     digest = hashlib.sha256(json.dumps(form, sort_keys=True).encode()).hexdigest()[:12]
@@ -384,7 +391,7 @@ def task_versions(task: Task) -> dict[str, str]:
 
 
 def power_matrix_of(tasks: Iterable[str]) -> PowerMatrix | None:
-    """Return the power matrix of the given tasks, from the folder of their suite or from the package.
+    """Return the power matrix of the given tasks. It is read from the folder of their suite, or from the package.
 
     Raises:
         RecordError: If the file is corrupt.
@@ -397,9 +404,9 @@ def power_matrix_of(tasks: Iterable[str]) -> PowerMatrix | None:
 
 
 def measured_on(tasks: Iterable[str]) -> PowerMatrix | None:
-    """Return the power matrix of the given tasks, or None if no blind probe was run on them.
+    """Return the power matrix of the given tasks, or None if it contains no policy that lacks an input (blind probe).
 
-    Without tasks, the result is the packaged matrix.
+    If no tasks are given, the packaged matrix is returned.
 
     Raises:
         RecordError: If the file is corrupt.

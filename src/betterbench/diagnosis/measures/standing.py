@@ -1,6 +1,7 @@
 """Comparison of a policy with the pretenders, i.e. with policies that lack the tested abilities.
 
-It consists of reference lines, the pretender with the most similar outcomes, and the margins above the ceilings.
+The comparison consists of the pretenders' success rates as reference lines, the pretender whose outcomes are most
+similar, and the margins by which the policy exceeds the best pretender on each variation.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from betterbench.tasks.labels import Kind
 
 @dataclass(frozen=True, slots=True)
 class ReferenceLine:
-    """Success rates that a policy without the tested ability (a pretender) is expected to reach in a run.
+    """Expected success rates in a run of a policy that lacks the tested ability (a pretender).
 
     Attributes:
         pretender: Name of the pretender.
-        scores: Success rate by scope ("overall", "axis:temporal_extrapolation"). Each variation is weighted by its
-            number of trials in the run.
+        scores: Expected success rate by scope ("overall", "axis:temporal_extrapolation"). Each variation is weighted by
+            its number of trials in the run.
     """
 
     pretender: str
@@ -39,7 +40,7 @@ class Likeness:
 
     Attributes:
         pretender: Name of the pretender.
-        agreement: Fraction of the run's trials in which both have the same outcome (success or failure).
+        agreement: Fraction of the run's trials in which both policies have the same outcome (success or failure).
         low: Lower end of the 95 % confidence interval, from a bootstrap over variations.
         high: Upper end of the interval.
     """
@@ -52,7 +53,7 @@ class Likeness:
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """Margin of a policy's success rate on a variation above the variation's shortcut ceiling.
+    """Margin by which a policy's success rate on a variation exceeds the variation's shortcut ceiling.
 
     Attributes:
         task: Name of the task.
@@ -101,18 +102,21 @@ class Standing:
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """Other policies without the tested ability that agree with the run as much as the nearest one does."""
+        """Other pretenders whose outcomes agree with those of the run exactly as much as the nearest pretender's."""
         best = self.nearest
         return tuple(x.pretender for x in self.likenesses[1:] if best is not None and x.agreement >= best.agreement)
 
     @property
     def proven(self) -> Rate:
-        """Fraction of variations whose margin is significantly above zero. Controls are left out."""
+        """Fraction of variations on which the policy exceeds the shortcut ceiling significantly.
+
+        Controls are left out.
+        """
         counted = [m for m in self.margins if not m.control]
         return Rate(sum(m.margin.low > 0.0 for m in counted), len(counted))
 
     def sentences(self) -> tuple[str, ...]:
-        """Return sentences that summarize the comparison."""
+        """Return sentences that summarize how the policy compares with the pretenders."""
         return (*_said(self), *((self.notice,) if self.notice else ()))
 
     def to_json(self) -> dict[str, Any]:
@@ -205,7 +209,7 @@ def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> 
 
 
 def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
-    """Return how far a pretender's outcomes agree with those of a run, or None if the matrix lacks a variation."""
+    """Return how often a pretender's outcomes agree with those of a run, or None if the matrix lacks a variation."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return None

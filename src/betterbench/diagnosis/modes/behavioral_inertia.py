@@ -25,10 +25,10 @@ from betterbench.tasks.words import agreeing
 def _exposed(x: Exposure) -> bool:
     """Return whether the scene allows a step that was usual in training but is not requested.
 
-    This can be a first step, a target or a slot that was usual in training. The next step of a memorized sequence
-    counts if its object is missing. A grasp at an emptied slot counts if it replaces a step, or if no object should be
-    grasped. It does not count if a different kind of object is in a slot to which a word of the instruction led in
-    training, because a first grasp there is another failure mode.
+    This can be the first step, target or slot that was usual in training, or the next step of a memorized sequence if
+    its object is missing. A grasp at an emptied slot counts if it replaces a step, or if no object should be grasped.
+    It does not count if the slot now contains a different kind of object and a word of the instruction led to this slot
+    in training, because a first grasp there is another failure mode.
     """
     if x.lacks_later_step:
         return True
@@ -80,7 +80,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Find the first evidence of inertia, or of an approach to an object that must not be touched."""
+    """Find the first evidence of inertia. This includes approaching an object that must not be touched."""
     found = [e for step in trial.episode.steps if (e := memorized_spot(trial, step)) is not None]
     found += itertools.islice(inertia_in(trial.episode), 1)
     return min(found, key=lambda e: e.start_s, default=None) or _approach(trial.episode)
@@ -119,7 +119,7 @@ def _approach(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
-    """Return evidence if an attempt that is not due is at the kind of object with which most demonstrations begin."""
+    """Return evidence if an attempt is not due and is at the kind of object with which most demonstrations begin."""
     kind = episode.trained.habit
     if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None
@@ -132,7 +132,7 @@ def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence |
 
 
 def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> Evidence | None:
-    """Return evidence if an attempt follows the order of training although its object is not requested."""
+    """Return evidence if an attempt takes the next object in the order of training, which was not requested."""
     if before is None or before.at is None or step.at is None or step.target is not AttemptTarget.OTHER:
         return None
     pair = (episode.kind(before.at), episode.kind(step.at))
@@ -162,7 +162,7 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence if an object is put where it would be correct if the target were in its training slot."""
+    """Return evidence if an object is put to a place that would be correct if the target stood in its training slot."""
     episode, i = trial.episode, step.grasp.object
     if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:
         return None
@@ -189,7 +189,7 @@ def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
 
 
 def _as_if_at(state: WorldState, i: int, slot: str) -> WorldState:
-    """Return the state in which an object is moved to a slot and rotated to the slot's orientation."""
+    """Return the given state, but with an object moved to a slot and rotated to the slot's orientation."""
     there, own = state.info.slot(slot), state.info.objects[i].slot
     turn = there.yaw - (0.0 if own is None else state.info.slot(own).yaw)
     positions, quaternions = list(state.positions), list(state.quaternions)

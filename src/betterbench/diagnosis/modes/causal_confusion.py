@@ -17,10 +17,10 @@ from betterbench.tasks.relations import relation
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the initial scene has fewer objects than those of training, or whether a step can be repeated.
+    """Return whether the initial scene has fewer objects than training scenes, or whether a step can be repeated.
 
-    Steps that are already done also leave fewer objects on the table. They do not count here, because a policy that
-    only counts objects acts correctly in this case.
+    There are also fewer objects on the table if steps are already done. This does not count, because a policy that only
+    counts objects then acts correctly.
     """
     fewer = not x.test.preplaced and len(on_table(x.test)) < x.trained.initial_items
     asked = Counter(goal.reference for goal in x.goals)
@@ -67,14 +67,14 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _missing_content(episode: EpisodeAnalysis, step: Step) -> int | None:
-    """Return the open subgoal that must be achieved before the attempted drawer is shut, or None if there is none."""
+    """Return the open subgoal that must be done before the attempted drawer is shut, or None if there is none."""
     drawers = (g for g, names in enumerate(episode.meant) if step.at in names)
     fills = {j for g in drawers for j in episode.fills(g)}
     return next((j for j in episode.open_goals(step.grasp.start) if j in fills), None)
 
 
 def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
-    """Return a sentence about an attempt at a drawer whose content is not inside yet."""
+    """Return a sentence about an attempt to shut a drawer before its content is inside."""
     does = "shuts" if episode.pushes_in(step) else "goes for"
     content, late = episode.asked_words(missing), episode.attempted_after(missing, step.grasp.start)
     if late:
@@ -84,10 +84,10 @@ def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
 
 
 def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, row: int) -> bool:
-    """Return whether the content of a drawer that is shut at a row is later brought to another drawer.
+    """Return whether a drawer is shut whose intended content is later put into a different drawer.
 
-    If so, the drawer was shut because of the wrong target, since an open drawer blocks the drawer below it. The wrong
-    target then decides the label.
+    If so, the drawer was shut because the policy chose the wrong target, since an open drawer blocks the drawer below
+    it. The wrong target then decides the label.
     """
     later = (s for s in episode.steps if s.grasp.start > row and s.at in episode.meant[content])
     places = (found[2].target for s in later if (found := episode.wrong_place(s)) is not None)

@@ -16,7 +16,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the combination of instruction and scene is new in this variation and a step is open.
+    """Return whether the task can be done, but training lacks this combination of instruction and scene.
 
     Scenes that look half done do not count, because a halt before the first attempt is then a phase conflict.
     """
@@ -25,7 +25,7 @@ def _exposed(x: Exposure) -> bool:
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence if nearly all trials stopped before the first grasp attempt, or nearly all of them after it."""
+    """Return a sentence if nearly all trials stopped before the first grasp attempt, or if nearly all stopped later."""
     never = sum(not trial.attempts for trial in trials)
     if never >= SHARE_OF_ALL * len(trials):
         return "It stops before its first grasp."

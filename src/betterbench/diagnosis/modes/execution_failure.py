@@ -57,21 +57,21 @@ _UNTOLD = {
 
 
 def _untold(trial: TrialDiagnosis) -> str:
-    """Describe where the gripper first closed if the target cannot be recognized. Otherwise, return an empty string."""
+    """Describe where the gripper first closed, if this does not show what its target was. Otherwise, return ""."""
     where = _UNTOLD.get(trial.evidence.rule, "")
     return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
 
 
 def _aims_right(trial: TrialDiagnosis) -> bool:
-    """Return whether the first attempt, or the evidence rule, shows that the target was correct.
+    """Return whether the first attempt, or the rule that yielded the evidence, shows that the target was correct.
 
-    Evidence about objects that were knocked over or brushed against does not show the target.
+    If the evidence is that an object was knocked over or brushed against, it does not show the target.
     """
     return trial.intention_correct is True or _HOW.get(trial.evidence.rule, _KNOCKS) != _KNOCKS
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence about the failed manipulation if one or two descriptions cover nearly all trials.
+    """Return a sentence that describes the failed manipulation, if one or two kinds of failure cover nearly all trials.
 
     The sentence states that the policy goes for the correct objects only if nearly all of these trials show the target.
     """
@@ -95,7 +95,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def _about(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a clause about the target of the failed attempts."""
+    """Return a clause that states at which objects the failed attempts were."""
     untold = sum(bool(_untold(trial)) for trial in trials)
     if untold == len(trials):
         return ", with an unknown target"
@@ -114,7 +114,10 @@ def _about(trials: Sequence[TrialDiagnosis]) -> str:
     detail=_about,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Find the first failure that was not corrected later, or a missed goal without another explanation."""
+    """Find the first failure that was not corrected later.
+
+    If there is none, find a missed goal without another explanation.
+    """
     episode = trial.episode
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
@@ -142,7 +145,7 @@ def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
 
 
 def _of_step(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence if the manipulation failed after one correct decision, otherwise None."""
+    """Return evidence if an attempt was the correct decision but the manipulation failed, otherwise None."""
     episode = trial.episode
     if step.target is not AttemptTarget.ASKED or step.goal is None:
         return None
@@ -190,7 +193,7 @@ def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
 
 
 def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
-    """Return a clause on how the gripper closed between two objects, and one on why the target is ambiguous."""
+    """Return two clauses: how the gripper closed between two objects, and why the target is therefore ambiguous."""
     before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
     if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
         return "", "on which a finger presses too"
@@ -205,7 +208,7 @@ def _tried_in_vain(episode: EpisodeAnalysis, i: int) -> bool:
 
 
 def _held_later(episode: EpisodeAnalysis, step: Step, goal: int) -> bool:
-    """Return whether a later attempt for the same subgoal holds its object when the episode ends."""
+    """Return whether the gripper holds the object of a later attempt for the same subgoal when the episode ends."""
     held = int(episode.trace.held[-1])
     if step.grasp.object is not None and _tried_in_vain(episode, step.grasp.object):
         return False
@@ -247,7 +250,7 @@ def _shoved_aside(episode: EpisodeAnalysis) -> Evidence | None:
 def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the gripper came to the correct target but failed to grasp it.
 
-    It may have arrived with shut fingers, run into the target, or never closed far enough.
+    The gripper may have arrived with closed fingers, run into the target, or never closed far enough.
     """
     stay = next((s for s in episode.others if s.means is Means.STAY and s.target is AttemptTarget.ASKED), None)
     if stay is None or stay.at is None:
@@ -269,7 +272,7 @@ def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the closed gripper should push a drawer shut but leaves it open, or stops moving it."""
+    """Return evidence if the closed gripper was to push a drawer shut, but did not push it far enough."""
     trace, last = episode.trace, episode.trace.rows - 1
     if not episode.fists or find_halt(episode) is not None:
         return None
@@ -307,9 +310,10 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _brought_later(trial: TrialView, step: Step) -> bool:
-    """Return whether a later attempt for the same subgoal succeeded in everything but the choice of the target region.
+    """Return whether a later attempt for the same subgoal brought its object to some target region.
 
-    An object that was released high above a region may have landed there by accident, unless the target is a container.
+    This counts even if the region is the wrong one, because only the manipulation is judged here. An object that was
+    released high above a region may have landed there by accident, unless the target is a container.
     """
     episode = trial.episode
     for later in episode.steps:
@@ -330,7 +334,7 @@ def _brought_later(trial: TrialView, step: Step) -> bool:
 def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
     """Return whether a later movement opens or closes a drawer as far as the step requires.
 
-    This is False if the step asks for the drawer itself to be shut.
+    The result is False if the step itself is to shut the drawer.
     """
     trace = episode.trace
     if step.goal is not None and not relation(episode.goals[step.goal].relation).carried:
@@ -404,7 +408,7 @@ def _lies_in_goal(episode: EpisodeAnalysis, row: int, i: int) -> bool:
 
 
 def _stuck(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the gripper opened but the correct target stayed on its open fingers until the end.
+    """Return evidence if the gripper opened but the correct object stayed on the open fingers until the end.
 
     For example, a mug can jam on the fingers. An arm that rests afterward has not halted, because the policy has
     released the object.
@@ -450,8 +454,9 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
 def _harm(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if an object that was not requested was moved or otherwise harmed.
 
-    If the gripper knocks an object aside and then closes on it, the object was the target, and the evidence has the
-    time of this attempt. Harm that is caused by opening a drawer for a wrong first choice has the time of this choice.
+    If the gripper knocks an object aside and then closes on it, the object was the target, and the evidence gets the
+    time of this attempt. If the harm was done by opening a drawer to reach a wrong object, the evidence gets the time
+    at which this object was chosen.
     """
     if not episode.harm:
         return None

@@ -1,4 +1,4 @@
-"""Lexical-kinematic shortcut: a word leads the gripper to the word's training slot, but another object is there."""
+"""Lexical-kinematic shortcut: a word leads the gripper to a slot from training, where another object now stands."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether a slot from which training picked the object of a word now contains another known object."""
+    """Return whether a different known object is now in a slot from which training picked the object of a word."""
     for goal in x.open_goals:
         for slot in set(x.trained.word_slots.get(goal.word, ())) - x.slots(goal):
             kind = x.movable_in(slot)
@@ -63,7 +63,7 @@ def _shared(episode: EpisodeAnalysis, step: Step, goal: int | None) -> tuple[str
 
 
 def _leading_word(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the first relevant word that led to the slot of the attempt in training, or None if there is none."""
+    """Return the first word of the instruction that led to the attempted slot in training, or None if there is none."""
     return next((word for word in words_of(episode, step) if _led_to(episode, word, step.grasp.slot)), None)
 
 
@@ -84,7 +84,7 @@ def words_of(episode: EpisodeAnalysis, step: Step | None) -> tuple[str, ...]:
 
 
 def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> bool:
-    """Return whether training picked the object of a word in this slot.
+    """Return whether the object to which a word refers was picked from this slot in training.
 
     A slot at the same position in another layout counts as the same slot.
     """
@@ -97,9 +97,9 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
     """Return the subgoal whose target received the object of another subgoal in this attempt, or None.
 
-    For example, a policy may mistake the mug for the mouse. If the instruction leaves the order free, this is only
-    revealed by the target to which the policy brings the mug. If training brought mugs to this target, habit is the
-    simpler explanation, and the result is None.
+    For example, a policy may mistake the mug for the mouse. If the order of the steps is free, the mistake only shows
+    when the policy brings the mug to the target of the mouse. If mugs were brought to this target in training, habit is
+    the simpler explanation, and the result is None.
     """
     step = episode.last_try(step)
     goal = episode.taken_for(step)

@@ -16,7 +16,7 @@ from betterbench.tasks.labels import Label
 def _exposed(x: Exposure) -> bool:
     """Return whether the goal requires an order that training does not contain.
 
-    An order that the usual first step of training would violate does not count, because that is behavioral inertia.
+    The order does not count if the usual first step of training violates it, because that is behavioral inertia.
     """
     sequence = tuple(kind for goal in x.goals for kind in sorted(x.kinds(goal))[:1])
     still_open = {kind for goal in x.open_goals for kind in x.kinds(goal)}
@@ -61,7 +61,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _followed(episode: EpisodeAnalysis, done: str, step: Step) -> bool:
-    """Return whether the attempted object came directly after the given kind of object in some demonstration."""
+    """Return whether the attempted object came directly after an object of the given kind in some demonstration."""
     if step.at is None:
         return False
     pair = (done, episode.kind(step.at))

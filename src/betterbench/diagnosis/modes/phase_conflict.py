@@ -1,6 +1,6 @@
 """Phase conflict: the policy does not recognize which step of the task is due.
 
-The arm freezes before any attempt, or moves back and forth.
+As a result, the arm freezes before any attempt, or moves back and forth.
 """
 
 from __future__ import annotations
@@ -82,9 +82,9 @@ def _find(trial: TrialView) -> Evidence | None:
 def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the empty gripper moves back and forth although no step is left to do.
 
-    This is phase conflict II of the paper: the scene looks half finished, and the object of a step of training is
-    missing. If all steps of training are finished instead, such motion alone does not show that the policy is in a
-    wrong phase.
+    This is called phase conflict II in the paper: the scene looks half finished, and the object of a training step is
+    missing. If all training steps are finished instead, moving back and forth does not show by itself that the policy
+    is in a wrong phase.
     """
     condition = episode.condition
     if not condition.mid_task_look or episode.steps or not absent_steps(get_task(condition.task), condition):
@@ -110,10 +110,10 @@ def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether the gripper passes over at least two objects, all of which may correctly be grasped now.
+    """Return whether the gripper passes over at least two objects, and all of them may correctly be grasped now.
 
-    Repeated visits to a single such object also count, unless the scene looks half finished. In that case, they are
-    moving back and forth.
+    The result is also True if the gripper repeatedly visits a single such object, unless the scene looks half finished.
+    In a half-finished scene, such visits count as moving back and forth.
     """
     over = {stay.object for stay in find_stays(episode.trace, rows[0])}
     if not over or not over <= set(episode.wanted(rows[0])):
@@ -143,7 +143,7 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
 def _names(episode: EpisodeAnalysis, rows: tuple[int, int]) -> list[str]:
     """Return the kinds of objects over which the gripper moves back and forth, as phrases.
 
-    Empty if there is only one kind.
+    The result is empty if there is only one kind.
     """
     over = dict.fromkeys(episode.kind(stay.object) for stay in find_stays(episode.trace, rows[0]))
     return [f"the {kind}" for kind in over] if len(over) > 1 else []

@@ -1,4 +1,4 @@
-"""Semantic feature collapse: the policy goes for an object that no instruction of the task asks to move."""
+"""Semantic feature collapse: the policy goes for an object that no instruction of the task asks it to move."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.tasks.labels import Label
 
 
 def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:
-    """Describe the properties that the wrongly chosen objects most often share with the targets."""
+    """Describe the visual properties and slots that the wrongly chosen objects most often share with the targets."""
     counts = Counter(t.evidence.shared for t in trials)
     shared = min(counts, key=lambda s: (-counts[s], s))
     return f", {_likeness(shared)}" if shared else ", which shares nothing with the target"
@@ -33,7 +33,7 @@ def _likeness(shared: Sequence[str]) -> str:
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     """Return a sentence about the properties that nearly all wrongly chosen objects share with the targets.
 
-    Objects that share no property with their target are not look-alikes, and the sentence says so.
+    If the objects share no property with their targets, the sentence says that they are not look-alikes.
     """
     unlike = sum(not trial.evidence.shared for trial in trials)
     if unlike > (1.0 - SHARE_OF_ALL) * len(trials):
@@ -45,7 +45,10 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether an object that no instruction names stands in a trained slot or has the color of a target."""
+    """Return whether the scene contains an object that no instruction names, but that may be mistaken for a target.
+
+    The object stands in a slot from which training picks objects, or it has the color of a target.
+    """
     picked = {slot for slots in x.trained.kind_slots.values() for slot in slots}
     colors = {x.test.object(n).color for g in x.goals for n in x.test.resolve(g.reference)} - {None}
     for o in x.test.objects:
@@ -87,8 +90,8 @@ def _find(trial: TrialView) -> Evidence | None:
 def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
     """Return the properties that the attempted object shares with the requested object.
 
-    The properties are "color", "shape" and "slot", where "slot" is a slot from which training picked the requested
-    object.
+    The properties are "color", "shape" and "slot", where "slot" means that training picked the requested object from
+    the slot of the attempted object.
     """
     if step.at is None:
         return ()

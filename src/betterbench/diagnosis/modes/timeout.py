@@ -52,8 +52,8 @@ def _find(trial: TrialView) -> Evidence | None:
 def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
     """Return the rule and the clause for a gripper that is at the correct object or target but does not act there.
 
-    It does not close on the correct object, does not come down to it, or never releases it at the target region. None
-    if nothing of this kind is seen.
+    The gripper does not close on the correct object, does not come down to it, or never releases it at the target
+    region. The result is None if none of this is the case.
     """
     trace, first = episode.trace, episode.idle_from
     reached = comes_down_to(trace, first)
@@ -85,7 +85,7 @@ def _over(episode: EpisodeAnalysis, i: int) -> str:
 
 
 def _course(episode: EpisodeAnalysis, last: int) -> str:
-    """Describe the behavior of the policy when the step limit is reached."""
+    """Describe what the policy was doing when the step limit was reached."""
     held = in_fingers(episode.trace, last)
     if held is not None:
         return f"with the {episode.kind(held)} in the gripper"

@@ -17,10 +17,10 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the slot that most words led to in training contains a known object that must not be picked now.
+    """Return whether the slot to which most words led in training contains a known object that is wrong now.
 
     Objects that no instruction names are left out, because an attempt at such an object is another failure mode. Empty
-    slots are left out as well, because a grasp there is harmless, unless the policy should grasp nothing.
+    slots are left out as well, because a grasp there is harmless. They only count if the policy should grasp nothing.
     """
     slot = x.trained.favorite_slot
     kind = x.movable_in(slot)

@@ -1,4 +1,4 @@
-"""Wrong object or target: another instruction of the task names it, and the run does not prove any specific rule."""
+"""Wrong object or target: another instruction of the task names it, and no specific rule is proven to explain it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.tasks.words import agreeing
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence if nearly all trials use a wrong target, or go first for the same kind of object.
+    """Return a sentence if the policy nearly always uses a wrong target, or goes for the same kind of object first.
 
     The kind of object is only named if the instructions of these trials ask for several other kinds.
     """
@@ -62,9 +62,9 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _due_elsewhere(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the kind of object to be picked now, if the attempt moves a drawer that is not this object's target.
+    """Return the kind of object to be picked now, if the attempt moves a drawer into which this object does not go.
 
-    None if the attempt does not move a wrong drawer.
+    The result is None if the attempt does not move a wrong drawer.
     """
     if step.target is not AttemptTarget.OTHER or step.goal is None or not episode.trace.is_drawer(step.at):
         return None
