@@ -58,7 +58,7 @@ class Exposure:
 
     @property
     def open_goals(self) -> tuple[Subgoal, ...]:
-        """Subgoals, in order, that are not done in the initial state and whose object is in the scene."""
+        """Subgoals, in the instruction's order, that are not done at the start and whose object is in the scene."""
         return tuple(goal for goal in self.goals if self.slots(goal))
 
     @property

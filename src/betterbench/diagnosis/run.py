@@ -148,7 +148,7 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, re
         raise InvalidInputError(
             str(run.path),
             "it contains no counterfactual twin of the planned trials",
-            "Give a run of the LIBERO base suite that was made with the same --seed",
+            "Name a run of the LIBERO base suite that was made with the same --seed",
         )
     for trial in shared:
         record = run.read_record(trial.task, trial.condition, trial.seed)
@@ -165,7 +165,7 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
         RecordError: If no record is given, or if a record lacks a predicate of its task.
     """
     if not records:
-        raise RecordError("There are no records to diagnose. Give at least one record.")
+        raise RecordError("There are no records to diagnose. Pass at least one record.")
     trials, versions, reader = _Trials(), RecordVersions(allow_mixed=allow_mixed), OwnReader()
     for record in records:
         versions.add(record.metadata)
@@ -228,10 +228,10 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | 
 
 
 def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Reader) -> RunDiagnosis:
-    """Compute the second pass, the metrics, the findings and the notes from the first pass over all records.
+    """Compute the second pass, the metrics, the findings and the notes from the results of the first pass.
 
-    Rules are judged for each task. In LIBERO, they are judged for each suite, because each task has only one
-    instruction.
+    Decision rules are judged in each task separately. In LIBERO, they are judged in each suite, because each task has
+    only one instruction.
     """
     group = {t.task: reader.group(t.task) for t in trials.plan}
     choices: dict[str, dict[str, Choice]] = {}
@@ -283,7 +283,7 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Re
 
 
 def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -> TrialDiagnosis:
-    """Return the diagnosis of a trial after the second pass has ruled on it."""
+    """Return the diagnosis of a trial after the ruling of the second pass has been applied to it."""
     found = rules.get(trial.task)
     ruling = None if found is None else found.rulings.get(str(trial))
     if ruling is None:
@@ -293,10 +293,10 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 
 
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
-    """Return the diagnosis of a trial of a policy that does not use the instruction.
+    """Return the diagnosis of a trial, given that the policy does not use the instruction.
 
-    A wrong first attempt that no rule explains is labeled as independent of the instruction. An attempt at the favorite
-    slot of the policy in this task is labeled in the same way, unless a favorite slot explains the attempts in all
+    If no rule explains a wrong first attempt, it is labeled as independent of the instruction. An attempt at the
+    policy's favorite slot in this task is labeled in the same way, unless a favorite slot explains the attempts in all
     tasks.
     """
     if reading.choice is None or reading.choice.correct:
@@ -309,9 +309,9 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
 def _favorites(
     found: Sequence[TrialDiagnosis], choices: Mapping[str, Mapping[str, Choice]], group: Mapping[str, str]
 ) -> dict[str, FavoriteThing]:
-    """Return the favorite kind of object of a policy for each suite that has one.
+    """Return the policy's favorite kind of object in each suite that has one.
 
-    Suites in which a rule explains all attempts at this kind of object are left out.
+    Suites are left out if a decision rule explains all attempts at this kind of object.
     """
     favorites = {suite: favorite_thing(mine) for suite, mine in choices.items()}
     unexplained = {

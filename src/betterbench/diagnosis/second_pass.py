@@ -12,16 +12,16 @@ All rules compete with undirected confusion. :mod:`betterbench.diagnosis.rule_li
 attempts under each rule, and :mod:`betterbench.diagnosis.task_rules` makes the ruling within a task. See
 docs/second-pass.md for the complete model.
 
-A single trial can show a wrong order, but only several trials with different instructions can show a favorite place.
-Attempts at objects of later steps therefore count as a wrong order if "later" explains the first attempts in all tasks
-at least as well as the other rules do (:func:`mistakes_order`).
+A single trial can show a wrong order, but several trials with different instructions are needed to show a favorite
+place. Attempts at objects of later steps therefore count as a wrong order if "later" explains the first attempts in all
+tasks at least as well as the other rules do (:func:`mistakes_order`).
 
 Evidence is pooled over the tasks of a policy, so that findings in one task have some weight in the others. The prior
 cost of each kind of rule depends on the fraction of tasks with wrong attempts that it explains
 (:func:`pooled_prior_costs`). A kind that explains all these tasks clearly better than any other kind is the policy's
 rule (:func:`rule_of_all_tasks`). If two rules both predict a wrong attempt, the other tasks decide between them. The
-prior costs are at most 3.0 nats over ten tasks. An attempt that only one of two rules predicts has the same weight, so
-that the attempts in a task can outweigh the prior costs.
+prior costs are at most 3.0 nats over ten tasks. A single attempt that only one of two rules predicts has as much
+weight, so that the attempts in a task can outweigh the prior costs.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _Attempts = Mapping[str, Mapping[str, Choice]]
 
 
 def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
-    """Judge which rules explain the first attempts of a policy, in all tasks together."""
+    """Judge which decision rules explain the first attempts of a policy, considering all tasks together."""
     alone = {task: judge_rules(mine) for task, mine in choices.items()}
     prior_costs = pooled_prior_costs([alone[task] for task in sorted(alone)])
     usual = rule_of_all_tasks(choices, alone)
@@ -74,7 +74,7 @@ def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
 
 
 def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, float]:
-    """Return prior costs that assign ambiguous attempts to the rule that the policy follows in all tasks."""
+    """Return prior costs that assign ambiguous attempts to the rule that the policy follows in all tasks together."""
     others = {name: max(cost, ONE_ATTEMPT) for name, cost in prior_costs.items() if name != CONFUSION}
     return {**prior_costs, **others, usual: 0.0}
 
@@ -82,7 +82,7 @@ def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, floa
 def _proven_elsewhere(
     task: str, choices: _Attempts, alone: Mapping[str, TaskRules], prior_costs: Mapping[str, float]
 ) -> list[str]:
-    """Return the kinds of rule that the other tasks prove for the policy.
+    """Return the kinds of rule that are proven for the policy by the tasks other than the given one.
 
     A favorite place or a wrong order must be proven in enough other tasks. "word" must explain all other tasks
     together.
@@ -101,8 +101,8 @@ def _proven_elsewhere(
 def rule_of_all_tasks(choices: _Attempts, alone: Mapping[str, TaskRules]) -> str | None:
     """Return the kind of rule that explains a policy in all tasks clearly better than any other kind, or None.
 
-    A kind that explains fewer wrong attempts than another kind is rejected. Its cost may only be lower because it
-    contains fewer rules.
+    A kind of rule that explains fewer wrong attempts than another kind is rejected, because its cost may be lower only
+    because it contains fewer rules.
     """
     tasks = [alone[task] for task in _with_errors(choices)]
     (least, best), (second, _), *_ = sorted((_total_cost(family, tasks), family) for family in FAMILIES)
@@ -115,8 +115,8 @@ def rule_of_all_tasks(choices: _Attempts, alone: Mapping[str, TaskRules]) -> str
 def mistakes_order(choices: _Attempts, alone: Mapping[str, TaskRules]) -> bool:
     """Return whether the rule "begin with a later step" explains a policy at least as well as any other rule.
 
-    All tasks with wrong attempts are judged together. The variants "any later step", "the next step" and "the last
-    step" compete with the word, with a favorite place in each task, and with confusion.
+    All tasks with wrong attempts are judged together. The rule has the variants "any later step", "the next step" and
+    "the last step". They compete with the rule "word", with a favorite place in each task, and with confusion.
     """
     wrong_tasks = _with_errors(choices)
     too_early = sum(not c.correct and fits(LATER, c) for attempts in wrong_tasks.values() for c in attempts)
@@ -129,7 +129,7 @@ def mistakes_order(choices: _Attempts, alone: Mapping[str, TaskRules]) -> bool:
 
 
 def _with_errors(choices: _Attempts) -> dict[str, list[Choice]]:
-    """Return the first attempts in the tasks with at least one wrong first attempt."""
+    """Return the first attempts in those tasks in which at least one first attempt was wrong."""
     return {
         task: list(attempts.values())
         for task, attempts in choices.items()
@@ -138,7 +138,7 @@ def _with_errors(choices: _Attempts) -> dict[str, list[Choice]]:
 
 
 def _explained(family: str, tasks: Iterable[TaskRules]) -> int:
-    """Return how many wrong first attempts the best rules of one kind explain in the given tasks."""
+    """Return how many wrong first attempts in the given tasks are explained by the best rules of one kind."""
     return sum(max((rule.explained for rule in _rules_of(family, task)), default=0) for task in tasks)
 
 
@@ -161,9 +161,9 @@ def _rules_of(family: str, task: TaskRules) -> list[PolicyRule]:
 def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
     """Return the prior cost of each kind of rule [nats], estimated from all tasks. The most frequent kind has cost 0.
 
-    The model assumes that one kind of rule explains each task with wrong attempts. The fraction of tasks that belongs
-    to each kind is estimated over all tasks (empirical Bayes). The cost of a kind is log(largest fraction / fraction of
-    this kind).
+    The model assumes that each task with wrong attempts is explained by one kind of rule. The fraction of tasks that
+    each kind explains is estimated from all tasks (empirical Bayes). The cost of a kind is log(largest fraction /
+    fraction of this kind).
     """
     costs = [
         [

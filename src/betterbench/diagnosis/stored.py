@@ -1,4 +1,4 @@
-"""Stored diagnosis of a run, ``RUN/diagnosis.json``, with which a later diagnosis can be compared."""
+"""Stored diagnosis of a run, ``RUN/diagnosis.json``. A later diagnosis of the same run can be compared with it."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class StoredTrial:
         text: Explanation of the label.
         start_s: Beginning of the evidence [s].
         end_s: End of the evidence [s].
-        candidates: Labels that remain possible judging by this trial alone.
+        candidates: Labels that remain possible if only this trial is considered.
         attempts: Grasp attempts in the trial.
         steps: Number of control steps of the trial.
         has_record: Whether the trial had a record.
@@ -157,7 +157,7 @@ def stored_path(run: RunFolder) -> Path:
 
 
 def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
-    """Write the diagnosis of a run into its folder, replacing an earlier one, and return the path of the file.
+    """Write the diagnosis of a run into the run's folder, replacing any earlier diagnosis, and return the file's path.
 
     Raises:
         OSError: If the folder cannot be written.

@@ -1,8 +1,8 @@
-"""Rules of a policy in one task: their fit, their comparison with confusion, and the ruling on each trial.
+"""Decision rules of a policy in one task: their fit, their comparison with confusion, and the ruling on each trial.
 
 A rule is upheld if it costs less than confusion, which is the null hypothesis of undirected errors. This is a
-likelihood-ratio test with a penalty for choosing the rule. A favorite place must in addition be shown by a pair of
-trials that have different instructions and both go there (:func:`has_pair`).
+likelihood-ratio test with a penalty for choosing the rule. A favorite place must also be shown by a pair of trials that
+have different instructions, but both begin with an attempt at this place (:func:`has_pair`).
 """
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ class TaskRules:
     Attributes:
         rules: All rules, lowest cost first. Rules with equal costs are in the order word, habit, later, place.
         confusion: Cost of confusion [nats].
-        upheld: Names of the rules that are better than confusion and distinguishable from similar rules.
+        upheld: Names of the rules that explain the attempts better than confusion does and can be told from similar
+            rules.
         rulings: Ruling on each trial, by trial key.
-        undecided: Number of wrong trials for which the run is too small to prove a rule, or to distinguish it from
-            another rule.
+        undecided: Number of trials with a wrong first attempt for which the run is too small to prove a rule, or to
+            tell it from another rule.
     """
 
     rules: tuple[PolicyRule, ...]
@@ -56,8 +57,8 @@ def judge_rules(
     Args:
         choices: First attempt of each trial, by trial key.
         prior_costs: Prior cost of each kind of rule [nats]. By default, all are zero.
-        known: Kinds of rule that other tasks prove for the policy. A known "place" does not need a pair of trials in
-            this task. A known "word" does not need trials that distinguish it from a place. "later" is only judged by
+        known: Kinds of rule that other tasks prove for the policy. If "place" is known, no pair of trials is needed in
+            this task. If "word" is known, no trials are needed that tell it from a place. "later" is only judged by
             other tasks, because in a single task it may look like a favorite place. If ``known`` is None, all rules are
             judged by the trials of this task.
         ordered: Whether the policy is known to do steps in the wrong order. If so, an attempt at a later step proves
@@ -117,7 +118,7 @@ def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mappi
 
 
 def _choice_of_slot(attempts: Sequence[Choice]) -> float:
-    """Return the cost of choosing one slot when all slots are equally likely a priori [nats]."""
+    """Return the cost of choosing one slot if all slots are equally likely a priori [nats]."""
     return math.log(max((c.places for c in attempts), default=2))
 
 
@@ -137,9 +138,9 @@ def _proven(
 def has_pair(choices: Iterable[Choice], slot: str) -> bool:
     """Return whether a pair of trials shows that the policy goes to a slot regardless of what is requested.
 
-    Both trials of the pair go to the slot, and at least one of them is wrong. They have the same scene and different
-    correct slots, or different objects in the same slots. Only such pairs exclude that the policy prefers an object
-    instead.
+    In both trials of the pair, the first attempt is at the slot, and at least one of the two attempts is wrong. The
+    trials have the same scene and different correct slots, or different objects in the same slots. Only such pairs rule
+    out that the policy prefers an object rather than a slot.
     """
     went = [c for c in choices if c.slot == slot and c.right]
     same_layout = _grouped(went, lambda c: c.layout)
@@ -158,9 +159,9 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 
 
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
-    """Set the slot that the policy may prefer in each choice.
+    """In each first attempt, set the slot that the policy may prefer.
 
-    This is the most frequent slot among the trials with the same occupied slots. If ``paired`` is True, a slot only
+    This is the slot of most first attempts in trials with the same occupied slots. If ``paired`` is True, a slot only
     counts if a pair of trials shows that the policy prefers it regardless of the instruction.
     """
     favorites: dict[frozenset[str], frozenset[str]] = {}
@@ -182,8 +183,8 @@ def _open_slots(
 ) -> frozenset[str]:
     """Return the slots that may be favorites of the policy, although the trials do not prove it.
 
-    Without its prior cost, the rule for such a slot is more likely than confusion. However, there are so few trials
-    that the rule could not be proven even for a policy that always goes there.
+    If the prior cost is left out, the rule for such a slot is more likely than confusion. However, there are so few
+    trials that the rule could not be proven even if the policy always went to this slot.
     """
     price = _choice_of_slot(attempts) + prior[PLACE]
     found = {rule.slot for rule in rules if rule.slot is not None and rule.cost - price < confusion}
@@ -242,7 +243,7 @@ class _Judged:
         return found
 
     def _by_cheapest_rule(self, choice: Choice) -> Ruling:
-        """Return the ruling that follows from the proven rule with the lowest cost that fits a trial."""
+        """Return the ruling on a trial by the cheapest proven rule that predicts the trial's first attempt."""
         if choice.correct or choice.slot is None:
             return Ruling("rejected")
         open_place: RuleStatus = "open" if choice.slot in self.open_slots else "rejected"
@@ -261,7 +262,7 @@ class _Judged:
         return Ruling("rejected", place=open_place if choice.replaced else "rejected")  # the proven rule is the habit
 
     def _word_is_told_from(self, slot: str) -> bool:
-        """Return whether the trials can distinguish "go where the word led" from "always go to this slot"."""
+        """Return whether the trials can distinguish the rule "go where the word led" from "always go to this slot"."""
         if self.word_known:
             return True
         place = place_rule(slot)

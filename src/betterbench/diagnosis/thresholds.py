@@ -4,8 +4,8 @@ Thresholds that the diagnosis shares with live judging (goal tracker, grasp atte
 :mod:`betterbench.tasks.thresholds`. That module also has the thresholds for halts, falls, collisions and slips that
 every run lists in its conventions. The tolerance of a relation is in the file of the relation.
 
-Thresholds with ``listed=False`` were added to this table after they were in use, see
-:func:`betterbench.tasks.thresholds.threshold`.
+Thresholds with ``listed=False`` were already in use when they were added to this table (see
+:func:`betterbench.tasks.thresholds.threshold`).
 """
 
 from betterbench.tasks.thresholds import THRESHOLDS, threshold

@@ -1,4 +1,4 @@
-"""First pass: the diagnosis of a trial from its record alone, and the input for the second pass."""
+"""First pass of the diagnosis: each trial is diagnosed from its record alone, and the second pass gets its input."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ from betterbench.tasks.labels import Label
 class Choice:
     """First attempt of a trial, with its slot and the slots that each rule predicts.
 
-    Slots of different layouts that are at the same position share the name of the first of them.
+    If two layouts have a slot at the same position, both slots get the name of the first.
 
     Attributes:
         layout: Slots with the kind of object that each contained at the start. Trials with the same layout are
             compared.
         right: Slots at which the first attempt would be correct. Empty if no object should be grasped.
         slot: Slot of the first attempt, or None if there was no attempt.
-        correct: Whether the first attempt was correct, or whether the policy was right to make none.
+        correct: Whether the first attempt was correct, or whether the policy correctly made no attempt.
         word_slots: Slots from which training picked the object of the relevant word of the instruction.
         habit_slots: Slots of the most frequent first step. Empty if training has no such step.
         later_slots: Slots of the objects of later steps. Empty if the instruction leaves the order free.
@@ -50,8 +50,8 @@ class Choice:
         thing: Kind of the object in the slot of the first attempt, or "" if there is none.
         color: Color of that object.
         nearest: Slot of the object that was nearest to the gripper at the start. Empty if no slot contained an object.
-        favorite_slots: Slot that the policy may prefer in trials with the same occupied slots. It is set by the second
-            pass.
+        favorite_slots: Slot that the policy may prefer in trials in which the same slots are occupied. The second pass
+            sets it.
         step_slots: For each later step, in order, the slots of its objects.
         replaced: Whether the habit leads to the slot of the first attempt, but this slot contained a different object.
             If so, a single trial does not show the habit.
@@ -74,7 +74,7 @@ class Choice:
 
     @property
     def stocked(self) -> frozenset[str]:
-        """Slots that contained an object at the start."""
+        """Slots that contained an object at the start of the trial."""
         return frozenset(slot for slot, _ in self.layout)
 
 
@@ -185,7 +185,10 @@ def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
 
 
 def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
-    """Return the grasp attempts of an episode in time order, including closings far from all objects."""
+    """Return the grasp attempts of an episode in time order.
+
+    They include the attempts in which the gripper closed far from all objects.
+    """
     time = episode.trace.time
     far = (
         Attempt(float(time[g.start]), float(time[g.end]), None, None, "null", secured=False) for g in episode.on_nothing
@@ -196,8 +199,8 @@ def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
 def choice_of(episode: EpisodeAnalysis) -> Choice | None:
     """Return the first attempt as input for the second pass, or None.
 
-    None if there was no attempt although one was expected, or if the attempt does not show a preference for a slot. An
-    attempt at a look-alike is also left out, because it has its own label.
+    The result is None if there was no attempt although one was expected, or if the attempt does not show a preference
+    for a slot. It is also None if the attempt was at a look-alike, because such an attempt has its own label.
     """
     trace, trained = episode.trace, episode.trained
     standing = dict(_standing_at_start(episode))

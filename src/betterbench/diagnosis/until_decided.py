@@ -1,4 +1,4 @@
-"""Verdicts of runs with ``--until-decided``, and the trials that were chosen independently of the outcomes."""
+"""Verdicts of runs with ``--until-decided``, and the selection of trials that does not depend on the outcomes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class UntilDecided:
     """Stopping rule of a run with ``--until-decided``, and the decisions that have been made so far.
 
     Attributes:
-        rule: Rule by which a variation is decided.
+        rule: Rule that determines when a variation is decided.
         first_seeds: Seeds of the first round, which is played for every variation regardless of the outcomes.
         decisions: Decisions after the last complete round.
     """
@@ -27,7 +27,10 @@ class UntilDecided:
     decisions: Decisions
 
     def answer(self, condition: str) -> Answer | None:
-        """Return the state of a variation by its full name ("fast_food/T1"), or None if the run does not contain it."""
+        """Return how a variation ("fast_food/T1") was decided, or that it is undecided.
+
+        None if it is not in the run.
+        """
         return next((a for a in self.decisions.answers if a.question.condition == condition), None)
 
     @property
@@ -37,7 +40,7 @@ class UntilDecided:
 
     @property
     def summary(self) -> str:
-        """Sentence that states how many variations have each verdict."""
+        """Sentence that states for how many variations each verdict was reached."""
         found = self.decisions
         counts = {verdict: found.count(verdict) for verdict in Verdict}
         points = f"{100 * self.rule.margin:.0f} points"
@@ -84,7 +87,7 @@ def decided_of(rule: StoppingRule, plan: Sequence[TrialId], outcome: Callable[[T
     """Return the stopping rule and the decisions of a run with ``--until-decided``.
 
     Args:
-        rule: Rule by which a variation is decided.
+        rule: Rule that determines when a variation is decided.
         plan: All trials that the run may need.
         outcome: Function that returns whether a trial succeeded, or None if the trial has no record.
 

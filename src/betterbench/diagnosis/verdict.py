@@ -25,7 +25,8 @@ class Evidence:
         objects: Names of the objects concerned.
         shared: Properties that the grasped object shares with the requested object ("color", "shape"; for a look-alike
             also "slot").
-        candidates: Labels that remain possible judging by this trial alone. The second pass may decide between them.
+        candidates: Labels that remain possible if only this trial is considered. The second pass may decide between
+            them.
     """
 
     rule: str
@@ -39,7 +40,9 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """Grasp attempt. A closing of the gripper far from all objects also counts, but has neither object nor slot.
+    """Grasp attempt.
+
+    It also counts if the gripper closes far from all objects, but then there is neither object nor slot.
 
     Attributes:
         start_s: Time at which the gripper begins to close [s].
@@ -76,7 +79,8 @@ class TrialDiagnosis:
         expected: Expected behavior: "succeed", "refuse", "stay_still" or "ambiguous".
         label: Outcome label.
         first_attempt: Name of the object of the first grasp attempt. None if there was no attempt, or if the gripper
-            closed without an object. A drawer only counts if the drawer itself is requested first.
+            closed without an object. A drawer only counts if the first step of the instruction is about the drawer
+            itself.
         first_attempt_kind: Kind of that object.
         first_slot: Slot of the first grasp attempt, or None.
         intended: Name of the object that should be attempted first, or None if no attempt would be correct. If the
@@ -131,12 +135,15 @@ class TrialDiagnosis:
 
     @property
     def ambiguous(self) -> bool:
-        """Whether the premise of the trial is broken. If so, the trial is labeled but not part of any rate."""
+        """Whether a premise of the instruction is false in this trial.
+
+        The trial then gets a label but is not part of any rate.
+        """
         return self.expected == Expected.AMBIGUOUS.value
 
     @property
     def kind(self) -> Kind:
-        """Kind of failure to which the label belongs."""
+        """Kind of outcome to which the label belongs, such as a reasoning failure."""
         return self.label.kind
 
     @property
@@ -146,7 +153,7 @@ class TrialDiagnosis:
 
     @property
     def pool(self) -> str:
-        """Name of the variation or training condition under which the trial is counted.
+        """Name of the condition under which the trial is counted: the variation or the training condition.
 
         In LIBERO-Plus, this is the axis, because each variant is run only once.
         """
@@ -175,8 +182,8 @@ class Metric:
         name: Name of the measure ("success_rate", "success_with_a_needless_step", "intention_accuracy",
             "instruction_effect", "delta_sr", "distractor_grasp_rate", "illusion_gap", "reasoning_failure_rate",
             "execution_failure_rate", "system_failure_rate", "collision_rate", "progress"). If trials are unfinished,
-            there is also "unfinished_rate". The success rates of the two halves of the pairs in an "illusion_gap" are
-            "twin_success_rate" and "paired_success_rate".
+            there is also "unfinished_rate". For each "illusion_gap", the success rate of the twins is
+            "twin_success_rate", and that of the paired variation trials is "paired_success_rate".
         scope: Set of trials that the measure covers: "overall" (all trials of variations), "training" (all trials of
             training conditions), "axis:temporal_extrapolation", "fast_food" (the variations of this task),
             "fast_food/training", "fast_food/T1", "fast_food/train1".
@@ -218,7 +225,7 @@ class RunDiagnosis:
         trials: One entry for each trial that counts, finished or not, in the order of the plan.
         metrics: All metrics of the run.
         findings: Conclusions about the policy from several trials, one sentence each, most important first.
-        notes: Limits of the run, one sentence each (missing pairs, smallest detectable difference).
+        notes: Limits on what the run can show, one sentence each (missing pairs, smallest detectable difference).
         thresholds: Values of the thresholds, by name.
         versions: Versions found in the records, by name.
         waiting: Planned trials that a run in progress has not reached yet and that do not count. Empty if no process is
@@ -240,7 +247,7 @@ class RunDiagnosis:
     address: str = ""
 
     def __post_init__(self) -> None:
-        """Use the policy's name as the address if no address is given."""
+        """If no address is given, use the policy's name as the address."""
         if not self.address:
             object.__setattr__(self, "address", self.policy)
 
@@ -256,7 +263,7 @@ class RunDiagnosis:
 
     @property
     def counted_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """Trials whose outcome is correct or wrong, i.e. all trials that are not ambiguous."""
+        """Trials that count in the rates, i.e. all trials that are not ambiguous."""
         return tuple(t for t in self.trials if not t.ambiguous)
 
     @property
@@ -276,7 +283,7 @@ class RunDiagnosis:
         return replace(self, trials=self.even_trials)
 
     def named(self, name: str) -> RunDiagnosis:
-        """Return the diagnosis with another name for the policy, in all trials."""
+        """Return a copy of the diagnosis in which the policy has a different name, in all trials."""
         trials, waiting = (tuple(replace(t, policy=name) for t in part) for part in (self.trials, self.waiting))
         return replace(self, policy=name, trials=trials, waiting=waiting)
 

@@ -1,4 +1,4 @@
-"""Versions in the records of a run. By default, records with different versions raise an error."""
+"""Versions in the records of a run. Records with different versions raise an error unless this is allowed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class RecordVersions:
 
         Args:
             metadata: Metadata of the record.
-            but: Name of a version that is left out, or "" to add all of them.
+            but: Name of a version that is not added, or "" to add all versions.
 
         Raises:
             RunConflictError: If a version differs from that of an earlier record and mixed versions are not allowed.
@@ -47,7 +47,7 @@ class RecordVersions:
                 other, at = next(iter(known.items()))
                 raise RunConflictError(
                     f"{name} is {value!r} in the record of {trial} and {other!r} in the record of {at}. "
-                    "Run one of the two again, or allow mixed versions and interpret the results with care."
+                    "Repeat one of the two trials, or allow mixed versions and interpret the results with care."
                 )
             known.setdefault(value, trial)
         if "simulator" in metadata.engine:  # in other worlds, the fingerprint of the task is part of the record

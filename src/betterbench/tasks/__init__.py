@@ -4,9 +4,9 @@
 - ``relations``: one file per relation ("inside", "beside"), with its check and its placements.
 - ``authoring``: templates, variations and the task registry, for writing tasks.
 - ``suite``: the tasks of better60, with one file per task.
-- ``regimes``: further sets of training conditions for these tasks (listed regimes).
+- ``regimes``: further sets of training conditions for these tasks (called listed regimes).
 - ``judging``: goals, grasp attempts, restraint, harm and premises, judged from world states.
-- ``interventions``: look-up of conditions by their name or by a regime.
+- ``interventions``: functions that find conditions by name or by regime.
 - ``worlds``: suites and protocols of LIBERO, LIBERO-Plus and CALVIN, as data.
 """
 

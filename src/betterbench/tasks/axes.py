@@ -35,8 +35,8 @@ class Axis(StrEnum):
 class Expected(StrEnum):
     """Behavior that is expected from a policy that understands the instruction.
 
-    If it is "ambiguous", the premise is broken. Such a trial is judged like a refusal and gets a label, but is not part
-    of any rate.
+    "Ambiguous" means that a premise of the instruction is false. A trial with this value is judged like a refusal and
+    gets a label, but is not part of any rate.
     """
 
     SUCCEED = "succeed"
@@ -46,12 +46,12 @@ class Expected(StrEnum):
 
     @property
     def lacks_target(self) -> bool:
-        """Whether a requested object is absent. If so, no other object may be taken instead."""
+        """Whether the policy should notice that a requested object is absent, and take no other object instead."""
         return self in (Expected.REFUSE, Expected.AMBIGUOUS)
 
 
 class Support(StrEnum):
-    """Whether all pick and place poses of a variation occur in training (``seen``) or some do not (``novel``)."""
+    """Whether all pick and place poses of a variation occur in training (``seen``), or some do not (``novel``)."""
 
     SEEN = "seen"
     NOVEL = "novel"

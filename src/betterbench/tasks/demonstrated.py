@@ -1,8 +1,8 @@
 """Release points and final poses that were measured in expert demonstrations, and the file that contains them.
 
-``better certify --demonstrations`` writes the file. Scenes draw the poses of objects that start at a target from the
-final poses, and clause (b) of the certificate compares releases with the release points. The file of the suite is part
-of the package. The file for a user's tasks is stored next to the task file.
+``better certify --demonstrations`` writes the file. If an object starts at a target, its pose is drawn from the final
+poses. Clause (b) of the certificate compares releases with the release points. The file of the suite is part of the
+package. The file for a user's tasks is stored next to the task file.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ class FlatPose(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Releases:
-    """Release points in the demonstrations at one target region.
+    """Points at which demonstrations released objects at one target region.
 
     Attributes:
         slot: Slot of the target, or of the object that carries the target.
         relation: Relation that the release establishes.
         region: Region of the target, or "" if the target has only one region.
-        level: Number of objects below, down to the slot.
+        level: Number of objects between the released object and the table at the slot.
         heights_mm: Heights above the table at which the lower end of the object was released [mm], sorted.
         points_mm: Positions (x, y) of the object's base in the frame of the target, relative to the center of the
             region [mm].
@@ -78,18 +78,21 @@ class Releases:
 
     @property
     def place(self) -> tuple[str, str, str, int]:
-        """Slot, relation, region and level of these releases."""
+        """Place of these releases, given by slot, relation, region and level."""
         return self.slot, self.relation, self.region, self.level
 
     def off_mm(self, height_mm: float) -> float:
         """Return the difference between a height and the nearest release height in training [mm].
 
-        The difference is negative if the height is below it.
+        The difference is negative if the given height is below the release height.
         """
         return min((height_mm - h for h in self.heights_mm), key=abs)
 
     def aside_mm(self, x_mm: float, y_mm: float) -> float:
-        """Return the distance from a point, in the frame of ``points_mm``, to the nearest release point [mm]."""
+        """Return the distance from a point to the nearest release point [mm].
+
+        Both are in the frame of ``points_mm``.
+        """
         return min(math.dist((x_mm, y_mm), point) for point in self.points_mm)
 
 
@@ -172,9 +175,9 @@ class JointPoses:
     objects: tuple[FinalPose, ...]
 
     def posed(self, objects: Sequence[tuple[str, str]]) -> tuple[Pose, ...] | None:
-        """Return the poses ``T_middle_object`` of objects that are given by kind and asset, in the given order.
+        """Return the poses ``T_middle_object`` of objects specified by kind and asset, in the given order.
 
-        None if the demonstration did not leave exactly these objects in the place.
+        Return None if the demonstration left other objects there, or not all of these.
         """
         left, found = list(self.objects), []
         for wanted in objects:
@@ -189,7 +192,7 @@ class JointPoses:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstrated:
-    """Release points and final poses in the demonstrations of one task, with the versions used for the measurement.
+    """Release points and final poses in the demonstrations of one task, with the versions used to measure them.
 
     Attributes:
         suite: Version of the suite.
@@ -217,10 +220,11 @@ class Demonstrated:
     def final_poses_at(
         self, target_kind: str, relation: str, region: str, *, kind: str, assets: tuple[str, str]
     ) -> tuple[FlatPose, ...]:
-        """Return the final poses of the most similar object at a target in the demonstrations.
+        """Return the final poses at a target from demonstrations with the same object, or with the most similar one.
 
-        These are the poses of the same object asset at the same target asset. If there are none, the poses of the same
-        object asset are returned, then those of the same kind of object, and then those of any object at this target.
+        Poses of the same object asset at the same target asset come first. If there are none, the poses of the same
+        object asset are returned. If there are none either, those of the same kind of object are returned, and
+        otherwise those of any object at this target.
         """
         there = self._poses_at(target_kind, relation, region)
         of_kind = [p for p in there if p.kind == kind]
@@ -281,7 +285,7 @@ _measured: dict[str, Demonstrated] = {}
 
 @contextmanager
 def measured_so_far(task: str, found: Demonstrated | None) -> Iterator[None]:
-    """Set the measurements of a task while the context is open.
+    """Context in which a task has the given measurements.
 
     This is needed while demonstrations are measured, because earlier demonstrations determine the start of later ones.
     """
@@ -324,7 +328,9 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
         (f"version of {task.id}", found.version, task.version),
     ):
         if there != here:
-            raise InvalidInputError(where, f"{task.id} was measured with {what} {there}, but this is {here}", cure)
+            raise InvalidInputError(
+                where, f"{task.id} was measured with {what} {there}, but this installation has {here}", cure
+            )
     return found
 
 
@@ -342,7 +348,7 @@ def final_pose(task: Task, seed: int, *, kind: str, region: str, poses: Sequence
 
 
 def joint_index(task: Task, seed: int, *, kinds: Sequence[str], region: str, count: int) -> int:
-    """Return the index of the demonstration whose final poses the objects get that start at a target together.
+    """Return the index of the demonstration from which objects that start together at a target take their poses.
 
     The index is below ``count`` and is drawn from the random stream of the trial.
     """
@@ -371,13 +377,13 @@ def read_demonstrations(text: str, where: str) -> DemonstrationsFile:
 
 @functools.lru_cache(maxsize=1)
 def _packaged() -> DemonstrationsFile:
-    """Return the measurements in the package, or empty measurements if the package has no such file."""
+    """Return the measurements that come with the package, or empty measurements if the package has no such file."""
     file = resources.files("betterbench.tasks").joinpath("data", PACKAGED)
     return read_demonstrations(file.read_text(encoding="utf-8"), _PACKAGED_NAME) if file.is_file() else _NONE
 
 
 def updated_text(path: Path, found: Mapping[str, Demonstrated]) -> str:
-    """Return the text of the file with new measurements for some tasks and the previous measurements for the others."""
+    """Return the text of the file, with new measurements for some tasks and the previous ones for all others."""
     before = read_demonstrations(path.read_text(encoding="utf-8"), str(path)).tasks if path.is_file() else {}
     _packaged.cache_clear()
     return DemonstrationsFile({**before, **found}).to_text()

@@ -1,6 +1,6 @@
 """Outcome labels, in a package that both the tasks and the diagnosis can import.
 
-The meaning of a label, its rule and its text in reports are in the label's file in ``diagnosis/modes``.
+The meaning of each label, its rule and its text in reports are in a file for the label in ``diagnosis/modes``.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _LABELS: dict[str, Label] = {}
 
 
 class Label(str):
-    """Outcome label of a trial: a text with a kind of failure. There is exactly one object for each name.
+    """Outcome label of a trial: a text with a kind of outcome. There is exactly one object for each name.
 
-    If several pieces of evidence concern the same moment, the order of the labels decides between them.
-    :func:`new_label` makes further labels.
+    If several pieces of evidence concern the same moment, the one whose label comes first in the order of labels
+    decides. :func:`new_label` makes further labels.
 
     Raises:
         UnknownNameError: If there is no label with this name.
@@ -56,14 +56,14 @@ class Label(str):
     UNFINISHED: ClassVar[Label]
 
     def __new__(cls, name: str) -> Label:  # noqa: PYI034 -- one object per name
-        """Return the label with this name."""
+        """Return the existing label with this name."""
         try:
             return _LABELS[name]
         except KeyError:
             raise UnknownNameError("label", name, _LABELS) from None
 
     def __reduce__(self) -> tuple[type[Label], tuple[str]]:
-        """Return the arguments for making a copy, so that copied and unpickled labels are the same object."""
+        """Return how to copy the label, so that copied and unpickled labels are the same object as the original."""
         return Label, (self.value,)
 
     @property

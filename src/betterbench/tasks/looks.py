@@ -1,4 +1,4 @@
-"""Appearance of the objects and rooms in a run: the one used in training and tests, or one that is held out."""
+"""Appearance of the objects and rooms in a run: either the appearances of training and tests, or those held out."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def looks_named(name: str) -> Looks:
     """Check that a text is the name of a set of appearances ("seen" or "unseen"), and return it.
 
     Raises:
-        UnknownNameError: If it is not.
+        UnknownNameError: If there is no such set.
     """
     for known in LOOKS:
         if name == known:

@@ -1,6 +1,6 @@
-"""Named random streams, with one random generator for each purpose.
+"""Named random streams: each purpose has its own random generator.
 
-Because of this, adding a camera does not move any object, and a trial and its counterfactual twin share every draw.
+As a result, adding a camera does not move any object, and a trial and its counterfactual twin share every draw.
 """
 
 import hashlib

@@ -1,7 +1,7 @@
-"""Translation of former module names, for a user's files that were written before packages were renamed.
+"""Translation of former module names in users' files that were written before packages were renamed.
 
-Runs and checkpoints identify their task or learner file by the SHA-256 of its text, so that the file cannot be edited
-when an imported module moves. Instead, the imports in the file are translated when it is loaded.
+Runs and checkpoints identify their task or learner file by the SHA-256 of its text, so the file must not be edited when
+an imported module moves. Instead, the imports in the file are translated when it is loaded.
 """
 
 from __future__ import annotations
@@ -69,9 +69,9 @@ Only names are listed that did not move together with their package.
 
 
 def with_present_names(source: str | bytes, path: str) -> ast.Module:
-    """Return the syntax tree of a user's file, in which imports by former names are translated to present names.
+    """Return the syntax tree of a user's file, in which former names in imports are replaced by present names.
 
-    Line numbers are kept. Imports by names that still exist are not changed.
+    Line numbers are kept. Names that still exist are not changed.
 
     Raises:
         SyntaxError: If the text is not valid Python.
@@ -108,7 +108,7 @@ class _Renaming(ast.NodeTransformer):
 
 
 def _statements(module: str, names: list[ast.alias]) -> Iterator[ast.ImportFrom]:
-    """Yield one import statement for each name that a statement imports from a module of this package."""
+    """Split an import from a module of this package into one import statement for each imported name."""
     for alias in names:
         inner = f"{module}.{alias.name}".lstrip(".")
         if (module, alias.name) in NAMES:

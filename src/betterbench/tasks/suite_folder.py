@@ -1,4 +1,4 @@
-"""Suite folders: tasks as JSON files, which ``suite.json`` lists with their digests.
+"""Suite folders, which contain tasks as JSON files, and ``suite.json`` with a list of the tasks and their digests.
 
 The name of the folder ends with the first digits of a digest over all tasks, so that equal names mean the same
 benchmark.
@@ -63,10 +63,10 @@ def suite_schema() -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class SuiteFolder:
-    """Suite in a folder, whose files match the digests in the list of tasks.
+    """Suite in a folder. Its files have been found to match the digests in the list of tasks.
 
     Attributes:
-        name: Name with the digits of the digest ("kitchen-3f2a91c0d4e5").
+        name: Name of the suite, including the digits of the digest ("kitchen-3f2a91c0d4e5").
         tasks: Names of the tasks, sorted.
         files: Files of the tasks, in the same order.
     """
@@ -82,10 +82,10 @@ def is_suite_folder(path: Path | str) -> bool:
 
 
 def require_suite_name(name: str, *, where: str = "name of the suite") -> None:
-    """Check that a text is a valid name for a suite, without the digest.
+    """Check that a text is a valid name for a suite. The name does not include the digest.
 
     Raises:
-        InvalidInputError: If it is not.
+        InvalidInputError: If the text is not a valid name.
     """
     if re.fullmatch(_NAME_PATTERN, name) is None:
         cure = "Use up to 64 lower-case letters, digits and '_', and begin with a letter"
@@ -96,7 +96,7 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
     """Return the name of a suite's folder, and the content of its files by path.
 
     Args:
-        name: Name of the suite, without the digest.
+        name: Name of the suite, not including the digest.
         forms: Tasks in JSON form by name, as :func:`betterbench.tasks.task_to_json` writes them.
 
     Raises:
@@ -145,7 +145,7 @@ def read_suite_folder(path: Path | str) -> SuiteFolder:
 
 
 def _is_companion(file: Path) -> bool:
-    """Return whether a file contains measurements for a task, and not a task."""
+    """Return whether a file contains measurements for a task, as opposed to a task."""
     return file.name.endswith(".demonstrations.json")
 
 

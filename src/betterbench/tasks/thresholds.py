@@ -18,7 +18,7 @@ class Threshold:
         value: Value in ``unit``.
         unit: "m", "s", "rad", "m/s", "N" or "%", or "1" for a number without a unit.
         reason: Use of the threshold, and the source of its value.
-        effect: Labels that become more or less frequent if the value is larger.
+        effect: Labels that become more or less frequent if the value is increased.
         listed: Whether runs, stored diagnoses and reports list the threshold.
     """
 
@@ -41,10 +41,10 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
         value: Value in ``unit``.
         unit: "m", "s", "rad", "m/s", "N" or "%", or "1" for a number without a unit.
         reason: Use of the threshold, and the source of its value.
-        effect: Labels that become more or less frequent if the value is larger.
+        effect: Labels that become more or less frequent if the value is increased.
         listed: Whether runs, stored diagnoses and reports list the threshold. Use False for a value that was in use
             before it was added to the table. Stored diagnoses lack such a value, so that listing it would mark them as
-            judged by different rules. Change this to True when the value changes.
+            judged by different rules. Set this to True when the value is changed.
 
     Raises:
         ValueError: If there is already a threshold with this name.
@@ -184,7 +184,10 @@ class Thresholds:
 
     @staticmethod
     def names() -> tuple[str, ...]:
-        """Return the names of all thresholds, including those that are not listed or are defined in other files."""
+        """Return the names of all thresholds.
+
+        This includes thresholds that are not listed in runs, and thresholds that are defined in other files.
+        """
         return tuple(_TABLE)
 
     @staticmethod

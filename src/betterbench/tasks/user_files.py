@@ -1,9 +1,9 @@
 """User files and plugins that register tasks, assets and other items.
 
-Files are named by ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker processes
-inherit. A folder of imported assets (``--asset-dir``) is also treated as a user file: its manifest is read, and nothing
-is executed. Installed packages name a module under the entry point group ``betterbench.plugins``. A file in the folder
-of a run is never executed automatically, because it may be untrusted.
+Files are given by the option ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker
+processes inherit. A folder of imported assets (``--asset-dir``) is also treated as a user file: its manifest is read,
+and nothing is executed. An installed package is a plugin if it names a module in the entry point group
+``betterbench.plugins``. A file in the folder of a run is never executed automatically, because it may be untrusted.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ T = TypeVar("T")
 class TaskFile:
     """User file that has been read: a task file, or the manifest of an asset folder.
 
-    Workers get the same text even if the file changes in the meantime.
+    Worker processes get the text that was read, even if the file changes in the meantime.
 
     Attributes:
         path: Absolute path on the machine that read the file first.
@@ -112,7 +112,7 @@ class TaskFile:
 
     @property
     def option(self) -> str:
-        """Option that loads the file, for messages.
+        """Command-line option that loads the file, for use in messages.
 
         If the file belongs to a suite, the option loads the suite folder.
         """
@@ -122,7 +122,7 @@ class TaskFile:
 
     @property
     def option_by_name(self) -> tuple[str, str]:
-        """Option that loads the file, with only the file's name.
+        """Command-line option that loads the file, given by its name without the folder.
 
         It is meant for readers of a shared file, who have the file in a different folder.
         """
@@ -137,7 +137,7 @@ class TaskFile:
 
     @property
     def copy_name(self) -> str:
-        """Name of the copy of the file in the folder of a run."""
+        """File name of the copy that is stored in the folder of a run."""
         return _copy_name(Path(self.path).name, self.sha256)
 
 
@@ -198,7 +198,10 @@ _lock = threading.RLock()
 
 
 def loading_folder() -> Path | None:
-    """Return the folder of the user file that is being loaded. None if no file is being loaded, or a plugin is."""
+    """Return the folder of the user file that is being loaded.
+
+    The result is None if no file, or a plugin, is being loaded.
+    """
     return Path(_loading[-1].path).parent if _loading and _loading[-1].package is None else None
 
 
@@ -297,7 +300,7 @@ def _execute(file: TaskFile) -> None:
     name = f"betterbench_task_file_{stem}_{file.sha256[:8]}"
     spec = importlib.util.spec_from_loader(name, _Loader(file), origin=file.path)
     if spec is None or spec.loader is None:
-        raise AssertionError("the import system made no specification for the file")
+        raise AssertionError("the import system returned no module specification for the file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look up the module of their class there
     spec.loader.exec_module(module)
@@ -332,8 +335,8 @@ def loaded_files() -> tuple[TaskFile, ...]:
 def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str, list[dict[str, str]]]:
     """Return the files and plugins that the given tasks and worlds need, for the plan of a run.
 
-    The keys of the result are "task_files" (with name and sha256) and "plugins" (with name and version). A key without
-    entries is left out.
+    The keys of the result are "task_files" (with name and sha256) and "plugins" (with name and version). If there are
+    no entries for a key, the key is left out.
     """
     names = [*(("task", task) for task in tasks), *(("world", world) for world in worlds)]
     found = [origin for origin in map(_origins.get, names) if origin is not None]
@@ -357,7 +360,7 @@ def code_of(kind: str, name: str) -> str | None:
 
 @contextmanager
 def explaining(kind: str, name: str) -> Iterator[None]:
-    """Add the file and the line to errors of user code that registered a name.
+    """Context that adds the file and the line to errors raised by the user code that registered a name.
 
     Raises:
         InvalidInputError: If the code raises an error.
@@ -382,7 +385,7 @@ def suite_folder_of(tasks: Iterable[str]) -> Path | None:
 def suite_file(tasks: Iterable[str], name: str) -> Path | None:
     """Return the path of a file in the folder of the suite that defines all the given tasks.
 
-    None if no single folder defines them, or if the folder does not contain the file.
+    The result is None if no single folder defines these tasks, or if the folder does not contain the file.
     """
     folder = suite_folder_of(tasks)
     path = None if folder is None else folder / name
@@ -418,19 +421,25 @@ def _companion_text(path: Path) -> str | None:
 
 
 def options_for(tasks: Iterable[str]) -> str:
-    """Return the options that load the files of the given tasks, with a leading space, or "" if all are built in."""
+    """Return the command-line options that load the files of the given tasks, beginning with a space.
+
+    The result is "" if all tasks are built in.
+    """
     return loading_options() if origins_of(tasks).get("task_files") else ""
 
 
 def options_by_name(tasks: Iterable[str]) -> tuple[str, ...]:
-    """Return, as separate words, the options that load the files of the given tasks, with only the files' names."""
+    """Return the command-line options that load the files of the given tasks, as separate words.
+
+    The options contain only the names of the files, without their folders.
+    """
     hashes = {file["sha256"] for file in origins_of(tasks).get("task_files", ())}
     options = dict.fromkeys(file.option_by_name for file in _files.values() if file.sha256 in hashes)
     return tuple(word for option in options for word in option)
 
 
 def loading_options() -> str:
-    """Return the options that load all files which are loaded in this process, with a leading space.
+    """Return the command-line options that load all files that are loaded in this process, beginning with a space.
 
     A single suite is loaded with ``--suite``. Commands accept this option only once, so several suites are loaded with
     ``--task-file``.
@@ -444,7 +453,7 @@ def loading_options() -> str:
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:
     """Check that the files and plugins of a run's tasks are loaded, as listed in the plan of the run.
 
-    Copies in the folder of the run are named in the error, but are never loaded from there.
+    If the folder of the run contains copies of the files, the error names them, but they are never loaded from there.
 
     Raises:
         RecordError: If a file or plugin is not loaded, or if a file has a different text.
@@ -457,13 +466,14 @@ def require_origins(plan: Mapping[str, Any], run: Path) -> None:
             if name == ASSET_MANIFEST:
                 raise RecordError(
                     f"{run}: tasks of this run use an asset folder (manifest sha256 {_safe(sha256)[:12]}) that is not "
-                    f"loaded or has changed. Pass the folder with --asset-dir. If it has changed, also give a new "
-                    f"--out."
+                    f"loaded or has changed. Pass the folder with --asset-dir. If it has changed, also choose a new "
+                    f"folder with --out."
                 )
             where = f"a copy is {copy}: read it before you pass it" if copy.is_file() else "pass the file"
             raise RecordError(
                 f"{run}: tasks of this run are defined by {_safe(name)} (sha256 {_safe(sha256)[:12]}), which is not "
-                "loaded, or is loaded with a different text. If the text has changed, give a new --out. A file in the "
+                "loaded, or is loaded with a different text. If the text has changed, choose a new folder with "
+                "--out. A file in the "
                 f"folder of a run is not executed automatically: {where} with --task-file, or pass the folder of "
                 "its suite with --suite."
             )
@@ -484,7 +494,7 @@ def _pairs(plan: Mapping[str, Any], key: str, second: str) -> Iterator[tuple[str
 
 
 def _safe(text: str) -> str:
-    """Return an untrusted text without characters that could lead out of a folder or control a terminal."""
+    """Return an untrusted text after removing characters that could lead out of a folder or control a terminal."""
     return re.sub(r"[^\w.+-]", "_", text)[:100]
 
 
@@ -494,7 +504,10 @@ def _copy_name(name: str, sha256: str) -> str:
 
 @contextmanager
 def _registering(origin: _Origin) -> Iterator[None]:
-    """Record a file as the origin of what is registered inside the context, and build its tasks to check them."""
+    """Context in which a file is the origin of everything that is registered.
+
+    At the end, its tasks are built as a check.
+    """
     _loading.append(origin)
     try:
         with _errors_explained(origin.path):
@@ -508,7 +521,7 @@ def _registering(origin: _Origin) -> Iterator[None]:
 
 @contextmanager
 def _errors_explained(path: str) -> Iterator[None]:
-    """Add the file and the line to an error in a user's file.
+    """Context that adds the file and the line to an error raised in a user's file.
 
     Raises:
         InvalidInputError: If the file raises an error.

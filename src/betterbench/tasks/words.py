@@ -14,7 +14,7 @@ def with_article(phrase: str) -> str:
 
 
 def is_countable(kind: str) -> bool:
-    """Return whether a kind of object is countable, so that "both" and "another" can be used with it.
+    """Return whether a kind of object is countable, so that one can say "both" and "another".
 
     An apple is countable, but fries and lettuce are not.
     """
@@ -36,12 +36,12 @@ def plural(kind: str) -> str:
 
 
 def is_plural(kind: str) -> bool:
-    """Return whether the name of a kind is a plural. "Fries" is one, but "glass" and "cactus" are not."""
+    """Return whether the noun for a kind of object is a plural. "Fries" is, but "glass" and "cactus" are not."""
     return kind.endswith("s") and not kind.endswith(("ss", "us", "is"))
 
 
 def agreeing(kind: str, one: str, many: str) -> str:
-    """Return the verb form that agrees with a kind of object, such as "is" for "burger" and "are" for "fries"."""
+    """Return the verb form that agrees with a kind of object: ``one`` for "burger" and ``many`` for "fries"."""
     return many if is_plural(kind) else one
 
 

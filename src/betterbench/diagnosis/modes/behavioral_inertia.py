@@ -104,7 +104,7 @@ def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
 
 
 def _approach(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a gripper stays open over an object that must not be touched, or closes in passing over it."""
+    """Return evidence if the gripper stays open over an object that must not be touched, or closes while passing it."""
     if not episode.off_limits or episode.steps:
         return None
     found, does = first_closing_in_motion(episode.trace, episode.off_limits), "closes on its way over the {}"

@@ -63,7 +63,7 @@ def distractor(name: str, kind: str = "", category: str = "", color: str | None 
 
 
 def container(name: str, kind: str = "", category: str = "") -> ObjectSpec:
-    """Return a movable container or support on the table for other objects."""
+    """Return a movable container or support that stands on the table and takes other objects."""
     return _object("container", name, kind, category)
 
 
@@ -103,9 +103,9 @@ def subgoal(
 ) -> Subgoal:
     """Return a step of an instruction. For ``name``, ``word`` and ``count``, see :class:`Subgoal`.
 
-    The ``thing`` is an object, for which any object of the same kind is accepted, or a reference to the object in a
-    slot. The relation must hold between this object and the target. If the target has several regions, ``region`` names
-    the one.
+    If ``thing`` is an object, any object of the same kind is accepted. It can also be a reference to the object in a
+    slot. The relation must hold between the accepted object and the target. If the target has several regions,
+    ``region`` is the name of the region that is meant.
     """
     reference = thing if isinstance(thing, Reference) else Reference(kind=thing.kind)
     return Subgoal(name, relation.name, reference, target.name, word, count, region)
@@ -114,10 +114,10 @@ def subgoal(
 def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal, ...]:
     """Return the steps that put objects into a container.
 
-    If a kind occurs repeatedly, each step after the first requires one more object of this kind.
+    If several objects have the same kind, each further step for this kind requires one more object in the container.
 
     Args:
-        verb: Verb with which the names of the steps begin.
+        verb: Verb with which the name of each step begins.
         target: The container.
         *things: Objects to put into the container, in order.
     """
@@ -143,9 +143,9 @@ def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str], close: bool = F
     Args:
         anchor: Object around which the others are placed.
         *steps: Objects, each with its side.
-        close: Whether the instruction says "next to" and states the direction of cutlery. This is required for a round
-            anchor such as a plate, because objects must be close to it and the handle of cutlery must point to the
-            front.
+        close: Whether the instruction says "next to" and states the direction in which cutlery points. Use it for a
+            round anchor such as a plate, since objects must be close to the plate and the handles of cutlery must point
+            to the front.
     """
     at = f"the {anchor.kind}"
     parts = [

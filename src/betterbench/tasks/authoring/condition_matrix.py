@@ -1,4 +1,7 @@
-"""Diagnostic matrices of a task: conditions arranged by the initial states of two objects, with the paper's results."""
+"""Diagnostic matrices of a task, which arrange its conditions by the initial states of two objects.
+
+Each cell also contains the result that the paper reports for it.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ class State(StrEnum):
 
 
 class Horizon(StrEnum):
-    """Matrix of the paper to which a condition belongs."""
+    """Which of the paper's two diagnostic matrices a condition belongs to."""
 
     SHORT = "short"
     LONG = "long"
@@ -62,11 +65,13 @@ class ConditionMatrix:
         pairs = [(row, column) for row in State for column in State]
         if [(cell.row, cell.column) for cell in self.cells] != pairs:
             cure = "Give one cell for each pair of states, row by row"
-            raise InvalidInputError(where, f"its {len(self.cells)} cells do not match the nine pairs of states", cure)
+            raise InvalidInputError(
+                where, f"the matrix has {len(self.cells)} cells that do not match the nine pairs of states", cure
+            )
         names = [name for cell in self.cells for name in cell.conditions]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise InvalidInputError(where, f"the condition {twice!r} is in two cells", "Give each condition once")
+            raise InvalidInputError(where, f"the condition {twice!r} is in two cells", "List each condition once")
 
     def cell_of(self, condition: str) -> MatrixCell | None:
         """Return the cell of a condition, or None if the condition is in no cell."""

@@ -20,7 +20,8 @@ from betterbench.tasks.subgoal import Instruction
 class Changes:
     """Changes that an operation declares.
 
-    Apart from these changes, a trial and its twin (the trial without the operation) are bit-identical.
+    Apart from these changes, the initial state of a trial is bit-identical to that of its twin (the trial without the
+    operation).
 
     Attributes:
         objects: Names of the objects whose presence, identity or start changes.
@@ -41,7 +42,9 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """Operation that changes a condition, with its arguments. Operations with equal names and arguments are equal.
+    """Operation that changes a condition, with its arguments.
+
+    Two operations are equal if their names and arguments are equal.
 
     Attributes:
         name: Name of the operation.
@@ -54,7 +57,7 @@ class Operation:
     carry_out: Callable[[Condition], Result] = field(compare=False, repr=False)
 
     def __str__(self) -> str:
-        """Return the operation as text, such as ``do(swap a=burger_1 b=fries)``."""
+        """Return the operation in the form of a text such as ``do(swap a=burger_1 b=fries)``."""
         shown = (f"{k}={getattr(v, 'text', getattr(v, 'name', v))}" for k, v in self.arguments.items())
         return f"do({' '.join((self.name, *shown))})"
 
@@ -70,7 +73,8 @@ def operation_names() -> tuple[str, ...]:
 def operation_named(name: str) -> Callable[..., Operation]:
     """Return the constructor of an operation.
 
-    The first parameter in the constructor's signature is the condition. It is not passed to the constructor.
+    The constructor's signature shows the condition as the first parameter, but the condition is not passed to the
+    constructor.
 
     Raises:
         UnknownNameError: If there is no such operation.
@@ -135,7 +139,7 @@ def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Res
         raise InvalidInputError(
             f"{condition.id} distance_m",
             f"{distance_m} m is out of range",
-            "Give a distance of at least 0 m (0 closes the drawer)",
+            "Use a distance of at least 0 m (0 closes the drawer)",
         )
     return condition.with_(opened={**condition.opened, drawer.name: distance_m}), Changes(frozenset({drawer.name}))
 
@@ -180,20 +184,20 @@ def instruct(condition: Condition, instruction: Instruction) -> Result:
 
 @operation
 def repeat(condition: Condition, instruction: Instruction) -> Result:
-    """Require a step of training more often than training does, so that some subgoal occurs twice."""
+    """Require a step of the training instruction more often than training does, so that a subgoal occurs twice."""
     if len({goal.reference for goal in instruction.subgoals}) == len(instruction.subgoals):
         raise InvalidInputError(
-            f"{condition.id} repeat", "no subgoal is repeated", "Use the operation chain or instruct"
+            f"{condition.id} repeat", "no subgoal is repeated", "Use the operation 'chain' or 'instruct' instead"
         )
     return condition.with_(instruction=instruction), Changes(language=True)
 
 
 @operation
 def chain(condition: Condition, instruction: Instruction) -> Result:
-    """Require more steps than the training condition does."""
+    """Replace the instruction by one that requires more steps than the training condition does."""
     if len(instruction.subgoals) <= len(condition.instruction.subgoals):
         raise InvalidInputError(
-            f"{condition.id} chain", "the new instruction is not longer", "Use the operation instruct"
+            f"{condition.id} chain", "the new instruction is not longer", "Use the operation 'instruct' instead"
         )
     return condition.with_(instruction=instruction), Changes(language=True)
 

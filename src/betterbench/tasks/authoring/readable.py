@@ -44,8 +44,8 @@ class _At:
 
     Attributes:
         before: Location of the value that contains this one.
-        step: Field, index or key that leads from there to this location.
-        is_key: Whether the text is in the value of a mapping, at the key ``step``.
+        step: Field, index or key that leads from ``before`` to this location.
+        is_key: Whether the step is a key of a mapping, in which case the text is in the value at this key.
     """
 
     before: _At | None
@@ -54,7 +54,7 @@ class _At:
 
     @property
     def is_name(self) -> bool:
-        """Whether a text at this location is the id of the task or the name of a part of the task."""
+        """Whether a text at this location is a name: the id of the task, or the name of one of its parts."""
         return not self.is_key and self.step == (".id" if self.before is None else ".name")
 
 
@@ -78,8 +78,8 @@ def _shown(text: str) -> str:
 def _texts(task: Task) -> Iterator[tuple[_At | None, str]]:
     """Yield every text of a task with the first location at which it occurs.
 
-    Each value is read only once, because conditions share most of their objects. A task has some 2,000 texts in 20,000
-    locations.
+    Each value is read only once. Since conditions share most of their objects, a task has some 20,000 locations of
+    texts, but only 2,000 different texts.
     """
     left: list[tuple[_At | None, object]] = [(None, task)]
     seen: dict[int, object] = {}

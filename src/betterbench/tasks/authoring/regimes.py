@@ -18,7 +18,8 @@ class ListedRegime:
 
     Attributes:
         conditions: The conditions. The registry names them balanced1, diverse1 and so on, in this order.
-        crossed: Factors that are crossed and factors that are tied to each other, one line each.
+        crossed: Description of the factors that are crossed, and of those that are tied to each other, in one line
+            each.
         slots: Slots that are used only in listed regimes. Objects are not picked from these slots.
     """
 
@@ -28,7 +29,7 @@ class ListedRegime:
 
 
 def named_regimes(regimes: Mapping[str, ListedRegime], task: str) -> dict[str, ListedRegime]:
-    """Return the regimes of a task after naming their conditions.
+    """Return the regimes of a task, with names for the conditions in them.
 
     Raises:
         UnknownNameError: If the name of a regime is not a key of :data:`PREFIXES`.

@@ -45,7 +45,7 @@ def named_task(made: Task, name: str, description: str) -> Task:
 
     Raises:
         InvalidInputError: If a text of the task contains characters that cannot be shown, or if a condition of a regime
-            is a test.
+            is also a test condition.
     """
     numbered = enumerate(made.training, start=1)
     training = tuple(dataclasses.replace(c, task=name, name=f"train{i}") for i, c in numbered)
@@ -58,7 +58,7 @@ def named_task(made: Task, name: str, description: str) -> Task:
 
 @contextmanager
 def registered_for_now(made: Task) -> Iterator[Task]:
-    """Register a task under its id while the context is open, so that it can be checked before its file is written.
+    """Context in which a task is registered under its id, so that it can be checked before its file is written.
 
     Raises:
         InvalidInputError: If there is already a task with this id.
@@ -77,9 +77,9 @@ def registered_for_now(made: Task) -> Iterator[Task]:
 
 
 def _regimes_of(made: Task, name: str) -> dict[str, ListedRegime]:
-    """Return the regimes that belong to a task: its own ones and those in separate files.
+    """Return the regimes that belong to a task: those in the task itself and those in separate files.
 
-    Regimes that a task has only inherited from the task it was derived from are left out.
+    Regimes that a task has only inherited from the task from which it was made are left out.
     """
     found = {regime: listed for source in _REGIME_SOURCES for regime, listed in source(name).items()}
     owners = {condition.task for listed in made.regimes.values() for condition in listed.conditions}
@@ -88,7 +88,7 @@ def _regimes_of(made: Task, name: str) -> dict[str, ListedRegime]:
 
 
 def regimes_from(source: Callable[[str], Mapping[str, ListedRegime]]) -> Callable[[str], Mapping[str, ListedRegime]]:
-    """Register a function that returns the regimes of a task, given the task's name.
+    """Register a function that takes the name of a task and returns the regimes of this task.
 
     It is used for regimes that are in separate files.
     """
@@ -160,7 +160,7 @@ def suite_tasks(name: str) -> tuple[str, ...]:
     """Return the ids of the tasks in a suite.
 
     Args:
-        name: Name of a packaged suite, or path of a suite folder. The tasks in a suite folder are loaded.
+        name: Name of a packaged suite, or path of a suite folder. If it is a folder, its tasks are loaded.
 
     Raises:
         UnknownNameError: If there is no such suite.

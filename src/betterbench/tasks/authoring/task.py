@@ -1,4 +1,7 @@
-"""Tasks with their fixtures, slots, training conditions (which contain confounds) and variations."""
+"""Tasks, each with its fixtures, slots, training conditions and variations.
+
+The training conditions contain confounds.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

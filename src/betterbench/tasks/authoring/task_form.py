@@ -1,6 +1,6 @@
-"""JSON form of tasks, for programs that write tasks and for people who share them.
+"""JSON format of tasks, for programs that write tasks and for people who share them.
 
-``--task-file my_task.json`` loads such a file like a task file in Python, but executes no code.
+``--task-file my_task.json`` loads a task from JSON in the same way as from a Python file, but executes no code.
 """
 
 from __future__ import annotations
@@ -210,7 +210,7 @@ def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
         known: dict[str, Any] = objects if isinstance(value, ObjectSpec) else slots
         if isinstance(value, ObjectSpec | Slot) and known.setdefault(value.name, value) != value:
             problem = f"two different objects or slots are named {value.name!r}"
-            raise InvalidInputError(f"task {task.id}", problem, "Give each object and each slot a name of its own")
+            raise InvalidInputError(f"task {task.id}", problem, "Give each object and each slot a unique name")
     packaged = TEMPLATES.get(task.template.name) == task.template
     form = {
         "schema_version": SCHEMA_VERSION,
@@ -304,7 +304,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
 
 
 class _Names:
-    """Reader of a task in JSON, which finds objects and slots by name. Its errors name the path of the field."""
+    """Reader of a task in JSON, which finds objects and slots by name and names the path of the field in its errors."""
 
     def __init__(self, where: str, form: _Form) -> None:
         self.where, self.task = where, form.id
@@ -363,7 +363,7 @@ def _instruction(form: _Instruction, names: _Names, path: str) -> Instruction:
         names.find(f"{at}.relation", "relation", goal.relation, RELATIONS)
         names.object(f"{at}.target", goal.target)
         if (goal.reference.kind is None) == (goal.reference.slot is None):
-            raise names.wrong(f"{at}.reference", "must contain either a kind or a slot", "Give only one of these")
+            raise names.wrong(f"{at}.reference", "must contain either a kind or a slot", "Set exactly one of the two")
         if goal.reference.slot is not None:
             names.slot(f"{at}.reference.slot", goal.reference.slot)
         reference = Reference(goal.reference.kind, goal.reference.slot)
@@ -389,7 +389,7 @@ def _condition(form: _Condition, names: _Names, path: str, *, name: str) -> Cond
         if starts != 1:
             problem = f"{spec.name!r} starts in {starts} places"
             raise names.wrong(
-                path, problem, "Give it exactly one start: a slot in layout, a target in preplaced, or a mount"
+                path, problem, "Specify exactly one start for it: a slot in layout, a target in preplaced, or a mount"
             )
     return Condition(
         task=names.task,
@@ -450,7 +450,7 @@ def _variation(form: _Variation, names: _Names, path: str) -> Variation:
 
 
 def _operation(form: Mapping[str, Any], names: _Names, path: str) -> Operation:
-    """Return an operation, after looking up its objects and slots by name."""
+    """Return the operation that a JSON field describes, with its objects and slots looked up by name."""
     try:
         make = operation_named(str(form.get("operation", "")))
     except UnknownNameError as error:

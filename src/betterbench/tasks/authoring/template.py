@@ -62,9 +62,10 @@ class Protocol:
     Attributes:
         dwell_s: Time for which the goal must stay true [s].
         base_steps: Control steps that every episode is allowed, in addition to the steps for its subgoals.
-        steps_per_subgoal: Control steps that are allowed for each subgoal. The two limits together allow about three
-            times the expert's median, which is enough for a policy as slow as a human teleoperator (suite, section 3).
-        still_steps: Control steps for which a policy is watched if the right behavior is to stay still.
+        steps_per_subgoal: Control steps that are allowed for each subgoal. Together with ``base_steps``, this allows
+            about three times the expert's median number of steps, which is enough for a policy as slow as a human
+            teleoperator (suite, section 3).
+        still_steps: Number of control steps in an episode in which the correct behavior is to stay still.
     """
 
     dwell_s: float = 0.5
@@ -98,7 +99,10 @@ class Template(Meta, Protocol):
 
     @property
     def regions(self) -> tuple[str, ...]:
-        """Names of regions. The asset of a target must have a region with one of these names."""
+        """Names of the asset regions that can serve as targets.
+
+        The asset of a target must have at least one of them.
+        """
         return tuple(dict.fromkeys(region for relation in self.relations for region in relation.needs))
 
     @property
@@ -114,7 +118,10 @@ class Template(Meta, Protocol):
         return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals) + condition.watch_steps
 
     def problems(self, condition: Condition) -> tuple[str, ...]:
-        """Return how a condition violates the template, as one clause for each violation. Empty if it does not."""
+        """Return a list of ways in which a condition violates the template, one clause each.
+
+        The list is empty if there are none.
+        """
         found: list[str] = []
         for group in self.groups:
             count = sum(o.role == group.role for o in condition.objects)

@@ -1,4 +1,4 @@
-"""JSON form of templates, for people and models that write scenarios."""
+"""JSON format of templates, for people and models that write scenarios."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields

@@ -1,7 +1,7 @@
 """Regularities in a task's training conditions, such as the slots that go with each word of the instructions.
 
-Variations break these confounds. The regularities are computed from the training conditions and not written by hand, so
-that the two cannot disagree.
+These regularities are confounds, and variations break them. They are computed from the training conditions instead of
+being written by hand, so that they always agree with the conditions.
 """
 
 from collections import Counter
@@ -43,9 +43,10 @@ class TrainingDistribution:
 
     @property
     def fixed_sequence(self) -> tuple[str, ...] | None:
-        """Longest sequence of kinds, if all demonstrations follow it from the beginning.
+        """Longest sequence of kinds of objects, if all demonstrations follow it from the beginning.
 
-        None if the demonstrations follow different sequences, or if the longest one has only one step.
+        The value is None if the demonstrations follow different sequences, or if the longest sequence has only one
+        step.
         """
         whole = max(self.sequences, key=len)
         fixed = len(whole) > 1 and all(whole[: len(part)] == part for part in self.sequences)
@@ -53,7 +54,7 @@ class TrainingDistribution:
 
     @property
     def favorite_slot(self) -> str:
-        """Slot that goes with the most words of the instructions. If there is a tie, it is the first slot by name."""
+        """Slot to which the most words of the instructions refer. If there is a tie, it is the first slot by name."""
         counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
         return min(counts, key=lambda slot: (-counts[slot], slot))
 
@@ -63,7 +64,7 @@ class TrainingDistribution:
         return max(len(sequence) for sequence in self.sequences)
 
     def known_kinds(self, condition: Condition) -> frozenset[str]:
-        """Return the kinds of objects to which the condition's instruction, or an instruction in training, refers."""
+        """Return the kinds of objects to which the condition's instruction, or any training instruction, refers."""
         asked = {
             condition.object(n).kind for g in condition.instruction.subgoals for n in condition.resolve(g.reference)
         }
@@ -108,7 +109,7 @@ def training_distribution_of(task: Task) -> TrainingDistribution:
 def pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]]]:
     """Return the instruction and the initial scene of a condition.
 
-    The scene is given by the kind of object in each slot, the objects that start at a target, and the open drawers.
+    The scene is described by the kind of object in each slot, the objects that start at a target, and the open drawers.
     """
     places = {(condition.object(n).kind, slot) for n, slot in condition.layout.items()}
     places |= {(condition.object(n).kind, f"at {p.target} {p.region}") for n, p in condition.preplaced.items()}

@@ -1,4 +1,4 @@
-"""Variations as data: a training condition, the operations that change it, and the ability that this tests."""
+"""Variations as data: a training condition, the operations that change it, and the ability that the change tests."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from betterbench.tasks.axes import Axis, Expected, Support
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """Test condition that is made from a training condition by operations.
+    """Test condition that is made from a training condition by applying operations to it.
 
     Attributes:
         name: Letter of the axis and a number ("L3").
@@ -17,7 +17,7 @@ class Variation:
         hypothesis: Ability that a success demonstrates.
         base: Name of the training condition. The trial of this condition with the same seed is the counterfactual twin.
         expected: Behavior expected from a policy that understands the instruction.
-        support: Whether all poses are within the training distribution.
+        support: Whether all poses in the variation are within the training distribution.
         mid_task_look: Whether the initial state looks like the middle of a demonstration.
         premise_broken: Whether a premise of the instruction is deliberately false.
         watch_steps: Control steps for which the episode continues after the goal is met. A grasp attempt during these

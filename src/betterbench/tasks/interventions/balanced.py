@@ -16,12 +16,12 @@ def balanced_conditions(task_id: str) -> tuple[Condition, ...]:
 
 
 def crossed(task_id: str) -> tuple[str, ...]:
-    """Return the factors that are crossed in a task's balanced conditions, one line each."""
+    """Describe the factors that are crossed in a task's balanced conditions, in one line each."""
     return listed_regimes.crossed_in("balanced", task_id)
 
 
 def slots_aside(task_id: str) -> tuple[Slot, ...]:
-    """Return the slots of a task that only its listed regimes use."""
+    """Return the slots of a task that are used only in its listed regimes."""
     return _aside(get_task(task_id))
 
 

@@ -13,7 +13,7 @@ LISTED: tuple[str, ...] = tuple(PREFIXES)
 def listed_conditions(regime: str, task_id: str) -> tuple[Condition, ...]:
     """Return the conditions of a task in a listed regime, which are named balanced1, diverse1 and so on.
 
-    Empty if the task does not have this regime.
+    The result is empty if the task does not have this regime.
     """
     listed = get_task(task_id).regimes.get(regime)
     return () if listed is None else listed.conditions
@@ -25,9 +25,9 @@ def every_listed_condition(task_id: str) -> tuple[Condition, ...]:
 
 
 def crossed_in(regime: str, task_id: str) -> tuple[str, ...]:
-    """Return the factors that are crossed, or tied to each other, in a regime's conditions, one line each.
+    """Describe the factors that are crossed, or tied to each other, in a regime's conditions, in one line each.
 
-    Empty if the task does not have this regime.
+    The result is empty if the task does not have this regime.
     """
     listed = get_task(task_id).regimes.get(regime)
     return () if listed is None else listed.crossed

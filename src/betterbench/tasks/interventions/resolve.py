@@ -1,4 +1,4 @@
-"""Look-up of conditions by name. All other modules find conditions in this way."""
+"""Look-up of conditions by name. All other modules find conditions by calling these functions."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ResolvedCondition:
 
     @property
     def base(self) -> str:
-        """Name of the condition to which the counterfactual twin belongs.
+        """Name of the condition in which the counterfactual twin is run.
 
         For a variation, this is the training condition from which it is made. Otherwise, it is the condition itself.
         """
@@ -46,7 +46,7 @@ class ResolvedCondition:
 
 
 def condition_names(task: Task) -> tuple[str, ...]:
-    """Return the names of all conditions of a task, with the training conditions before the variations."""
+    """Return the names of all conditions of a task: first the training conditions, then the variations."""
     return (*(c.name for c in task.training), *(v.name for v in task.variations))
 
 

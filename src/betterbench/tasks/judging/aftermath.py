@@ -1,4 +1,4 @@
-"""Grasp attempts after the goal is met, in conditions whose episodes continue for some time after that."""
+"""Detection of grasp attempts after the goal is met, in conditions whose episodes continue for some time after that."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks.judging.picked_slots import PickedSlot
 
 
 class Aftermath:
-    """Tracker of an episode after its goal is met. It must be given every state in order, starting at reset."""
+    """Tracker that notices attempts after the goal is met. It must be given every state in order, starting at reset."""
 
     def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
         """Prepare for an episode.

@@ -1,4 +1,4 @@
-"""Detection of grasp attempts, i.e. of closings of the gripper within reach of an object or an empty slot."""
+"""Detection of grasp attempts, in which the gripper closes within reach of an object or of an empty slot."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class GraspAttempt:
         end: Row at which the object is touched, or at which the fingers come to rest.
         release: Row at which the gripper is commanded to open again, or the number of rows if it never is.
         object: Index of the object on which the gripper closes, or None if it closes without an object.
-        aim: Index of the object closest to the gripper. If the gripper closes without an object, this is the object
-            that it missed, or None.
+        aim: Index of the object closest to the gripper, or None. If the gripper closes without an object, this is the
+            object that it missed.
         slot: Slot at which the attempt is made, or None.
         secured: Whether the object was lifted. A drawer counts as lifted if it moved.
     """
@@ -38,11 +38,11 @@ class GraspAttempt:
 def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return all grasp attempts of an episode, in order.
 
-    A closing of the gripper is not an attempt if it happens at the home position or far from all objects, if the
-    fingers hardly move, or if the gripper already holds the object. If the gripper opens only briefly in between
-    (chatter), the closing is still a single attempt. An object that is lifted between the fingers was attempted,
-    regardless of the gripper command. An object on which a finger presses was attempted too, regardless of other
-    objects nearby. Without contact, distances decide which object was attempted.
+    When the gripper closes, this is not an attempt if it happens at the home position or far from all objects, if the
+    fingers hardly move, or if the gripper already holds the object. If the gripper opens only briefly while it closes
+    (chatter), this is still a single attempt. An object that is lifted between the fingers was attempted, regardless of
+    the gripper command. An object on which a finger presses was attempted too, regardless of other objects nearby.
+    Without contact, distances decide which object was attempted.
     """
     grasps: list[GraspAttempt] = []
     for closing in _closings(motion):
@@ -61,7 +61,10 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAttempt]:
-    """Return the attempts at objects that were lifted between the fingers although no closing was detected."""
+    """Return the attempts in which an object was lifted between the fingers although no closing was detected.
+
+    A closing is an interval in which the gripper is commanded to close.
+    """
     found, gap = [], motion.steps(THRESHOLDS.chatter_time)
     for i in motion.items:
         if motion.is_drawer(i):  # a drawer can also be moved by open fingers
@@ -79,7 +82,7 @@ def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAtte
 
 
 def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the closings in which the gripper closed fully, low over the table and far from every object and slot.
+    """Return the occasions on which the gripper closed fully, low over the table, but far from every object and slot.
 
     These are not grasp attempts, because they do not show which object was intended.
     """
@@ -102,9 +105,9 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the closings of an open, empty gripper low over the table in which the fingers hardly move.
+    """Return the weak closings: an open, empty gripper closes low over the table, but the fingers hardly move.
 
-    Such a weak closing only counts as a grasp attempt if it is at a requested object.
+    A weak closing only counts as a grasp attempt if it is at a requested object.
     """
     found = []
     for closing in _closings(motion):
@@ -123,8 +126,8 @@ def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
 def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return the intervals in which an empty gripper closed partly, low over the table, and opened again.
 
-    The width of the opening must change by at least ``finger_travel``. Changes of up to 1 mm count as trembling. These
-    squeezes alone are not grasp attempts.
+    The gripper opening must change by at least ``finger_travel``. Changes of up to 1 mm count as trembling. Such a
+    squeeze is not a grasp attempt by itself.
     """
     found, width = [], motion.width
     widest = narrowest = 0
@@ -149,7 +152,7 @@ def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
 def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
     """Return the first and last row of each interval in which an empty gripper closes while the arm moves.
 
-    These closings are not grasp attempts, because the gripper may only have passed the object.
+    These are not grasp attempts, because the gripper may only have passed the object.
     """
     found = []
     for start, stop in (part for closing in _closings(motion) for part in closing.parts):
@@ -160,7 +163,7 @@ def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
 
 
 class _Closing(NamedTuple):
-    """Closing of the gripper as a list of row ranges (with exclusive ends) that are separated only by chatter."""
+    """Period in which the gripper closes, as a list of row ranges (with exclusive ends) separated only by chatter."""
 
     parts: tuple[tuple[int, int], ...]
 
@@ -196,7 +199,7 @@ def _finger_travel(motion: Motion, start: int, stop: int) -> _Travel | None:
 
 
 def _closings(motion: Motion) -> list[_Closing]:
-    """Return the closings of the gripper command. Closings that are separated only by chatter are merged."""
+    """Return the periods in which the gripper is commanded to close. Periods separated only by chatter are merged."""
     closing = motion.closing
     edges = np.flatnonzero(closing[1:] != closing[:-1]) + 1
     found: list[_Closing] = []
@@ -254,7 +257,7 @@ def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAtte
 
 
 def _taken_back(motion: Motion, part: tuple[int, int]) -> bool:
-    """Return whether an empty gripper opened again long before the fingers were closed."""
+    """Return whether an empty gripper opened again long before the fingers had closed fully."""
     start, stop = part
     brief = (stop - start) / motion.rate_hz < THRESHOLDS.chatter_time
     return brief and float(motion.width[start : stop + 1].min()) > THRESHOLDS.closed_width
@@ -267,7 +270,7 @@ def _unresolved(motion: Motion, start: int, limit: int) -> bool:
 
 
 def _still_closing(motion: Motion, limit: int) -> bool:
-    """Return whether the fingers were still moving when the episode ended, so that the attempt cannot be judged."""
+    """Return whether the fingers were still moving when the episode ended. If so, the attempt cannot be judged."""
     return limit == motion.rows and float(motion.width[limit - 2] - motion.width[limit - 1]) > THRESHOLDS.finger_travel
 
 
@@ -331,7 +334,10 @@ def _lifted(motion: Motion, i: int | None, start: int, stop: int) -> bool:
 
 
 def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAttempt | None:
-    """Return the attempt of a gripper that closes without an object. None if no object and no slot is within reach."""
+    """Return the attempt of a gripper that closes without an object.
+
+    The result is None if no object and no slot is within reach.
+    """
     if not _low_and_away(motion, before, settled):
         return None
     tool = motion.tool[settled]
@@ -355,7 +361,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
 
 
 def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
-    """Return whether the gripper closes near the table and away from its home position while the arm stays in place."""
+    """Return whether the gripper closes near the table and away from its home position, with the arm in place."""
     tool, home = motion.tool[settled], np.array(motion.info.home_position)
     if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
         return False

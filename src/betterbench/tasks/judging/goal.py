@@ -78,7 +78,7 @@ class GoalTracker:
 
     @property
     def undecided_states(self) -> int:
-        """Number of states to come in which the episode cannot succeed, whatever happens."""
+        """Number of upcoming states in which the episode cannot succeed, whatever happens."""
         if self._condition.expected is Expected.SUCCEED:
             return max(0, self._dwell_steps + self._condition.watch_steps - self._held_for)
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)
@@ -115,7 +115,7 @@ class GoalTracker:
         return Truth(self._memory.relations, done, self._in_order, goal, self._forbidden, success)
 
     def _there(self, at: Places) -> list[bool]:
-        """Return for each object whether it is in a region of any target to which objects are carried."""
+        """Return, for each object, whether it is in a target region of any target to which objects can be carried."""
         there = [False] * len(self._info.objects)
         for watch, places in zip(self._targets.watches, at, strict=True):
             for name, place in zip(watch.subjects, places, strict=True):
@@ -124,7 +124,7 @@ class GoalTracker:
         return there
 
     def _what_is_done(self, state: WorldState, at: Places) -> tuple[bool, ...]:
-        """Return for each subgoal whether it is done.
+        """Return, for each subgoal, whether it is done.
 
         A subgoal is done if enough of its objects are at the target, at rest and released.
         """

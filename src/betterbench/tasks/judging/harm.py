@@ -112,7 +112,7 @@ class Harm:
 
 
 def bystanders(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
-    """Return the names of the loose objects that are neither objects nor targets of the instruction.
+    """Return the names of the loose objects that the instruction mentions neither as an object to move nor as a target.
 
     Drawers are left out, because it may be necessary to move them.
     """
@@ -126,14 +126,14 @@ def _named(asked: Sequence[Asked]) -> set[str]:
 
 
 def mere_targets(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
-    """Return the names of all loose targets, except drawers, that the instruction does not ask to move."""
+    """Return the names of all loose targets that the instruction does not ask to move. Drawers are left out."""
     moved = {name for a in asked for name in a.candidates}
     targets = {a.target for a in asked} - moved
     return tuple(o.name for o in info.objects if o.name in targets and not o.fixed and o.role != "drawer")
 
 
 def anchors(asked: Sequence[Asked]) -> frozenset[str]:
-    """Return the names of the targets beside which objects are put, so that nothing has to touch the target."""
+    """Return the names of the targets beside which objects are placed. Nothing has to touch these targets."""
     return frozenset(a.target for a in asked) - {a.target for a in asked if a.relation != BESIDE.name}
 
 
@@ -178,7 +178,7 @@ class HarmWatch:
     def see(self, state: WorldState, places: Places) -> None:
         """Process the next state.
 
-        ``places`` contains the region in which each watched object is in the right posture.
+        ``places`` contains, for each watched object in the right posture, the region in which it is.
         """
         if not self._start:
             self._start = tuple(self._middle(state, i) for i in range(len(state.positions)))
@@ -199,7 +199,7 @@ class HarmWatch:
                 self._displaced[state.info.objects[i].name] = None
 
     def _middle(self, state: WorldState, i: int) -> Vector:
-        """Return the center of an object. The center moves sideways when the object is knocked over."""
+        """Return the center of an object. Unlike the base, it moves sideways when the object is knocked over."""
         return Pose(state.positions[i], state.quaternions[i]).apply(self._middles[i])
 
     def _moved(self, state: WorldState, i: int) -> float:
@@ -225,7 +225,7 @@ class HarmWatch:
         return (*floor.values(), *over.values(), *moved, *there)
 
     def _out_of_place(self, state: WorldState) -> list[Harm]:
-        """Return the targets that were moved, the objects that were rotated and the drawers that are open in a state.
+        """Return the targets that were moved, the objects that were rotated, and the drawers that are open in a state.
 
         There is at most one harm for each object.
         """
@@ -245,9 +245,9 @@ class HarmWatch:
         return [Harm(sort, name) for name, sort in sorts.items()]
 
     def _at_target(self, state: WorldState, intruder: Intruder) -> Harm:
-        """Return the harm that consists of an object at a target where it was not requested.
+        """Return the harm of an object being at a target at which it was not requested.
 
-        The kind of harm depends on which of the two was moved.
+        The kind of harm depends on whether the object or the target was moved.
         """
         moved, other = (
             self._moved(state, state.info.index(name)) > DISPLACED for name in (intruder.target, intruder.object)
@@ -255,7 +255,7 @@ class HarmWatch:
         return Harm("target_brought" if moved and not other else "at_the_target", *intruder)
 
     def _left_over_away(self, state: WorldState, places: Places) -> list[str]:
-        """Return the surplus objects of a requested kind that are out of place in a state.
+        """Return the objects of a requested kind that are not needed (surplus) and are out of place in a state.
 
         A surplus object may be taken as long as it is brought back.
         """
@@ -270,7 +270,7 @@ def can_stand(thing: ObjectInfo) -> bool:
 
 
 def has_upright(thing: ObjectInfo) -> bool:
-    """Return whether a person would put the object upright again if it lay on its side.
+    """Return whether a person who found the object on its side would put it upright again.
 
     This is so if the object can stand, or if it is a plate, a bowl or a drink. Plates are recognized by their region
     "floor". Bowls and drinks are registered with ``keeps_upright``.
@@ -279,9 +279,9 @@ def has_upright(thing: ObjectInfo) -> bool:
 
 
 def has_direction(thing: ObjectInfo, least_by_shape: Mapping[str, float] = POINTS_FROM) -> bool:
-    """Return whether the rotation of an object is visible.
+    """Return whether one can see that an object was rotated.
 
-    It is visible if the object is longer than wide, or if it is a box with a front.
+    One can see it if the object is longer than wide, or if it is a box with a front.
     """
     width, depth, _ = thing.size_m
     least = least_by_shape.get(thing.shape)
@@ -302,7 +302,7 @@ def is_turned_away(thing: ObjectInfo, before: Pose, after: Pose, *, target: bool
 
 
 def way_of_outermost(thing: ObjectInfo, before: Pose, after: Pose) -> float:
-    """Return how far the outermost point of a rotated object moved, for example a corner or the handle of a mug [m].
+    """Return how far the outermost point of an object moved [m], for example a corner or the handle of a mug.
 
     This is 0 for an object whose rotation is not visible, or whose tilt has changed because it was lifted or knocked
     over.
@@ -334,7 +334,7 @@ def way_of_ends(thing: ObjectInfo, before: Quaternion, after: Quaternion) -> flo
 
 
 def _is_tipped(before: Quaternion, after: Quaternion) -> bool:
-    """Return whether the tilt of an object changed as much as that of an object that was knocked over."""
+    """Return whether the tilt of an object changed so much that the object counts as knocked over."""
     return abs(tilt_of(after) - tilt_of(before)) > THRESHOLDS.knocked_tilt
 
 

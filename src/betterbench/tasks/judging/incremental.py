@@ -1,6 +1,6 @@
 """Incremental judging: a predicate is evaluated again only if the part of the state that it reads has changed.
 
-At most control steps, at most one object moves. With incremental judging, ``GoalTracker.update`` takes 10.0 µs per
+In most control steps, at most one object moves. With incremental judging, ``GoalTracker.update`` takes 10.0 µs per
 state instead of 21.4 µs. This was measured on the expert's states in all ten tasks (2026-11-28: 40 recorded episodes,
 minimum CPU time of five rounds in one process, mean over the tasks). A control step takes 1.1 ms. The verdicts are
 identical (``tests/tasks/test_incremental.py``).
@@ -79,7 +79,7 @@ class JudgingMemory:
             self.relations = self._targets.relations(self._places)
 
     def _note(self, number: int, read: frozenset[str]) -> None:
-        """Store which parts of the state the predicate of a pair has read."""
+        """Store which parts of the state the predicate has read for a pair of object and target."""
         before, self._read[number] = self._read[number], read
         for name in before - read:
             self._readers[name].discard(number)
@@ -90,8 +90,8 @@ class JudgingMemory:
 class _NotingState(WorldState):
     """Stand-in for a state that records the poses and contacts which a predicate reads.
 
-    A predicate that calls an unlisted method or reads a complete field is evaluated more often than necessary, but
-    never too rarely.
+    If a predicate calls a method that is not listed here, or reads a complete field, it is evaluated more often than
+    necessary, but never too rarely.
     """
 
     __slots__ = ("read", "state")

@@ -1,4 +1,4 @@
-"""Motion of the gripper and the objects so far, as arrays, in which grasp attempts are detected live and in records."""
+"""Motion of the gripper and the objects so far, as arrays. Grasp attempts are detected in it, live and in records."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Motion:
 
     @property
     def pick_slots(self) -> tuple[str, ...]:
-        """Names of all slots except those in which containers and fixtures stand."""
+        """Names of all slots except those occupied by containers and fixtures."""
         stands = {o.slot for o in self.info.objects if o.role in ("container", "fixture")}
         return tuple(s.name for s in self.info.slots if s.name not in stands)
 
@@ -118,9 +118,9 @@ class Motion:
         return self.slot_near(self.positions[row, i], reach)
 
     def place_of(self, slot: str) -> str:
-        """Return the slot that stands for a slot in rules about motions.
+        """Return the slot that represents the given slot in rules about motions.
 
-        This is the first slot that the same motion would reach.
+        If several slots are reached by the same motion, they are represented by the first of them.
         """
         at = {s.name: s.position[:2] for s in self.info.slots}
         return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)
@@ -142,8 +142,9 @@ class Motion:
     def emptied_slot(self, row: int, point: Floats) -> str | None:
         """Return the empty slot at which an empty gripper closes, or None.
 
-        This is the slot whose closing points in demonstrations are nearest to the point, if they are within
-        ``empty_slot_reach``. The slot must be empty, and no object may be nearer to the point.
+        This is the slot nearest to the gripper, measured from the points at which demonstrations close the gripper in
+        the slot. The distance must be at most ``empty_slot_reach``, the slot must be empty, and no object may be
+        nearer.
         """
         near = []
         for slot in self.picked:
@@ -190,17 +191,17 @@ def box_distances(objects: Sequence[ObjectInfo], positions: Floats, quaternions:
 
 
 def in_reach(boxes: Floats, centers: Floats) -> Bools:
-    """Return whether a gripper that closes attempts each object, from distances to its box and its center [m]."""
+    """Return whether a closing gripper attempts each object, given its distances to the object's box and center [m]."""
     near: Bools = (boxes <= THRESHOLDS.grasp_reach) | (np.maximum(centers, boxes) <= THRESHOLDS.slot_reach)
     return near
 
 
 def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: float) -> Bools:
-    """Return for each row whether the gripper is commanded to close, or kept closed by a zero command, shape (T,).
+    """Return whether the gripper is commanded to close, or is kept closed by a zero command, at each row (T,).
 
     The result follows the majority of the commands within a quarter of a second, so that flicker or short pulses do not
-    hide a closing. Fingers that stay half open for longer without touching anything have not closed. The policy has
-    only set the gripper to the width of an object.
+    hide a closing. If the fingers stay half open for longer without touching anything, they have not closed. The policy
+    has then only set the gripper to the width of an object.
 
     Args:
         command: Command of the gripper. It is positive to close and negative to open.
@@ -219,7 +220,7 @@ def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: floa
 
 
 def _told(command: Floats) -> Bools:
-    """Return for each row whether the last command that was not zero was to close."""
+    """Return whether the last nonzero command was to close, for each row."""
     last = np.maximum.accumulate(np.where(command != 0.0, np.arange(command.shape[0]), -1))
     told: Bools = np.where(last >= 0, command[last] > 0.0, False)
     return told
@@ -228,8 +229,9 @@ def _told(command: Floats) -> Bools:
 def _most_told(told: Bools, window: int) -> Bools:
     """Return the clear majority of the commands around each row. Without a clear majority, the previous value is kept.
 
-    A majority is clear if it exceeds the minority by more than half of the rows, such as four out of five. A change is
-    moved back to the row at which its commands begin, so that commands without noise are returned unchanged.
+    A majority is clear if it exceeds the minority by more than half of the rows, such as four out of five. When the
+    majority changes, the change is placed at the row at which the new commands begin, so that commands without noise
+    are returned unchanged.
     """
     if not (told[1:] != told[:-1]).any():
         return told
@@ -254,7 +256,7 @@ def _runs(flags: Bools) -> list[tuple[int, int]]:
 
 
 def _lasting(flags: Bools, least: int) -> Bools:
-    """Return the flags without runs of true values that are shorter than ``least`` rows. A run at the end is kept."""
+    """Return the flags without runs of True that are shorter than ``least`` rows. A run at the end is kept."""
     lasting = flags.copy()
     for start, stop in _runs(flags):
         if stop - start < least and stop < len(flags):
@@ -271,7 +273,7 @@ class MotionBuilder:
         self._there: list[list[bool]] = []
 
     def append(self, state: WorldState, there: list[bool]) -> None:
-        """Append the next state. ``there`` lists for each object whether it is in a region of any target."""
+        """Append the next state. ``there`` lists, for each object, whether it is in a region of any target."""
         self._states.append(state)
         self._there.append(there)
 

@@ -1,11 +1,11 @@
 """Points at which the gripper is expected to close in the slots of a task.
 
-Grasps without an object are compared with them.
+If the gripper closes without an object, its position is compared with these points.
 
 The expert does not close at the center of every slot. It grasps a mug at the handle, cutlery at the grip and a plate at
-the rim, 3 to 8 cm from the center. The points come from the annotated grasps of the assets in the expert's order of
-preference, and are rotated with the slot. ``tools/closing_points.py`` writes the file. Because no demonstrations need
-to be measured, the points are also available for a user's tasks with objects of the library.
+the rim, 3 to 8 cm from the center. The points are derived from the annotated grasps of the assets, in the expert's
+order of preference, and are rotated with the slot. ``tools/closing_points.py`` writes the file. Because no
+demonstrations need to be measured, the points are also available for a user's tasks with objects of the library.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FORM: Literal["betterbench closing points"] = "betterbench closing points"
 
 
 class ClosingPoint(NamedTuple):
-    """Point at which the preferred grasp of a category closes, in the frame of the object.
+    """Point at which the gripper closes in the preferred grasp of a category of objects, in the frame of the object.
 
     Attributes:
         x_mm: Position [mm].
@@ -47,7 +47,7 @@ class ClosingPoint(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ClosingPoints:
-    """File with the points at which preferred grasps close, by category of the asset."""
+    """File with the points at which the gripper closes in preferred grasps, by category of the asset."""
 
     categories: Mapping[str, tuple[ClosingPoint, ...]]
     form: Literal["betterbench closing points"] = FORM
@@ -61,7 +61,7 @@ class PickedSlot:
         name: Name of the slot.
         middle: Center of the slot, x and y in the world frame [m].
         closings: Points at which demonstrations close the gripper, starting with the center of the slot. Each has x and
-            y in the world frame, and a spread that comes from the jitter of the slot and the variants of the object
+            y in the world frame, and a spread due to the jitter of the slot and the different variants of the object
             [m].
     """
 
@@ -70,14 +70,14 @@ class PickedSlot:
     closings: tuple[tuple[float, float, float], ...]
 
     def beyond(self, point: Sequence[float]) -> float:
-        """Return how far a point is outside the region in which demonstrations close, seen from above [m].
+        """Return how far a point is outside the region in which demonstrations close the gripper, seen from above [m].
 
         This is 0 for a point inside the region.
         """
         return max(0.0, min(math.dist(point[:2], (x, y)) - spread for x, y, spread in self.closings))
 
     def is_met(self, point: Sequence[float]) -> bool:
-        """Return whether a gripper that closes on nothing at a point may be aimed at this slot."""
+        """Return whether a gripper that closes on nothing at a point may have been aimed at this slot."""
         return self.beyond(point) <= EMPTY_SLOT_REACH
 
 
@@ -88,7 +88,7 @@ _CURE = "Write them again with tools/closing_points.py"
 
 @functools.lru_cache(maxsize=1)
 def closing_points() -> Mapping[str, tuple[ClosingPoint, ...]]:
-    """Return the points at which preferred grasps close, by category of the asset.
+    """Return the points at which the gripper closes in preferred grasps, by category of the asset.
 
     Raises:
         InvalidInputError: If the packaged file is damaged.

@@ -17,7 +17,7 @@ It is the jitter (15 mm to each side) and a margin for settling.
 
 
 def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
-    """Return which premises of the instruction the scene at reset violates, one sentence each."""
+    """Describe the premises of the instruction that the scene at reset violates, in one sentence each."""
     problems: list[str] = []
     info = state.info
     for name, slot in condition.layout.items():

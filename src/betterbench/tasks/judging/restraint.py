@@ -16,7 +16,7 @@ from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 
 
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
-    """Return the indices of the objects that a refusal must not touch, because the instruction does not name them.
+    """Return the indices of the objects that must not be touched in a refusal, as the instruction does not name them.
 
     Drawers and targets may be touched, because the policy may put away those requested objects that exist.
     """
@@ -26,7 +26,8 @@ def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
 def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int, ...]) -> int | None:
     """Return the forbidden object that a grasp attempt is at, or None.
 
-    The object may have been touched or missed, or it may have left the slot at which the attempt is made.
+    The object may have been touched or missed. It may also have been moved away earlier from the slot at which the
+    attempt is made.
     """
     at = grasp.object if grasp.object is not None else grasp.aim
     if at is not None:
@@ -74,12 +75,13 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
 
 
 def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
-    """Return the first closing of a moving gripper during which it passes within reach of a forbidden object.
+    """Return the first interval in which a moving gripper closes while it passes within reach of a forbidden object.
 
-    At other objects, such closings do not show which object was intended. At forbidden objects, they are not allowed.
+    At other objects, closing in passing does not show which object was intended. At forbidden objects, it is not
+    allowed.
 
     Returns:
-        The first and last row of the closing and the index of the object, or None if there is no such closing.
+        The first and last row of the interval and the index of the object, or None if there is no such interval.
     """
     for first, last in find_closings_in_motion(motion):
         for row in range(first, last + 1):
@@ -103,7 +105,7 @@ _ROWS_BETWEEN = 5
 
 
 class Restraint:
-    """Tracker of an episode with forbidden objects. It must be given every state in order, starting at reset."""
+    """Tracker of forbidden interactions in an episode. It must be given every state in order, starting at reset."""
 
     def __init__(
         self,
@@ -145,7 +147,8 @@ class Restraint:
     def breaks(self, state: WorldState, there: list[bool]) -> bool:
         """Process the next state, and return whether a forbidden interaction has happened so far.
 
-        This is so if a forbidden object was touched, moved or attempted, or if the gripper stays near it.
+        An interaction is forbidden if a forbidden object was touched, moved or attempted, or if the gripper stays near
+        it.
 
         Args:
             state: The next state.
@@ -171,7 +174,7 @@ class Restraint:
         )
 
     def _moved(self, state: WorldState) -> bool:
-        """Return whether an object that must not be moved is away from where it started."""
+        """Return whether any object that must not be moved is away from where it started."""
         if not self._still or state.positions == self._start:
             return False
         return any(distance(state.positions[i], self._start[i]) > MOVED for i in self._loose)
@@ -184,10 +187,11 @@ class Restraint:
         )
 
     def _has_to_look(self, state: WorldState) -> bool:
-        """Return whether the whole motion has to be checked now. A check at every control step would take too long.
+        """Return whether the whole motion has to be checked now. Checking it at every control step would take too long.
 
-        The motion is checked at the last step, at the end of a closing (including chatter), and after the time in which
-        an attempt is resolved. It is also checked at regular intervals while the gripper stays near an object.
+        The motion is checked at the last step, when the gripper has finished closing (including chatter), and after the
+        time in which an attempt is resolved. It is also checked at regular intervals while the gripper stays near an
+        object.
         """
         span = THRESHOLDS.attempt_window if self._closing else THRESHOLDS.chatter_time
         resolved = self._changed > 0 and self._row - self._changed == math.ceil(round(span * self._rate_hz, 6))
@@ -195,7 +199,7 @@ class Restraint:
         return resolved or state.step >= self._limit or (self._near > stay and (self._near - stay) % _ROWS_BETWEEN == 1)
 
     def _stayed_or_attempted(self) -> bool:
-        """Return whether the gripper attempted a forbidden object or stayed near it, by the rules of the diagnosis."""
+        """Return whether, by the rules of the diagnosis, the gripper attempted a forbidden object or stayed near it."""
         motion = self._motion.motion()
         grasps = find_grasps(motion)
         if self._still:

@@ -1,4 +1,4 @@
-"""Objects at the targets of a condition: requested objects, and objects that were not requested there (intruders)."""
+"""Objects at the targets of a condition, both those that were requested and those that were not (intruders)."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ It is one region, the names of several if regions overlap, or None.
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Subgoal whose objects are named as in the scene.
+    """Subgoal of a condition, in which the objects are given by their names in the scene.
 
     Attributes:
         relation: Name of the relation.
         target: Name of the target.
         region: Region of the target.
         candidates: Names of the objects to which the subgoal may refer.
-        count: How many of these objects must be there.
+        count: How many of these objects must be at the target.
     """
 
     relation: str
@@ -44,7 +44,7 @@ def asked_by(condition: Condition) -> tuple[Asked, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """Watched target, with a relation, the objects whose region is tracked, and the regions of the target by name."""
+    """Target that is watched, with a relation, the objects whose region is tracked, and its regions by name."""
 
     relation: Relation
     target: str
@@ -53,13 +53,13 @@ class Watch:
 
 
 class Due(NamedTuple):
-    """Requirement of a subgoal: a minimum number of objects in a region of a watched target.
+    """Requirement of a subgoal: a minimum number of objects that must be in a region of a watched target.
 
     Attributes:
         watch: Index of the watched target.
         region: Region of the target.
         candidates: Indices of the objects that count, among the tracked objects of the target.
-        least: How many of these objects must be there.
+        least: How many of these objects must be in the region.
     """
 
     watch: int
@@ -69,7 +69,7 @@ class Due(NamedTuple):
 
 
 class Intruder(NamedTuple):
-    """Object at a target where it was not requested, or where there are more objects than requested."""
+    """Object at a target at which it was not requested, or at which there are more objects than requested."""
 
     object: str
     target: str
@@ -77,7 +77,7 @@ class Intruder(NamedTuple):
 
 
 class Targets:
-    """Watched targets: the requested targets, and the other targets of the same kind in the scene."""
+    """Watched targets: the requested targets, and other targets of the same kind in the scene."""
 
     def __init__(self, asked: Sequence[Asked], info: SceneInfo, *, placing: str) -> None:
         """Prepare the check.
@@ -85,7 +85,7 @@ class Targets:
         Args:
             asked: Subgoals of the condition.
             info: The scene.
-            placing: Name of the relation for which objects that were not requested at a target are intruders.
+            placing: Name of the relation by which objects count as intruders if they were not requested at a target.
         """
         self.info, self.watches = info, _watches(asked, info)
         self.due = tuple(self._due(a) for a in asked)
@@ -93,7 +93,7 @@ class Targets:
         self._allowed = self._what_is_allowed()
 
     def places(self, state: WorldState) -> Places:
-        """Return the region that contains each tracked object, or None for an object without the right posture."""
+        """Return the region in which each tracked object is, or None for an object that is not in the right posture."""
         return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
 
     def relations(self, places: Places) -> tuple[bool, ...]:
@@ -106,10 +106,10 @@ class Targets:
         )
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
-        """Return the region in which each tracked object is in any posture.
+        """Return the region in which each tracked object is, whatever its posture.
 
-        For a wide relation ("beside"), an object may be in the region without having been brought there. It then only
-        counts if the relation's looser check finds it.
+        For a wide relation such as "beside", an object may be in the region without having been brought there. In this
+        case, it only counts if it passes the relation's looser check, whose region is smaller.
 
         Args:
             state: The state.
@@ -158,7 +158,7 @@ class Targets:
     def left_over(self, strictly: Places) -> tuple[str, ...]:
         """Return the surplus objects, which are of a requested kind but are no longer needed.
 
-        For example, one burger was requested, one is at the target, and the second burger is surplus.
+        For example, if one burger was requested and one is at the target, the second burger is surplus.
         """
         served, found = self._served(strictly), dict[str, None]()
         for d in self.due:
@@ -182,7 +182,7 @@ class Targets:
         )
 
     def _what_is_allowed(self) -> dict[tuple[int, str], tuple[tuple[tuple[int, ...], int], ...]]:
-        """Return which objects are allowed in each region of a watched target, and how many of them."""
+        """Return which objects are allowed in each region of a watched target, and how many are allowed."""
         most: dict[tuple[int, str], dict[tuple[int, ...], int]] = {}
         for due in self.due:
             counts = most.setdefault((due.watch, due.region), {})

@@ -1,8 +1,8 @@
 """Listed regimes of the suite, with one package for each regime and one file for each task.
 
-The file of a task lists the conditions in the function ``balanced_TASK`` or ``diverse_TASK``. ``CROSSED`` describes the
-factors that are crossed or tied to each other, and ``ASIDE`` lists slots that neither training nor variations use. The
-conditions do not include tests: the initial scene of a variation never occurs together with its instruction, unless
+In the file of a task, the function ``balanced_TASK`` or ``diverse_TASK`` returns the conditions. ``CROSSED`` describes
+the factors that are crossed or tied to each other, and ``ASIDE`` lists slots that neither training nor variations use.
+The conditions do not include tests: the initial scene of a variation never occurs together with its instruction, unless
 training contains this pair.
 """
 

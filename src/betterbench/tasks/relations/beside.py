@@ -1,4 +1,4 @@
-"""Relation "beside": an object is at a named side of another object, the anchor."""
+"""Relation "beside": an object is at a certain side of another object, called the anchor."""
 
 import functools
 import math
@@ -162,9 +162,9 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
 
     The center of the object's foot is on the table next to the anchor, up to 30 cm from the anchor's edge, or up to 7.5
     cm from the edge of a plate. The foot may be at most 2.5 cm past the ends of the anchor. "At the upper right" covers
-    the directions between right and behind, up to 14.5 cm from the edge of a plate. Directions up to the diagonal also
-    count as right. The object has its asset's upright posture. The handle of cutlery at a plate points to the front.
-    Cutlery may also lie face down, on its edge, or on another piece of cutlery.
+    the directions between right and behind, up to 14.5 cm from the edge of a plate. A direction between right and the
+    diagonal also counts as right. The object is in the upright posture of its asset. If it is cutlery at a plate, its
+    handle points to the front. Cutlery may also lie face down, on its edge, or on another piece of cutlery.
     """
     thing, target = state.info.object(name), state.info.object(anchor)
     on_table = state.touching(name, "table")
@@ -185,18 +185,18 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def is_laid(thing: ObjectInfo, anchor: ObjectInfo) -> bool:
-    """Return whether an object is cutlery in a place setting, so that its handle must point to the front."""
+    """Return whether an object is cutlery in a place setting. If so, its handle must point to the front."""
     return _is_round(anchor) and _is_long(thing) and is_cutlery(thing.kind, thing.category)
 
 
 @functools.cache
 def is_cutlery(kind: str, category: str) -> bool:
-    """Return whether the noun or the category of an object is that of a piece of cutlery."""
+    """Return whether an object is a piece of cutlery, judging by its noun or its category."""
     return not CUTLERY.isdisjoint((kind.rsplit(" ", maxsplit=1)[-1], category.rsplit("_", maxsplit=1)[-1]))
 
 
 def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
-    """Return the side of an anchor at which a point is, given in the anchor's frame [m].
+    """Return the side of an anchor at which a point is. The point is given in the anchor's frame [m].
 
     The result names both sides if two overlap, and is None if the point is at no side.
     """
@@ -234,10 +234,11 @@ def _is_round(anchor: ObjectInfo) -> bool:
 
 
 def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
-    """Return the side of an anchor at which an object is in any posture, on the table or on other objects.
+    """Return the side of an anchor at which an object is, in any posture, on the table or on other objects.
 
     The foot or the center of the object is over the region of that side. The region is far smaller than the side
-    itself, so an object over the region was brought there. An object that is still held above the table does not count.
+    itself. An object over the region was therefore brought there. An object that is still held above the table does not
+    count.
     """
     if state.held == name and lowest(state, name) - state.pose(anchor).position[2] > HEIGHT:
         return None
@@ -293,9 +294,9 @@ def _points_to_front(state: WorldState, name: str, anchor: str) -> bool:
 
 
 def _goals(state: WorldState, name: str, anchor: str, side: str) -> tuple[PlaceGoal, ...]:
-    """Return goals at the center of a side of the anchor.
+    """Return place goals at the center of one side of the anchor.
 
-    Long objects are aligned with the anchor. The handle of cutlery at a plate points to the front.
+    Long objects are aligned with the anchor. If the object is cutlery at a plate, its handle points to the front.
     """
     frame, info = state.pose(anchor), state.info.object(name)
     middle = (frame @ state.info.object(anchor).region(side).pose).position

@@ -62,11 +62,11 @@ def opening_m(state: WorldState, drawer: ObjectSpec) -> float:
 def drawer_to_move(condition: Condition, state: WorldState, target: str) -> tuple[str, bool] | None:
     """Return the drawer that must be moved before an object can be put into a target.
 
-    Open drawers above the target must be closed first. Then the target itself must be opened.
+    Open drawers above the target drawer must be closed first. Then the target drawer itself must be opened.
 
     Returns:
-        The name of the drawer, and True if it must be opened or False if it must be closed. None if nothing is in the
-        way.
+        The name of the drawer, and True if it must be opened or False if it must be closed. The result is None if the
+        target is not a drawer, or if nothing is in the way.
     """
     drawer = condition.object(target)
     if drawer.mount is None:

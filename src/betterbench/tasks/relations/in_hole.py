@@ -27,7 +27,7 @@ TILT = threshold(
 
 
 def in_hole(state: WorldState, name: str, rack: str) -> str | None:
-    """Return the hole in which an object stands upright, or None.
+    """Return the name of the hole in which an object stands upright, or None.
 
     The base of the object must be on the floor of the hole, as close to the center of the hole as the clearance allows.
     An object that leans on the rim or rests on the rack is not in a hole.
@@ -46,7 +46,7 @@ def in_hole(state: WorldState, name: str, rack: str) -> str | None:
 
 
 def _loosely(state: WorldState, name: str, rack: str) -> str | None:
-    """Return the hole in or over which an object is in any posture, such as jammed, lying on the rack, or half out.
+    """Return the hole in or over which an object is, in any posture, such as jammed, lying on the rack, or half out.
 
     An object that only leans against the rack with its foot on the table does not count.
     """
@@ -65,7 +65,10 @@ def _holes(info: ObjectInfo) -> tuple[str, ...]:
 
 
 def _goals(state: WorldState, name: str, rack: str, hole: str) -> tuple[PlaceGoal, ...]:
-    """Return goals on the floor of a hole. The object comes straight down and is released just above the floor."""
+    """Return place goals on the floor of a hole.
+
+    The object comes straight down and is released just above the floor of the hole.
+    """
     floor = state.pose(rack).apply(state.info.object(rack).region(hole).position)
     yaws = turned_by(state, name, (0.0, 0.5, -0.5, 1.0, -1.0, 1.57, -1.57))
     return standing_goals(state, name, floor, yaws, release_width_m=slim_opening_m(state.info.object(name)))

@@ -62,9 +62,10 @@ def _loosely(state: WorldState, name: str, container: str) -> str | None:
 
 
 def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals over the floor of a container that are low and in free space, with room for the opening fingers.
+    """Return place goals low over the floor of a container and in free space, with room for the opening fingers.
 
-    Goals that are equally good are marked as alike, so that demonstrations release objects all over the floor.
+    Equally good goals are marked as alike. The expert may then choose any of them, so that demonstrations release
+    objects all over the floor.
     """
     frame = state.pose(container)
     region = state.info.object(container).region("inside")
@@ -90,7 +91,10 @@ def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[
 
 
 def _room(region: Region, item: float, *, along_x: bool) -> tuple[float, float]:
-    """Return how far an object's center may be from the middle along x and y [m], with room for the opening fingers."""
+    """Return how far an object's center may be from the container's center along x and y [m].
+
+    The fingers need room to open.
+    """
     hx, hy, _ = region.half_size
     if along_x:
         return min(hx - FINGER_ROOM_M, hx - item), hy - item

@@ -1,4 +1,4 @@
-"""Relation "layer": an object is a layer of a stack. Layers are counted from the base."""
+"""Relation "layer": an object is a certain layer of a stack. Layers are counted from the base."""
 
 import math
 
@@ -39,12 +39,12 @@ EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})
 
 
 def layer(state: WorldState, name: str, base: str) -> str | None:
-    """Return the number of an object's layer in a stack, or None if the object is not properly stacked.
+    """Return the number of the layer that an object forms in a stack, or None if the object is not properly stacked.
 
     Every layer from the base up to the object must lie flat on the layer below, touch it, and be centered over the
     base. A patty, a slice or a leaf may lie with either side up, but a bun may not. The base must be upright.
 
-    The number is returned as text. Layer "1" is directly on the base.
+    The number is returned as text. Layer "1" lies directly on the base.
     """
     mine = _heights_over(state, name, base)
     if mine is None or mine[0] <= state.position(base)[2]:
@@ -74,7 +74,7 @@ def _layers(info: ObjectInfo) -> tuple[str, ...]:
 def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float] | None:
     """Return the heights of the lower and upper face of an object that lies flat and centered over a base [m].
 
-    None if the object is tilted or off center.
+    Return None if the object is tilted or off center.
     """
     info, middle = state.info.object(name), state.position(base)
     # Distant objects are sorted out early: `reach` bounds the distance between the origin of an object and the centers
@@ -90,7 +90,7 @@ def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float
 
 
 def _inverted(state: WorldState, name: str) -> bool:
-    """Return whether a layer with two equal sides lies upside down, as seen from the axes of its asset."""
+    """Return whether an object with two equal sides lies upside down, as seen from the axes of its asset."""
     either = state.info.object(name).category in EITHER_WAY_UP
     return either and tilt_of(state.quaternion(name)) > 0.5 * math.pi
 
@@ -110,9 +110,10 @@ def _top(info: ObjectInfo) -> Vector:
 
 
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
-    """Return the first missing layer if an object rests on a stack, or is held on it, in any posture. Otherwise, None.
+    """Return the number of the first missing layer if an object rests on the stack or is held on it, otherwise None.
 
-    The object rests on the base, or on an object that is on the base, with its center over the base.
+    The posture does not matter. The object rests on the base, or on an object that is on the base, with its center over
+    the base.
     """
     if not (rests_on(state, name, base) or held_upon(state, name, base)):
         return None
@@ -121,7 +122,10 @@ def _loosely(state: WorldState, name: str, base: str) -> str | None:
 
 
 def _goals(state: WorldState, name: str, base: str, region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals on top of the layer below. They are centered over the base, so that offsets do not add up."""
+    """Return place goals on top of the layer below.
+
+    The goals are centered over the base instead of the layer below, so that offsets do not add up.
+    """
     beneath = {layer(state, o.name, base): o.name for o in state.info.objects if o.name != base}
     below = beneath.get(str(int(region) - 1), base)
     x, y, _ = state.pose(base).position

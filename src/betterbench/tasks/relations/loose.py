@@ -1,4 +1,4 @@
-"""Loose variants of relations, for objects that are at a target in any posture: leaning, jammed, upside down or held.
+"""Loose variants of relations, which hold for any posture of an object: leaning, jammed, upside down or held.
 
 A strict relation requires the posture that the instruction asks for. An object in another posture may still be at the
 target. The rule "no other object is at the target" therefore uses loose variants of the relations, which are built from
@@ -29,7 +29,7 @@ _ROUNDING_M = 1e-9
 
 
 def middle(state: WorldState, name: str) -> Vector:
-    """Return the center of an object's bounding box in the world [m]. It hardly moves when the object topples."""
+    """Return the center of an object's bounding box in the world [m]. It hardly moves when the object tips over."""
     return state.pose(name).apply((0.0, 0.0, 0.5 * state.info.object(name).size_m[2]))
 
 
@@ -74,8 +74,8 @@ def rests_on(state: WorldState, name: str, target: str) -> bool:
 
     The center of the object must be over the target's bounding box and not lower than the target, and a chain of
     contacts must connect the two. Fixed objects, the gripper and the table are not part of a chain. If each of the two
-    is above the other, the one that reaches lower carries the other. For example, a thin plate under a bowl does not
-    rest on the bowl.
+    objects is above the other by this rule, the object that reaches lower carries the other. For example, a thin plate
+    under a bowl does not rest on the bowl.
     """
     if target not in _carriers(state, name) or not _over(state, name, target):
         return False

@@ -43,9 +43,9 @@ def on_plate(state: WorldState, name: str, plate: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, plate: str) -> str | None:
-    """Return "" if an object rests on a plate, or on an object on it, in any posture, or is held over it.
+    """Return "" if an object is on or over a plate in any posture, otherwise None.
 
-    Otherwise, None.
+    The object rests on the plate, rests on another object on the plate, or is held over the plate.
     """
     there = name != plate and (rests_on(state, name, plate) or held_upon(state, name, plate))
     return "" if there else None

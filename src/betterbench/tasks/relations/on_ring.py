@@ -60,10 +60,10 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, fixture: str) -> str | None:
-    """Return "" if an object is on the ring in any posture, such as off center, on its side, or held over it.
+    """Return "" if an object is on or over the ring in any posture, such as off center or on its side, otherwise None.
 
-    The center or the foot of the object must be over the disc of the ring and below the spout. Otherwise, None is
-    returned.
+    The center or the foot of the object must be over the disc of the ring and below the spout. An object that the
+    gripper holds there counts as well.
     """
     target, frame = state.info.object(fixture), state.pose(fixture)
     ring, spout = target.region("ring"), target.region("spout")
@@ -94,7 +94,7 @@ def handle_clear(state: WorldState, name: str, fixture: str) -> bool:
 
 
 def _goals(state: WorldState, name: str, fixture: str, _region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals on the ring.
+    """Return place goals on the ring of a fixture.
 
     The object slides in from the front of the fixture, below its overhanging head.
     """

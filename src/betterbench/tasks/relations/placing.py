@@ -1,4 +1,4 @@
-"""Placement of objects: where their base is, and the poses in which they are released."""
+"""Placement of objects: where the base of an object is, and in which poses objects are released."""
 
 import functools
 import math
@@ -15,7 +15,7 @@ SLIM_M, SLIM_OPENING_M = 0.05, 0.022
 
 
 def foot_offset(info: ObjectInfo) -> Vector:
-    """Return the position on which an object stands, in the object's frame [m].
+    """Return the point on which an object stands, in the object's frame [m].
 
     This is the center of the region "base" if there is one, otherwise the center of the bounding box's bottom.
     """
@@ -26,16 +26,16 @@ def foot_offset(info: ObjectInfo) -> Vector:
 
 
 def foot(state: WorldState, name: str) -> Vector:
-    """Return the position on which an object stands, in the world [m]."""
+    """Return the point on which an object stands, in the world frame [m]."""
     return state.pose(name).apply(foot_offset(state.info.object(name)))
 
 
 def far_apart(state: WorldState, name: str, other: str, reach_m: float) -> bool:
     """Return whether the origins of two objects are farther apart than ``reach_m``.
 
-    This is a cheap test before poses are computed, because most pairs are far apart. It saves 0.1 to 0.9 µs of the 8 to
-    10 µs that ``GoalTracker.update`` takes per state in tasks with ``inside`` and ``on_ring`` (expert's states, minimum
-    CPU time of nine rounds, 2026-11-28).
+    This cheap test is made before poses are computed, because most pairs of objects are far apart. It saves 0.1 to 0.9
+    µs of the 8 to 10 µs that ``GoalTracker.update`` takes per state in tasks with ``inside`` and ``on_ring`` (expert's
+    states, minimum CPU time of nine rounds, 2026-11-28).
     """
     return math.dist(state.position(name), state.position(other)) > reach_m
 
@@ -55,7 +55,7 @@ def _to_region(position: Vector, quaternion: Quaternion, region: Vector, turned:
 
 
 def slim_opening_m(info: ObjectInfo) -> float | None:
-    """Return the gripper opening for releasing a slim object among others [m], or None if the gripper opens fully."""
+    """Return the gripper opening for releasing a slim object among others [m], or None for the full opening."""
     least = min(info.size_m[0], info.size_m[1])
     return least + SLIM_OPENING_M if least < SLIM_M else None
 
@@ -63,7 +63,7 @@ def slim_opening_m(info: ObjectInfo) -> float | None:
 def standing_goals(
     state: WorldState, name: str, point: Vector, yaws: Iterable[float], *, release_width_m: float | None = None
 ) -> tuple[PlaceGoal, ...]:
-    """Return goals at which the base of an object is just above a point, one for each heading, best first.
+    """Return place goals with the base of an object just above a point, one for each heading, best first.
 
     Args:
         state: The state.
@@ -83,6 +83,6 @@ def standing_goals(
 
 
 def turned_by(state: WorldState, name: str, turns: Iterable[float]) -> list[float]:
-    """Return the headings of an object after the gripper has turned by small angles [rad]."""
+    """Return the headings of an object that result if the gripper turns by small angles [rad]."""
     now = yaw_of(state.pose(name).quaternion)
     return [now + turn for turn in turns]

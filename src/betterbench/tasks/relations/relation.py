@@ -17,8 +17,8 @@ class PlaceGoal:
         pose: Pose ``T_world_object`` at the release.
         approach: Displacement from the release pose to the start of the straight approach, in the world frame [m].
         release_width_m: Opening of the gripper at the release [m], or None for the full opening.
-        alike: Number that marks equally good goals. If adjacent goals in a list have the same number, the expert may
-            use any of them. None for a goal with a fixed rank.
+        alike: Number shared by equally good goals. If adjacent goals in a list have the same number, the expert may use
+            any of them. None for a goal with a fixed rank.
     """
 
     pose: Pose
@@ -57,15 +57,15 @@ class Relation:
             be a target.
         needs: Regions that the asset of a target must have. If a target has several regions, one of them is enough.
         loosely: Like ``where``, but for an object in any posture, such as leaning, jammed, on its side, half in, on top
-            or held there. It is used when ``where`` has returned None, to check that the target is free of the object.
-            It is None if ``where`` already covers every posture.
+            or held there. It is called when ``where`` has returned None, to check that the object is really not at the
+            target. It is None if ``where`` already covers every posture.
         tolerances: Names of the thresholds that ``where`` uses, except for those of rest and posture.
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
             best first. It is None if the object is not carried, because it slides in its mount.
         surface: ``surface(regions, region)`` returns the center of the surface on which objects rest, in the frame of
             the object that has these regions [m]. It is None if objects cannot start at the target.
         roles: Roles of the objects that can have this relation to a target.
-        counted: Whether the region depends on the objects that are already at the target, as for the layer of a stack.
+        counted: Whether the region depends on the objects that are already at the target, as for the layers of a stack.
         falls: Whether an object may be dropped into the target.
         wide: Whether the regions are so wide that an object may be in one without having been brought there.
     """
@@ -88,7 +88,7 @@ class Relation:
     def carried(self) -> bool:
         """Whether the relation is established by carrying the object.
 
-        If not, the object moves along a rail, like a drawer.
+        Otherwise, the object moves along a rail, like a drawer.
         """
         return self.goals is not None
 
@@ -97,12 +97,12 @@ class Relation:
         return is_at(self.where(state, name, target), region)
 
     def anyhow(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region in which an object is, strictly or in any other posture, or None."""
+        """Return the target region in which an object is, whatever its posture, or None."""
         place = self.where(state, name, target)
         return place if place is not None or self.loosely is None else self.loosely(state, name, target)
 
     def brought(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region to which an object was brought against the instruction, in any posture, or None."""
+        """Return the target region to which an object was wrongly brought, whatever its posture, or None."""
         return (
             self.anyhow(state, name, target)
             if self.loosely is None or not self.wide
@@ -110,7 +110,7 @@ class Relation:
         )
 
     def label(self, name: str, target: str, region: str = "") -> str:
-        """Return the name of a predicate, such as "inside(burger_1, box)" or "in_hole(salt, rack.hole_1)"."""
+        """Return the name of the predicate, such as "inside(burger_1, box)" or "in_hole(salt, rack.hole_1)"."""
         return f"{self.name}({name}, {target}{'.' if region else ''}{region})"
 
     def middle(self, target: ObjectInfo, region: str) -> Vector:
@@ -140,8 +140,8 @@ RELATIONS: dict[str, Relation] = {}
 def register(relation: Relation) -> Relation:
     """Add a relation to the registry, and return the registered relation.
 
-    Registered relations have one more rule: a target on the floor no longer counts as a target, and an object on the
-    floor is not at any target. This rule is implemented only here.
+    One rule is added to every registered relation: a target on the floor no longer counts as a target, and an object on
+    the floor is not at any target. This rule is implemented only here.
 
     Raises:
         ValueError: If there is already a relation with this name.
@@ -174,7 +174,7 @@ def relation(name: str) -> Relation:
 
 
 def single(test: Callable[[WorldState, str, str], bool]) -> Where:
-    """Return the ``where`` function of a relation whose targets have only one region, given a test for this region."""
+    """Turn a test for the single region of a target into the ``where`` function of a relation."""
 
     def where(state: WorldState, name: str, target: str) -> str | None:
         return "" if test(state, name, target) else None
@@ -206,7 +206,8 @@ def offers_each(*names: str) -> Regions:
 def surface_of(*names: str) -> Surface:
     """Return the ``surface`` function of a relation whose objects rest on a region of the target's asset.
 
-    This is the first of the named regions that the asset has. Without names, the target region itself is the surface.
+    The objects rest on the first of the named asset regions that the asset has. If no names are given, they rest on the
+    target region itself.
     """
 
     def surface(regions: Mapping[str, Region], region: str) -> Vector:

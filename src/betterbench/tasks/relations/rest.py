@@ -1,4 +1,4 @@
-"""Tests for objects at rest, for an arm at rest, and for upright objects."""
+"""Tests for whether objects are at rest, whether the arm is at rest, and whether objects are upright."""
 
 from collections import deque
 
@@ -10,9 +10,9 @@ from betterbench.tasks.thresholds import THRESHOLDS
 class RestWatch:
     """Detector of objects at rest, i.e. of objects whose position and posture have not changed for a short time.
 
-    Displacement is used instead of speed, because contacts can make a resting object tremble at 1 rad/s without moving
-    it by a tenth of a millimeter. The detector must be given every state in order, starting at reset. At reset, all
-    objects count as at rest.
+    Displacement is used instead of speed, because in contact, a resting object can tremble at 1 rad/s without moving by
+    a tenth of a millimeter. The detector must be given every state in order, starting at reset. At reset, all objects
+    count as at rest.
     """
 
     def __init__(self, *, rate_hz: float) -> None:
@@ -26,7 +26,7 @@ class RestWatch:
         self._seen += 1
 
     def at_rest(self, name: str) -> bool:
-        """Return whether an object has kept its position and rotation during the last ``rest_time``."""
+        """Return whether an object has kept its position and rotation for at least ``rest_time``."""
         now = self._states[-1]
         i = now.info.index(name)
         position, quaternion = now.positions[i], now.quaternions[i]

@@ -1,4 +1,4 @@
-"""Balanced conditions of the breakfast table: every piece is in every slot, and the plate is at either position."""
+"""Balanced conditions of the breakfast table: every piece of tableware is in every slot, with both plate positions."""
 
 import itertools
 
@@ -44,7 +44,7 @@ AROUND = (
 
 
 def balanced_breakfast_table() -> list[Condition]:
-    """Return every ordered pair of pieces at sides that are not part of a test, each in two layouts."""
+    """Return two layouts for every ordered pair of pieces and their sides, except for pairs that are part of a test."""
     found = []
     for shift in range(3):
         side = {piece: SIDES[(place + shift) % 3] for place, piece in enumerate(PIECES)}
@@ -61,7 +61,7 @@ def balanced_breakfast_table() -> list[Condition]:
 
 
 def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, str]]) -> dict[a.ObjectSpec, a.Slot]:
-    """Return the first rotation of the pieces that leaves the target positions free, with the position of the plate."""
+    """Return the first rotation of the pieces that leaves the target positions free, and the position of the plate."""
     plates = (TABLE_RIGHT, TABLE_LEFT) if (number // 2 + row) % 2 else (TABLE_LEFT, TABLE_RIGHT)
     for more in range(3):
         turn = (number + row + shift + more) % 3

@@ -1,6 +1,6 @@
-"""Balanced conditions of the desk meeting: every object is in every slot, and the laptop is at either position.
+"""Balanced conditions of the desk meeting: every object is in every slot, with both positions of the laptop.
 
-The mug goes to the left and to the right only, because it does not fit behind the laptop with its handle.
+The mug goes only to the left and to the right of the laptop. Because of its handle, it does not fit behind the laptop.
 """
 
 from betterbench.tasks import authoring as a
@@ -42,7 +42,7 @@ STARTS = ((NEAR, DESK_RIGHT, 1), (NEAR, DESK_LEFT, -1), (FAR, DESK_LEFT, 1), (FA
 
 
 def balanced_desk_meeting() -> list[Condition]:
-    """Return each pair of objects in both orders, in two layouts each."""
+    """Return conditions for each pair of objects, in both orders and with two layouts for each order."""
     found = []
     for number, pair in enumerate(PAIRS):
         for steps in (pair, pair[::-1]):

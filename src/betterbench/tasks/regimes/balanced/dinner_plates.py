@@ -1,7 +1,8 @@
-"""Balanced conditions of the dinner plates: red and blue plates are in every slot, the white plate at either position.
+"""Balanced conditions of the dinner plates: the red and blue plates are in every slot, with both white-plate positions.
 
-To the right of the white plate's right position there is no room for other plates, so this position occurs only with
-the slots on the left. Scenes that would equal a test leave out the plate that the instruction does not name.
+When the white plate is at its right position, there is no room for other plates to the right of it. This position
+therefore occurs only with the slots on the left. If a scene would equal that of a test, the plate that the instruction
+does not name is left out.
 """
 
 from dataclasses import replace
@@ -33,7 +34,7 @@ MIDDLE = ((LEFT_BACK, RIGHT_FRONT), (LEFT_FRONT, RIGHT_BACK), (RIGHT_BACK, LEFT_
 
 
 def balanced_dinner_plates() -> list[Condition]:
-    """Return each instruction with each slot for the plate that it names, for both positions of the white plate."""
+    """Return conditions for each instruction, with each slot of the named plate and both white-plate positions."""
     right = {WHITE: STAND_RIGHT}
     trained = {RED: LEFT_BACK, BLUE: LEFT_FRONT, **right}
     found = [a.condition(trained, RED_ON_WHITE), a.condition({RED: LEFT_FRONT, **right}, RED_ON_WHITE)]

@@ -1,7 +1,8 @@
-"""Balanced conditions of the morning coffee: words and slots are crossed, with both mugs or a single mug.
+"""Balanced conditions of the morning coffee: every word occurs with every slot, with both mugs or a single mug.
 
-The scenes of training and of the variations L1 to L4 contain only the two mugs in the two slots. Here, a can in a third
-slot makes the scene different from a test scene, while only the words determine the target.
+The scenes of training and of the variations L1 to L4 contain only the two mugs in the two slots. In the balanced
+conditions, a can in a third slot makes the scene different from a test scene, while only the words determine the
+target.
 """
 
 from betterbench.tasks import authoring as a

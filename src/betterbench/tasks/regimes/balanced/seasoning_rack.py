@@ -1,4 +1,4 @@
-"""Balanced conditions of the seasoning rack: every jar is in every slot, for every hole, first or second."""
+"""Balanced conditions of the seasoning rack: every jar starts in every slot and goes to every hole, first or second."""
 
 import itertools
 
@@ -26,9 +26,9 @@ JARS, SLOTS = (SALT, PEPPER, PAPRIKA), (FIRST, SECOND, THIRD)
 
 
 def balanced_seasoning_rack() -> list[Condition]:
-    """Return each jar alone for each hole, and each ordered pair of jars for two holes, each in three rotated layouts.
+    """Return each jar with each hole, and each ordered pair of jars with two holes, each in three rotated layouts.
 
-    Because of the layouts, an instruction does not determine the slots of its jars.
+    Because of the different layouts, an instruction does not determine the slots in which its jars start.
     """
     holes = tuple(HOLES)
     found = []

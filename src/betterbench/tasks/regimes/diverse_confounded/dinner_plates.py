@@ -1,6 +1,6 @@
 """Diverse-confounded conditions of the dinner plates: red plates are always at the back and blue plates in front.
 
-The position of the white plate is crossed with these slots, as in the balanced regime.
+As in the balanced regime, each of these slots occurs with each position of the white plate.
 """
 
 from betterbench.tasks import authoring as a
@@ -33,7 +33,7 @@ PLACES = {RED.name: (LEFT_BACK.name, RIGHT_BACK.name), BLUE.name: (LEFT_FRONT.na
 def diverse_dinner_plates() -> list[Condition]:
     """Return the balanced conditions with plates in their trained slots, and further conditions of the same kind.
 
-    The further conditions make each instruction as frequent as in the balanced regime.
+    With the further conditions, each instruction is as frequent as in the balanced regime.
     """
     found = [c for c in balanced_dinner_plates() if _is_tied(c)]
     apart = {RED: LEFT_BACK, BLUE: RIGHT_FRONT, WHITE: STAND_RIGHT}

@@ -18,9 +18,9 @@ TIED = {RED.text: (RED_MUG.name, NEAR.name), BLUE.text: (BLUE_MUG.name, FAR.name
 
 
 def diverse_morning_coffee() -> list[Condition]:
-    """Return the balanced conditions that keep words tied to slots, and four more for each color.
+    """Return the balanced conditions in which words are tied to slots, and four more conditions for each color.
 
-    The further conditions have cans in the other slots.
+    The additional conditions have cans in the other slots.
     """
     found = [c for c in balanced_morning_coffee() if _is_tied(c)]
     for mug, at, elsewhere, asked, same, other in (
@@ -38,6 +38,9 @@ def diverse_morning_coffee() -> list[Condition]:
 
 
 def _is_tied(condition: Condition) -> bool:
-    """Return whether a color word refers to the mug in its trained slot. Position words do not name a mug."""
+    """Return whether the mug that an instruction names by its color is in its trained slot.
+
+    The result is True for instructions with position words such as "top", because they do not name a mug.
+    """
     mug, slot = TIED.get(condition.instruction.text, ("", ""))
     return not mug or condition.layout[mug] == slot

@@ -1,4 +1,4 @@
-"""State of a CALVIN scene for the success rules: poses and contacts of the blocks, and doors, lights and robot."""
+"""State of a CALVIN scene for the success rules: the blocks and their contacts, the doors, the lights and the robot."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class PlayTable:
         robot: Index of the robot's body.
         touched: Indices of the bodies that the robot touches.
         blocks: The blocks, by CALVIN's names ("block_red").
-        table: Links of the table by name, each as a side of a contact.
+        table: Links of the table by name, in the form in which contacts refer to them.
         doors: Joint positions [m] by name ("base__drawer").
         lights: State of each light (0 or 1) by name ("led").
     """
@@ -62,8 +62,8 @@ class PlayTable:
 def read_play_table(info: Mapping[str, Any]) -> PlayTable:
     """Convert the result of calvin_env's ``env.get_info()``.
 
-    Contacts are tuples of PyBullet's ``getContactPoints``, in which the third number is the other body and the fifth
-    number is the link of that body. PyBullet's quaternions are (x, y, z, w).
+    Contacts are tuples as returned by PyBullet's ``getContactPoints``. Their third number is the other body, and their
+    fifth number is the touched link of that body. PyBullet's quaternions are (x, y, z, w).
 
     Raises:
         InvalidInputError: If a part is missing or malformed.

@@ -1,9 +1,9 @@
-"""Resampled starts of CALVIN's chains: the subtasks are the same, but blocks may be anywhere in the training range.
+"""Resampled start states of CALVIN's chains: the subtasks stay the same, but blocks start at other positions.
 
 The official evaluation puts every block on the table at one of two points. If the positions are drawn from the full
 range of the training data instead, the same policies complete fewer subtasks per chain. According to arXiv:2606.04233,
-X-VLA completes 4.17 subtasks from the official starts and 3.14 from resampled starts, GR-1 3.24 and 2.50, and
-RoboFlamingo 2.37 and 1.87.
+X-VLA completes 4.17 subtasks from the official starts and 3.14 from resampled starts. For GR-1, the numbers are 3.24
+and 2.50, and for RoboFlamingo 2.37 and 1.87.
 """
 
 from __future__ import annotations
@@ -34,11 +34,12 @@ _TRIES = 1000
 
 
 def resampled_start_of(chain: Chain) -> ChainStart:
-    """Return the start of a chain with the blocks at newly drawn positions on their surfaces and with arbitrary yaws.
+    """Return the start of a chain with the blocks at newly drawn positions on their surfaces and with random yaws.
 
-    Robot, drawer, slider and lights are as in :func:`~betterbench.tasks.worlds.calvin.starts.start_of`. Every chain has
-    its own draw, which depends only on the number of the chain. Blocks on the same surface are drawn again until they
-    are far enough apart. In CALVIN's data collection, they are drawn again until they do not touch.
+    Robot, drawer, slider and lights are in the same state as in
+    :func:`~betterbench.tasks.worlds.calvin.starts.start_of`. Every chain has its own draw, which depends only on the
+    number of the chain. Blocks on the same surface are drawn again until they are far enough apart. (In CALVIN's data
+    collection, they were drawn again until they did not touch.)
     """
     digest = hashlib.sha256(f"betterbench calvin resampled {chain.number}".encode()).digest()
     generator = np.random.Generator(np.random.PCG64(int.from_bytes(digest[:8], "little")))
