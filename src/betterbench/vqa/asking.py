@@ -1,7 +1,7 @@
 """Requests to a model, and scores of its answers by type of question.
 
 :func:`ask_all` is the only function that sends requests to a vision-language model. ``better vqa --ask``, ``better
-vlm`` and the extractor of ``better vlm`` use it, and all of them write the same form of answer file.
+vlm`` and the extractor of ``better vlm`` use it, and all of them write answer files in the same format.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class ModelAnswer:
         id: Identifier of the question.
         text: Text of the answer. Empty if the request was rejected.
         error: Reason why there is no answer, or None.
-        seal: Checksum of the line. None in a file from another program or an earlier version.
+        seal: Checksum of the line in the answer file. None if another program or an earlier version wrote the file.
         prompt_tokens: Number of tokens in the prompt, or None if the server did not report it.
         completion_tokens: Number of tokens in the answer, or None if the server did not report it.
         retries: Reasons why earlier attempts failed, each as "KIND: DETAILS".
@@ -122,13 +122,13 @@ class ModelAnswer:
 @open_form
 @dataclass(frozen=True, slots=True)
 class AnswersHead:
-    """First line of an answer file.
+    """First line of an answer file, which identifies the model and the question set.
 
     Attributes:
         model: Name of the model.
         set_sha256: SHA-256 of the question set.
         coordinates: Coordinate convention of the answers.
-        seal: Checksum of the line. None in a file from another program or an earlier version.
+        seal: Checksum of the line. None if another program or an earlier version wrote the file.
     """
 
     model: str
@@ -140,7 +140,7 @@ class AnswersHead:
         """Check that the name of the model is suitable for tables and sentences.
 
         Raises:
-            InvalidInputError: If it is not.
+            InvalidInputError: If the name is not suitable.
         """
         if not self.model.strip() or not self.model.isprintable() or len(self.model) > _LONGEST_NAME:
             problem = (
@@ -189,9 +189,10 @@ class Score:
         name: Name of the part.
         rate: Fraction of correct answers.
         read: Number of answers that could be parsed.
-        strict: Number of answers in exactly the requested form.
+        strict: Number of answers that were written in exactly the requested form.
         chance: Fraction of correct answers expected from guessing without the image.
-        blind: Fraction of correct answers of a classifier that sees only the text of the question.
+        blind: Fraction of questions that are answered correctly by a classifier that sees only the text of the
+            question.
     """
 
     name: str
@@ -227,7 +228,10 @@ class _AnswerFile(LineJournal):
             self.known = found.answers
 
     def append(self, answer: ModelAnswer) -> None:
-        """Append an answer. Answers that arrive within a second are forced to disk together."""
+        """Append an answer to the file.
+
+        Answers that arrive within one second of each other are flushed to disk together.
+        """
         self._append_line(_sealed(self.head, answer), within_s=_SYNC_WITHIN_S)
         self.known[answer.id] = answer
 
@@ -318,7 +322,7 @@ def ask_all(
 def is_answers(file: Path) -> bool:
     """Return whether a file looks like an answer file. The result is False if the file is missing.
 
-    If a killed process left an incomplete first line, the line is recognized by its beginning.
+    If a process was killed while it wrote the first line, the incomplete line is recognized by its beginning.
 
     Raises:
         OSError: If the file cannot be read.
@@ -334,7 +338,7 @@ def is_answers(file: Path) -> bool:
 
 
 def _goes_on(file: Path, head: AnswersHead) -> bool:
-    """Return whether the answers in a file can be continued, because it has the same first line or is empty."""
+    """Return whether new answers can be appended to a file, because it has the same first line or is empty."""
     return _first_line(file) in (b"", json_line(dump_json(asdict(head))))
 
 
@@ -390,7 +394,7 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
         raise RecordError(f"{file}: is empty. {_CURE}.")
     if len(lines) > len(asked.questions) + 1:
         problem = f"has {len(lines) - 1:,} answers to the {len(asked.questions):,} questions of {asked.path}"
-        raise InvalidInputError(str(file), problem, "Give a file with one answer per question of that set")
+        raise InvalidInputError(str(file), problem, "Use a file with one answer per question of that set")
     found = _parsed(lines, file)
     if found.head.seal is not None:
         say_lost_tail(file)
@@ -400,7 +404,9 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
             )
     if found.head.set_sha256 != asked.sha256:
         raise InvalidInputError(
-            str(file), f"contains answers to a different set than {asked.path}", "Give the set that was asked"
+            str(file),
+            f"contains answers to a different set than {asked.path}",
+            "Use the set for which the answers were given",
         )
     unknown = found.answers.keys() - {q.id for q in asked.questions}
     if unknown:
@@ -460,8 +466,9 @@ def _sealed(head: AnswersHead, line: AnswersHead | ModelAnswer) -> dict[str, Any
 
 
 def scores_of(asked: QuestionSet, answers: Answers) -> list[Score]:
-    """Return the scores by type of question, by form of answer within grounding, by difficulty, and for the whole set.
+    """Return the scores of a model for each part of a set and for the whole set.
 
+    The parts are the types of questions, the forms of answer within the type "grounding", and the levels of difficulty.
     Questions whose answer is missing or cannot be parsed count as answered incorrectly.
     """
     baselines = {b.name: b for b in asked.baselines}

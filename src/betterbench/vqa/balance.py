@@ -1,10 +1,10 @@
 """Selection of questions with balanced answers, so that the text of a question alone does not reveal the answer.
 
 Questions belong to the same group if their wording gives the same information, i.e. if they have the same family and
-are about the same objects. Within a group, every answer that is kept occurs equally often, so that no rule that uses
+are about the same objects. Within a group, every answer that is kept occurs equally often. Therefore, no rule that uses
 only the text is better than guessing. A group with only one answer is left out, because it could be answered without
-the image. Boxes and points are balanced over cells of the image. As far as possible, all types have the same number of
-questions, and so do all kinds of questions within a type. No kind has more questions than all other kinds of its type
+the image. Boxes and points are balanced over cells of the image. As far as possible, all types of questions have the
+same number of questions, and so do all kinds within a type. No kind has more questions than all other kinds of its type
 together. Questions are selected by hashes of their text and frame, never by their answer.
 """
 
@@ -50,9 +50,9 @@ class Chosen:
 
 
 def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
-    """Remove nearly equal questions from the candidates of one trial.
+    """Remove questions that are nearly equal to another question about the same trial.
 
-    The others are returned in order of identifier.
+    The remaining questions are returned in the order of their identifiers.
     """
     alike: dict[tuple[object, ...], list[tuple[str, Candidate]]] = defaultdict(list)
     for candidate in candidates:
@@ -63,7 +63,7 @@ def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
 
 
 def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -> list[Chosen]:
-    """Return about ``count`` questions with balanced answers, with equally many of each type as far as possible.
+    """Return about ``count`` questions with balanced answers and, as far as possible, equally many of each type.
 
     If there are too few questions of a type, the other types get more. The kinds within a type are treated in the same
     way, except that no kind has more questions than all other kinds together. Within a kind, questions are taken from
@@ -119,7 +119,7 @@ def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[
 
 
 def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chosen]]:
-    """Divide the questions of a group into rounds with one question for each answer.
+    """Divide the questions of a group into rounds, each with one question for each answer.
 
     The result is empty if there are too few different answers.
     """
@@ -148,7 +148,7 @@ def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]
 def _shares(available: Mapping[NameT, int], count: int) -> dict[NameT, int]:
     """Return how many questions each type or family gets.
 
-    All get equally many. If some have fewer questions than that, the others get more.
+    All get the same number if possible. If a type or family has too few questions, the others get more.
     """
     shares = dict.fromkeys(available, 0)
     wanting, left = [k for k in available if available[k]], count

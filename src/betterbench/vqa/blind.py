@@ -1,4 +1,4 @@
-"""Baselines that do not see the image: the most frequent answer, and naive Bayes on the words of the question.
+"""Baselines that answer without seeing the image: the most frequent answer, and naive Bayes on the question's words.
 
 The classifier is multinomial naive Bayes over words and pairs of neighboring words, with add-one smoothing. See
 McCallum and Nigam, "A comparison of event models for naive Bayes text classification", 1998. It is tested by
@@ -39,9 +39,9 @@ class Baseline:
         name: Name of the type.
         n: Number of questions.
         blind: Number of correct answers of the classifier.
-        majority: Number of questions for which the most frequent answer is correct.
-        chance: Fraction of correct answers that is expected if each question gets a random answer of its group. For
-            boxes and points, this is the fraction of questions for which the best constant answer is correct.
+        majority: Number of questions whose correct answer is the most frequent answer.
+        chance: Expected fraction of correct answers if each question is answered with a random answer from its group.
+            For boxes and points, this is the fraction of questions for which the best constant answer is correct.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Baseline:
         """Check that there are at most as many correct answers as questions.
 
         Raises:
-            InvalidInputError: If there are more.
+            InvalidInputError: If there are more correct answers than questions.
         """
         if max(self.blind, self.majority) > self.n:
             raise InvalidInputError(
@@ -63,15 +63,15 @@ class Baseline:
 
     @property
     def excess_points(self) -> float:
-        """Accuracy of the classifier minus chance [percentage points]."""
+        """Fraction of correct answers of the classifier minus the fraction expected by chance [percentage points]."""
         return 100.0 * (self.blind / self.n - self.chance) if self.n else 0.0
 
     @property
     def is_balanced(self) -> bool:
-        """Whether the excess over chance is at most :data:`TARGET_POINTS`, or chance is in the 95 % interval.
+        """Whether the classifier exceeds chance by at most :data:`TARGET_POINTS`, or chance is in its 95 % interval.
 
-        With a hundred questions, the accuracy varies by about 10 points by chance. The accuracy alone would therefore
-        reject every small set.
+        With a hundred questions, the accuracy of the classifier varies by about 10 percentage points by chance. Without
+        the interval, nearly every small set would therefore be rejected.
         """
         return self.excess_points <= TARGET_POINTS or Rate(self.blind, self.n).low <= self.chance
 
@@ -83,11 +83,12 @@ class Baseline:
 
 
 def baselines(questions: Sequence[Question], turns: Sequence[int]) -> list[Baseline]:
-    """Return the baselines for each type, and then for each form within grounding, because chance depends on the form.
+    """Return the baselines for each type of question, and then for each form of answer within the type "grounding".
 
     Args:
         questions: Questions of the set.
-        turns: Turn of each question within its group and answer, see :class:`~betterbench.vqa.balance.Chosen`.
+        turns: Turn of each question among the questions of its group with the same answer, see
+            :class:`~betterbench.vqa.balance.Chosen`.
     """
     right = blind_right(questions, turns)
     constant = _constant_right(questions)
@@ -114,7 +115,7 @@ def _parts(questions: Sequence[Question]) -> list[tuple[str, list[int]]]:
 
 
 def _constant_right(questions: Sequence[Question]) -> list[bool]:
-    """Return for each question whether the most frequent answer to questions of its type and form is correct."""
+    """For each question, return whether the most frequent answer to questions of its type and form is correct."""
     right = [False] * len(questions)
     for members in _by_form(questions):
         constant = _typical([questions[i] for i in members])
@@ -124,7 +125,7 @@ def _constant_right(questions: Sequence[Question]) -> list[bool]:
 
 
 def blind_right(questions: Sequence[Question], turns: Sequence[int]) -> list[bool]:
-    """Return for each question whether the classifier answers it correctly when trained on the other folds.
+    """For each question, return whether the classifier answers it correctly after training on the other folds.
 
     The fold of a question is its turn modulo :data:`FOLDS`.
     """
@@ -179,9 +180,9 @@ def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str
 
 
 def _typical(questions: Sequence[Question]) -> str:
-    """Return the answer that is correct for the most questions.
+    """Return the answer that is correct for as many of the given questions as possible.
 
-    For boxes and points, this is the box or point that matches the most correct answers.
+    For boxes and points, this is the box or point that matches as many correct answers as possible.
     """
     if questions[0].form not in (Form.BOX, Form.POINT):
         counts = Counter(q.answer for q in questions)
@@ -225,7 +226,7 @@ def in_cells(text: str, width: int, cells: int = COARSE_CELLS) -> str:
 
 
 def _words(question: Question) -> list[str]:
-    """Return the words of a question and all pairs of neighboring words. Coordinates are replaced by coarse cells."""
+    """Return the words of a question and all pairs of neighboring words, with coordinates replaced by image cells."""
     words = re.findall(r"[a-z0-9'-]+", in_cells(question.text.lower(), question.width))
     return words + [f"{a} {b}" for a, b in itertools.pairwise(words)]
 

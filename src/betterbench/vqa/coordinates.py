@@ -27,7 +27,8 @@ class Convention:
     Attributes:
         name: Name of the convention.
         order: "xy" for column before row, "yx" for row before column.
-        side: Value that stands for the full side of the image. None for pixels of the image as it was sent.
+        side: Value of a coordinate at the far edge of the image. None if coordinates are pixels of the image as it was
+            sent.
         form: Written form: tuples of numbers, JSON objects, or XML tags.
         unit: Unit in words, for prompts. It may contain ``{width}`` and ``{height}``.
         models: Models that answer in this convention.
@@ -41,7 +42,7 @@ class Convention:
     models: str
 
     def in_pixels(self, numbers: Sequence[Fraction], width: int, height: int) -> list[Fraction]:
-        """Return coordinates in pixels, with column before row.
+        """Convert coordinates to pixels, with the column before the row.
 
         Args:
             numbers: Numbers of points or boxes in the order of the convention. There must be an even number of them.

@@ -1,4 +1,6 @@
-"""Creation of question sets from the records of a run. It resumes after an interruption and gives the same bytes.
+"""Creation of question sets from the records of a run.
+
+The creation can be interrupted and resumed, and the bytes of the set remain the same.
 
 While a set is being made, ``candidates/`` contains the possible questions about each trial. When all trials have been
 processed, questions are selected over all trials and written, and temporary files are removed. ``summary.json`` is
@@ -96,7 +98,7 @@ _ANEW = "Delete the file and run the same command again"
 
 
 class Photo(Protocol):
-    """Rendered image with the objects that are visible in it."""
+    """Rendered image, with data about the objects that are visible in it."""
 
     @property
     def jpeg(self) -> bytes:
@@ -104,17 +106,17 @@ class Photo(Protocol):
 
     @property
     def view(self) -> FrameView:
-        """Objects that are visible in the image, with the camera."""
+        """Objects that are visible in the image, and the camera."""
 
 
 class PhotoSource(Protocol):
-    """Source of images for records, which are rendered on demand or were rendered before."""
+    """Source of images of recorded trials, which are rendered on demand or were rendered before."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
         """Return the image of a camera at a row of a record, with the objects that are visible in it."""
 
     def stop(self) -> None:
-        """Make all rendering threads stop soon by raising an error in them."""
+        """Stop all rendering threads soon, by raising an error in each of them."""
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
@@ -124,7 +126,7 @@ def require_size(size: int) -> None:
     """Check that an image size is in range.
 
     Raises:
-        InvalidInputError: If it is not.
+        InvalidInputError: If the size is out of range.
     """
     require_between("--size", size, *SIZES_PX)
 
@@ -157,7 +159,7 @@ class SetOptions:
         """Check that the numbers are in range.
 
         Raises:
-            InvalidInputError: If one is not.
+            InvalidInputError: If a number is out of range.
         """
         require_between("--questions", self.questions, 0, MOST_QUESTIONS)
         require_between("--frames", self.frames, 0, MOST_FRAMES)
@@ -205,12 +207,12 @@ class QuestionSet:
     def is_about(self, trial: TrialId, record: str) -> bool:
         """Return whether the questions of the set about a trial were made from a record with this SHA-256.
 
-        True if the set does not store the hashes of its records.
+        The result is also True if the set does not store the hashes of its records.
         """
         return self.records.get(str(trial), record) == record
 
     def require_about(self, run: RunFolder) -> None:
-        """Check that the set was made from the records that a run has now.
+        """Check that the set was made from the same records that the run contains now.
 
         Raises:
             InvalidInputError: If a record of the run differs from the record from which the set was made.
@@ -218,7 +220,7 @@ class QuestionSet:
         for entry in run.entries():
             if entry.status == "done" and not self.is_about(entry.key, run.record_digest(entry)):
                 problem = f"the record of {entry.key} in {run.path} is not the record from which the set was created"
-                raise InvalidInputError(str(self.path), problem, "Give the set that better vqa created from this run")
+                raise InvalidInputError(str(self.path), problem, "Use the set that better vqa created from this run")
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict that describes the set without its questions."""
@@ -282,15 +284,17 @@ def make_set(
 
 
 def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
-    """Return the trials of a run that have a record, sorted. If ``tasks`` are given, only trials of these are returned.
+    """Return the trials of a run that have a record, sorted.
+
+    If ``tasks`` are given, only trials of these tasks are returned.
 
     Raises:
         InvalidInputError: If no trial has a record.
-        UnknownNameError: If there is no such trial of one of the tasks.
+        UnknownNameError: If one of the tasks has no trial with a record.
     """
     done = sorted(e.key for e in run.entries() if e.status == "done")
     if not done:
-        raise InvalidInputError(str(run.path), "has no finished trials", "Give a run with finished trials")
+        raise InvalidInputError(str(run.path), "has no finished trials", "Use a run with finished trials")
     known = {trial.task for trial in done}
     for task in tasks:
         if task not in known:
@@ -299,10 +303,10 @@ def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
 
 
 def purpose_of(trials: Sequence[TrialId]) -> str:
-    """Return "test" or "training", depending on the seeds of the trials.
+    """Return the purpose for which questions may be used: "test" or "training", depending on the seeds of the trials.
 
     Raises:
-        InvalidInputError: If the trials have both kinds of seeds.
+        InvalidInputError: If the trials mix seeds of demonstrations and of evaluation.
     """
     purposes = {"training" if t.seed >= FIRST_DEMONSTRATION_SEED else "test" for t in trials}
     if len(purposes) > 1:
@@ -327,9 +331,9 @@ def records_of(run: RunFolder, trials: Collection[TrialId]) -> dict[str, str]:
 
 @contextmanager
 def begun_set(out: Path, plan: dict[str, Any]) -> Iterator[bool]:
-    """Lock the folder of a set and write the plan of the set. The context yields whether the set is already complete.
+    """Context in which the folder of a set is locked. It yields whether the set is already complete.
 
-    Raises the same errors as :func:`make_set`.
+    The plan of the set is written if it does not exist yet. Raises the same errors as :func:`make_set`.
     """
     file, plan = out / SET_NAME, json.loads(dump_json({"schema_version": SET_SCHEMA_VERSION, **plan}))
     require_free(out, "set", file=SET_NAME)
@@ -346,7 +350,7 @@ def _require_same(file: Path, plan: dict[str, Any]) -> None:
     """Check that the folder does not contain a set with a different plan or a different version.
 
     Raises:
-        RunConflictError: If it does.
+        RunConflictError: If the folder contains such a set.
     """
     stored = _sealed(file) if file.exists() else plan
     version = stored.get("schema_version")
@@ -432,8 +436,8 @@ def _read_candidates(file: Path) -> Iterator[Candidate]:
 def _question(chosen: Chosen, options: SetOptions) -> Question:
     """Complete a selected question with its text and options.
 
-    All questions with the same turn in a group have the same phrasing. Each answer occurs once among these questions,
-    so that the phrasing does not reveal the answer.
+    All questions of a group that have the same turn get the same phrasing. Each answer occurs once among these
+    questions, so that the phrasing does not reveal the answer.
     """
     candidate, answers = chosen.candidate, chosen.answers
     spatial = candidate.form in (Form.BOX, Form.POINT)

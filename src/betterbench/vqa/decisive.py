@@ -2,7 +2,7 @@
 
 In a failed trial, the decisive moment is the first wrong decision according to the diagnosis. In a successful trial, it
 is the first attempt. Questions about the right target, its position, finished steps and the presence of objects use the
-frame at which that decision began. The question about the object at the gripper uses the frame of the attempt. Each
+frame at which this decision began. The question about the object at the gripper uses the frame of the attempt. Each
 question is asked twice, with different wording and a different order of the options, because a guess is rarely right
 twice.
 """
@@ -115,7 +115,7 @@ class DecisiveOptions:
         """Check that the image size is in range.
 
         Raises:
-            InvalidInputError: If it is not.
+            InvalidInputError: If the size is out of range.
         """
         require_size(self.size)
 
@@ -186,7 +186,7 @@ def _read(file: Path) -> list[Question]:
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """Draft of a question, with its type, role, options and moment."""
+    """Draft of a question, with its type, role, options, and the moment that it is about."""
 
     draft: QuestionDraft
     type: QuestionType
@@ -198,7 +198,7 @@ class _Asked:
 def _about(
     run: RunFolder, trial: TrialDiagnosis, out: Path, options: DecisiveOptions, source: PhotoSource
 ) -> list[Question]:
-    """Return the questions about one trial, and write the images that they need."""
+    """Return the questions about one trial, after writing the images that they need."""
     where = trial.trial_id
     record = run.read_record(where.task, where.condition, where.seed)
     episode = episode_of(record)
@@ -237,12 +237,12 @@ def _first(found: Iterator[_Asked | None]) -> _Asked | None:
 def decisive_rows(
     episode: Episode, analysis: EpisodeAnalysis, trial: TrialDiagnosis
 ) -> tuple[tuple[int, int] | None, int]:
-    """Return the row of a trial's decisive attempt and the row at which the policy made this decision.
+    """Return the row of a trial's decisive attempt, and the row at which the policy began to decide on it.
 
     Returns:
         The row and the object index of the decisive attempt, or None if no object was attempted. The second value is
-        the row at which the decision began: the start, or the row at which the gripper had left the previous
-        object.
+        the row at which the decision began. This is the start of the trial, or the row at which the gripper had left
+        the previous object.
     """
     trace, rate = episode.trace, episode.record.metadata.control_rate_hz
     last = trace.rows - 1
@@ -263,7 +263,7 @@ def decisive_rows(
 def _boxes(moment: Moment, wanted: Sequence[str]) -> tuple[ObjectInfo, tuple[str, ...]] | None:
     """Return a requested object and the boxes to choose from, with the box of this object first.
 
-    None if the object is not clearly visible, or if there are no other objects.
+    Return None if the object is not clearly visible, or if there are no other objects.
     """
     things = [o for o in moment.objects if o.role in ("item", "distractor", "drawer") and moment.is_clear(o.name)]
     right = sorted((o for o in things if o.name in wanted), key=lambda o: (o.slot or "", o.kind))
@@ -275,7 +275,7 @@ def _boxes(moment: Moment, wanted: Sequence[str]) -> tuple[ObjectInfo, tuple[str
 
 
 def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question of which box contains the object that must be picked up or moved now."""
+    """Return the question that asks which of several boxes contains the object that must be picked up or moved now."""
     if moment.condition.expected is not Expected.SUCCEED:
         return _next(moment)
     found = _boxes(moment, [moment.objects[i].name for i in analysis.wanted(moment.row)])
@@ -291,7 +291,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _next(moment: Moment) -> _Asked | None:
-    """Return the question of what the next step is, for a condition in which no step is left to do."""
+    """Return the question that asks what the next step is, in a condition in which no step is left to do."""
     goals = moment.condition.instruction.subgoals
     if moment.condition.expected is not Expected.STAY_STILL:
         return None
@@ -302,7 +302,7 @@ def _next(moment: Moment) -> _Asked | None:
 
 
 def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question of which box contains the requested object, given the name of the object."""
+    """Return the question that asks which of several boxes contains the requested object, given its name."""
     wanted = [moment.objects[i] for i in analysis.wanted(moment.row)]
     named = [o for o in wanted if o.kind in moment.single]
     found = _boxes(moment, [o.name for o in named[:1]])
@@ -318,7 +318,7 @@ def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _under(moment: Moment, i: int) -> _Asked | None:
-    """Return the question of what the object at the gripper is."""
+    """Return the question that asks what the object at the gripper is."""
     thing = moment.objects[i]
     seen = moment.seen(thing.name)
     if seen is None or not moment.is_clear(thing.name):
@@ -334,7 +334,7 @@ def _under(moment: Moment, i: int) -> _Asked | None:
 
 
 def _exists(moment: Moment, *, present: bool) -> _Asked | None:
-    """Return the question of whether an object is present.
+    """Return the question that asks whether an object is present.
 
     If ``present`` is True, this is the requested object, otherwise an absent object that could be meant.
     """
@@ -356,7 +356,7 @@ def _exists(moment: Moment, *, present: bool) -> _Asked | None:
 
 
 def _done(moment: Moment) -> _Asked | None:
-    """Return the question of which steps of the instruction are already done."""
+    """Return the question that asks which steps of the instruction are already done."""
     done = [bool(v) for v in moment.episode.record.subgoals[moment.row]]
     names = evidence_of(moment, done)
     if names is None:
@@ -371,7 +371,7 @@ def _done(moment: Moment) -> _Asked | None:
 
 
 def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
-    """Yield a question in each of its wordings, each with a different order of the options."""
+    """Yield each wording of a question, with a different order of the options for each wording."""
     d = asked.draft
     candidate = Candidate(
         type=asked.type, form=d.form, family=d.family, group=d.group, bucket=d.answer, answer=d.answer, words=d.words,

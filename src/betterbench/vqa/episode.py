@@ -29,7 +29,7 @@ CARRY_M = 0.03
 
 
 class Act(StrEnum):
-    """Activity of the robot, as far as an image shows it."""
+    """Activity of the robot, as far as it can be seen in an image."""
 
     REACHING = "reaching"
     CARRYING = "carrying"
@@ -37,7 +37,7 @@ class Act(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Doing:
-    """Activity of the robot, with the index of the object."""
+    """Activity of the robot, with the index of the object that is concerned."""
 
     act: Act
     object: int
@@ -92,9 +92,9 @@ class Episode:
         return Doing(Act.REACHING, i) if now[i] <= REACH_M and alone and nearer else None
 
     def out_of_place(self, i: int) -> bool:
-        """Return whether an object starts in a slot in which training had objects of other kinds.
+        """Return whether an object starts in a slot in which only other kinds of objects stood in training.
 
-        This is the case for an object that was exchanged with another, or for a look-alike.
+        This happens if the object was exchanged with another, or if it is a look-alike.
         """
         info = self.trace.info.objects[i]
         if info.slot is None:
@@ -103,7 +103,7 @@ class Episode:
         return bool(trained) and info.kind not in trained
 
     def replaced(self, kind: str) -> bool:
-        """Return whether a different object starts in a slot in which training had this kind of object.
+        """Return whether a different object starts in a slot in which this kind of object stood in training.
 
         If so, the absence of this kind is hard to notice.
         """
@@ -138,7 +138,7 @@ def kinds_of(task: str) -> tuple[str, ...]:
 
 @functools.cache
 def kinds_in_numbers() -> tuple[str, ...]:
-    """Return the kinds of objects that occur more than once in some condition of the suite, sorted."""
+    """Return the kinds of objects of which some condition of the suite contains more than one, sorted."""
     found = set()
     for task in suite_tasks("better60"):
         for name in condition_names(get_task(task)):
@@ -148,9 +148,9 @@ def kinds_in_numbers() -> tuple[str, ...]:
 
 
 def rows_to_ask(rows: int, count: int, draw: np.random.Generator) -> Sequence[int]:
-    """Return ``count`` rows of an episode, one from each of equally long parts.
+    """Return ``count`` rows of an episode, one from each of ``count`` equally long parts.
 
-    All rows are returned if ``count`` is 0 or not smaller than the number of rows.
+    All rows are returned if ``count`` is 0, or if there are not more than ``count`` rows.
     """
     if count == 0 or count >= rows:
         return range(rows)

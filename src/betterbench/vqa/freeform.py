@@ -2,8 +2,8 @@
 
 The model gets an image and the names of objects that may be in it. It replies with descriptions and with pairs of a
 question and an answer, each with its claims in a small formal language. A text is kept if every claim can be decided
-from the state and is true. The claims must also cover all objects in the text, and all its words about positions and
-states. Texts that cannot be checked are dropped.
+from the state and is true. The claims must also cover all objects that the text mentions, and all words of the text
+about positions and states. Texts that cannot be checked are dropped.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ LONGEST_TEXT = 600
 @open_form
 @dataclass(frozen=True, slots=True)
 class StateClaim:
-    """One claim in the formal language of :data:`CLAIMS`."""
+    """One claim in the formal language that :data:`CLAIMS` defines."""
 
     x: Annotated[str, Field(max_length=60)]
     says: Annotated[str, Field(max_length=30)]
@@ -150,7 +150,7 @@ _REPLY = TypeAdapter(_Reply)
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """Result of a description job.
+    """Result of having a model describe images.
 
     Attributes:
         path: File with the texts that were kept.
@@ -246,7 +246,7 @@ def _described(
 def _about(
     run: RunFolder, described: QuestionSet, chat: Chat, photos: PhotoSource, *, image: str, source: FrameSource
 ) -> dict[str, Any]:
-    """Return the texts of a model about one image that are kept, and the reasons for dropping the others."""
+    """Return the texts of a model about one image that are kept, and the reasons for which the others were dropped."""
     record = run.read_record(source.task, source.condition, source.seed)
     photo = photos.photo(record, source.row, source.camera)
     moment = Moment(episode_of(record), source.row, photo.view)
@@ -326,7 +326,7 @@ Facts = Mapping[tuple[str, str, str], bool]
 
 
 def facts_of(moment: Moment) -> Facts:
-    """Return all claims about a moment that can be decided from the state, with True for those that hold."""
+    """Return all claims about a moment that can be decided from the recorded state, each with True if it holds."""
     facts: dict[tuple[str, str, str], bool] = {}
     for c in candidates_of(moment):
         for claim, truth in _claims_of(c):
@@ -335,7 +335,7 @@ def facts_of(moment: Moment) -> Facts:
 
 
 def _claims_of(c: Candidate) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the claims that the answer to a question decides, with True for those that hold."""
+    """Return the claims whose truth follows from the answer to a question, each with True if it holds."""
     holds = c.answer == "Yes"
     match c.family:
         case "is it there":

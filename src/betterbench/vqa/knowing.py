@@ -30,7 +30,7 @@ _MAX_BYTES = 1 << 26
 
 
 class KnowledgeStanding(StrEnum):
-    """Relation between what a model knows and what the policy does in one trial."""
+    """Relation between what a model knows and what the policy does in a trial, such as "knows and does not"."""
 
     KNOWS_AND_DOES = "knows_and_does"
     KNOWS_AND_DOES_NOT = "knows_and_does_not"
@@ -55,8 +55,9 @@ class TrialKnowledge:
         label: Outcome label of the trial.
         success: Whether the trial succeeded.
         standing: Relation between the model's knowledge and the policy's action.
-        roles: For each role with answers, whether all questions with this role were answered correctly.
-        deciding: Roles whose answers show, for this label, whether the model knew the right decision.
+        roles: For each role of questions (such as "where") with answers, whether all of its questions were answered
+            correctly.
+        deciding: Roles whose answers show whether the model knew the right decision. They depend on the label.
         chance: Probability of answering all deciding questions correctly without an image. This is the probability of
             guessing them or of inferring them from the wording, whichever is larger.
         task: Name of the task. In files of earlier versions, this field and the next two are empty.
@@ -86,7 +87,7 @@ class TrialKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class LabelKnowledge:
-    """Number of trials with one label, by relation between knowledge and action.
+    """Number of trials with one label, divided by what the model knew and what the policy did.
 
     Attributes:
         label: Outcome label.
@@ -104,7 +105,7 @@ class LabelKnowledge:
         """Check that the counts add up to the number of trials.
 
         Raises:
-            InvalidInputError: If they do not.
+            InvalidInputError: If the counts do not add up to it.
         """
         if set(self.counts) != set(KnowledgeStanding) or min(self.counts.values()) < 0:
             names = ", ".join(KnowledgeStanding)
@@ -139,7 +140,7 @@ class Knowledge:
         policy: Name of the policy.
         labels: One entry for each label that occurs, in label order.
         trials: One entry for each trial.
-        roles: Fraction of correct answers for each role, among the questions with an answer.
+        roles: Fraction of correct answers for each role of questions, among the questions with an answer.
         asked: Number of questions in the set that are about moments of the run.
         answered: Number of these questions that have an answer.
     """
@@ -161,17 +162,17 @@ class Knowledge:
     def groups(self) -> tuple[GroupKnowledge, ...]:
         """Comparison of knowledge and action by axis, variation and failure mode.
 
-        Empty for a file of an earlier version.
+        This is empty if the file was written by an earlier version.
         """
         return group_knowledge(self.trials) if all(t.task for t in self.trials) else ()
 
     def count(self, standing: KnowledgeStanding, *, failed: bool | None = None) -> int:
-        """Return the number of trials with a standing, among all trials or only among the failed or the solved ones."""
+        """Return the number of trials with a given standing, among all, only failed, or only solved trials."""
         return sum(t.standing is standing and (failed is None or t.success is not failed) for t in self.trials)
 
     @property
     def sentence(self) -> str:
-        """Summary of the failed trials in one sentence."""
+        """Sentence that summarizes what the model knew in the failed trials."""
         failed = [t for t in self.trials if not t.success and t.standing is not KnowledgeStanding.NOT_ASKED]
         known = sum(t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT for t in failed)
         if not failed:
@@ -246,7 +247,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
 
 
 def _blind_by_role(questions: Sequence[Question]) -> dict[str, float]:
-    """Return for each role the fraction of trials in which all answers can be inferred from the wording alone."""
+    """For each role, return the fraction of trials in which all answers can be inferred from the wording alone."""
     decisive = [q for q in questions if q.role is not None]
     given_away: dict[str, dict[TrialId, bool]] = {}
     for q, right in zip(decisive, blind_right(decisive, folds_of(decisive)), strict=True):
@@ -276,7 +277,7 @@ def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
 
 
 def read_knowledge(run: RunFolder) -> Knowledge | None:
-    """Read a model's knowledge about a run. Return None if none is stored in the run.
+    """Read a model's knowledge about a run, or return None if the run's folder contains none.
 
     Raises:
         RecordError: If the file cannot be read or is malformed.

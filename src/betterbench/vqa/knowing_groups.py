@@ -1,8 +1,8 @@
 """Paired tests of what a model knows against what the policy does, by axis, variation and failure mode.
 
-The unit is a trial: all questions about a trial count as one answer, which is known or not known. In each group, the
-fraction of trials in which the model knew the decision is compared with the fraction of trials that the policy solved,
-over the same trials.
+The unit is a trial: all questions about a trial together count as one answer, which the model knew or did not know. In
+each group, the fraction of trials in which the model knew the decision is compared with the fraction of trials that the
+policy solved, over the same trials.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ TRAINING = "training"
 
 
 class GroupVerdict(StrEnum):
-    """Result of the tests for one group of trials."""
+    """Result of the tests for one group of trials: whether the model knows more than the policy does."""
 
     KNOWS_MORE = "knows more than it does"
     DOES_MORE = "does more than it knows"
@@ -37,7 +37,7 @@ class GroupVerdict(StrEnum):
 
 
 class AskedTrial(Protocol):
-    """Knowledge of a model in one trial, with the outcome of the trial.
+    """What a model knew in one trial, with the outcome of the trial.
 
     See :class:`~betterbench.vqa.knowing.TrialKnowledge`.
     """
@@ -64,7 +64,7 @@ class AskedTrial(Protocol):
 
     @property
     def chance(self) -> float:
-        """Probability of knowing the decision without the image."""
+        """Probability of knowing the right decision without seeing the image."""
 
     @property
     def is_known(self) -> bool | None:
@@ -81,12 +81,15 @@ class GroupKnowledge:
         trials: Number of trials, with or without answers.
         knows: Fraction of the trials with answers in which the model knew the decision.
         does: Fraction of the trials with answers that the policy solved.
-        expected: Number of trials in which the decision would be known without the image.
+        expected: Expected number of trials in which a model that does not see the image would know the decision.
         failed: Number of failed trials with answers.
         known_failures: Number of these failed trials in which the model knew the decision.
-        expected_failures: Number of these failed trials in which the decision would be known without the image.
-        difference: Fraction of known trials minus fraction of solved trials, paired, with Newcombe's interval.
-        p_paired: Two-sided p-value of McNemar's exact test of known against solved trials.
+        expected_failures: Expected number of these failed trials in which a model that does not see the image would
+            know the decision.
+        difference: Fraction of trials in which the model knew the decision minus fraction of solved trials, with
+            Newcombe's interval for paired data.
+        p_paired: Two-sided p-value of McNemar's exact test, which compares the trials in which the model knew the
+            decision with the solved trials.
         p_guessing: One-sided exact p-value: the probability of at least as many known failures if the answers were
             guessed.
         p: p-value of the group's claim. The claim that the model knows more than the policy does requires both tests,
@@ -113,7 +116,10 @@ class GroupKnowledge:
 
     @property
     def corrected(self) -> float | None:
-        """Fraction of known trials, corrected for guessing: (knows - chance) / (1 - chance). None without answers."""
+        """Fraction of trials in which the model knew the decision, corrected for guessing.
+
+        The value is (knows - chance) / (1 - chance), or None if there are no answers.
+        """
         n = self.knows.n
         if not n or self.expected >= n:
             return None
@@ -137,11 +143,11 @@ class GroupKnowledge:
 
 
 def group_knowledge(trials: Sequence[AskedTrial], *, alpha: float = 0.05) -> tuple[GroupKnowledge, ...]:
-    """Return the groups of a policy's trials: all trials, then the axes, the variations and the failure modes.
+    """Compare knowledge and action in groups of a policy's trials: all trials, axes, variations and failure modes.
 
     Args:
-        trials: Knowledge about each trial.
-        alpha: Significance level of the tests, over all groups together.
+        trials: What the model knew in each trial.
+        alpha: Significance level of the tests of all groups together.
     """
     found = [_group(kind, name, members) for kind, name, members in _members(trials)]
     tested = [group for group in found if group.knows.n]

@@ -1,4 +1,4 @@
-"""Moment: one frame with everything that questions about it need (state, camera view and episode)."""
+"""Moment: one frame of a trial with everything that questions about it need (state, camera view and episode)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.vqa.visible import clear, hidden, large
 
 @dataclass(frozen=True)
 class Moment:
-    """Row of an episode, as seen by one camera.
+    """One row of an episode, as seen by one camera.
 
     Questions refer to an object by its kind, and only if no other object in the scene has the same kind. Each kind in
     the mappings below therefore stands for a single object.
@@ -56,7 +56,7 @@ class Moment:
         return self.view.objects.get(name)
 
     def is_clear(self, name: str) -> bool:
-        """Return whether enough of an object is visible for a question about it."""
+        """Return whether enough of an object is visible for asking about it."""
         return clear(self.seen(name))
 
     def is_large(self, name: str) -> bool:
@@ -89,7 +89,7 @@ class Moment:
         return frozenset(o.kind for o in self.objects)
 
     def surely_absent(self, kind: str) -> bool:
-        """Return whether no object in the scene is of a kind or could be mistaken for this kind.
+        """Return whether the scene contains no object of a kind, and no object that could be mistaken for this kind.
 
         Kinds of the same task are easy to distinguish by design. For kinds of other tasks, the scene must not contain a
         similar object.

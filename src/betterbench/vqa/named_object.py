@@ -1,8 +1,8 @@
 """Questions about the position of the object that a trial's instruction names.
 
-The frame is the beginning of the decision in the diagnosis, as in :mod:`betterbench.vqa.decisive`. The questions ask
-for a box and for a point, each in two wordings. Unlike the questions of a set, they are not balanced, because all of
-them are about one object.
+The questions use the frame at which, according to the diagnosis, the decisive choice began, as in
+:mod:`betterbench.vqa.decisive`. The questions ask for a box and for a point, each in two wordings. Unlike the questions
+of other sets, their answers are not balanced, because all of them are about one object.
 """
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ class NamedObject:
     Attributes:
         name: Name of the object in the scene.
         row: Row of the record.
-        questions: Questions for the box of the object and for a point on it, each in :data:`TIMES_ASKED` wordings.
+        questions: Questions that ask for the box of the object and for a point on it, each in :data:`TIMES_ASKED`
+            wordings.
         middles: Center of the box of each clearly visible object that can be picked up, by object name. It is given as
-            column and row in units of image cells (:data:`~betterbench.vqa.types.grounding.CELLS` per side), from 0 at
-            the left and at the top.
+            column and row in units of image cells (:data:`~betterbench.vqa.types.grounding.CELLS` per side). Both are 0
+            at the top left corner.
     """
 
     name: str
@@ -56,8 +57,8 @@ def named_object(
         seed: Seed for choosing wordings.
 
     Returns:
-        None if no object must be picked up, if the object is not clearly visible, or if another object has the same
-        kind.
+        The object and its questions. None if no object must be picked up, if the object is not clearly visible, or if
+        another object has the same kind.
     """
     episode = episode_of(record)
     condition = episode.resolved.condition

@@ -74,7 +74,7 @@ def plural_of(kind: str) -> str:
 
 
 def mistakable(a: str, b: str) -> bool:
-    """Return whether an object of kind ``b`` could be called ``a``, or could be seen as a part of an ``a``."""
+    """Return whether an object of kind ``b`` could also be called ``a``, or could be seen as a part of an ``a``."""
     mine, other = _words(a), _words(b)
     if mine & other or any(x.endswith(y) or y.endswith(x) for x in mine for y in other):
         return True

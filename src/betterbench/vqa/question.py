@@ -86,8 +86,9 @@ class Candidate:
     Attributes:
         type: Topic of the question.
         form: Form of the answer.
-        family: Kind of the question, which is the same for all objects. Wordings belong to families.
-        group: What the text reveals in addition to the family. Answers are balanced within a family and a group.
+        family: Kind of the question, regardless of the objects. Each family has its own wordings.
+        group: What the text reveals in addition to the family, such as the objects. Answers are balanced among the
+            questions with the same family and group.
         bucket: Value that is balanced: the answer itself, or the image cell of a box or point.
         answer: The correct answer.
         words: Words that are inserted into the wordings.
@@ -116,7 +117,7 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Family and group, which together describe what the wording reveals."""
+        """Family and group of the question. Together, they describe what its wording reveals."""
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:
@@ -160,7 +161,7 @@ class Question:
         id: Identifier within the set.
         type: Topic of the question.
         form: Form of the answer.
-        family: Kind of the question, which is the same for all objects.
+        family: Kind of the question, regardless of the objects.
         text: The question without its options.
         options: Options of a choice, in the order of their letters.
         answer: The correct answer: the chosen option, or the coordinates of a box or point in brackets.
@@ -172,7 +173,7 @@ class Question:
         objects: Names in the scene of the objects that the question is about.
         group: What the text reveals. Answers are balanced among the questions of a group.
         words: Words that are inserted into the wording.
-        chance: Fraction of correct answers that is expected when guessing from the text. None for boxes and points,
+        chance: Expected fraction of correct answers if the answer is guessed from the text. None for boxes and points,
             which are compared with the best constant answer of the set.
         source: Frame of the question.
         box: True box of the object, for a question about a box.
@@ -208,7 +209,7 @@ class Question:
     def smallest(self) -> tuple[int, int] | None:
         """Width and height of the smallest visible object of the question, by area [pixel].
 
-        None if there is no such object.
+        The value is None if no object of the question is visible.
         """
         sides = [(box[2] - box[0], box[3] - box[1]) for box in self.boxes or (self.box,) if box is not None]
         return min(sides, key=lambda side: side[0] * side[1], default=None)
@@ -220,7 +221,7 @@ class Question:
 
     @property
     def reply(self) -> str:
-        """The answer as text. For a choice, this is the letter and the option."""
+        """Correct answer as text. For a choice, this is the letter with the option."""
         return f"{letter(self.options.index(self.answer))}. {self.answer}" if self.options else self.answer
 
     def to_json(self) -> dict[str, Any]:
@@ -237,16 +238,16 @@ def letter(number: int) -> str:
 
 
 def hash_number(*parts: object) -> int:
-    """Return a number that depends on all parts, converted to text.
+    """Return a hash of all parts, which are converted to text, as a number.
 
-    It is the same on every machine, and is used to make choices.
+    The number is the same on every machine, and is used to make reproducible choices.
     """
     return int.from_bytes(hashlib.sha256("\x1f".join(map(str, parts)).encode()).digest()[:8], "big")
 
 
 @dataclass(frozen=True, slots=True)
 class QuestionDraft:
-    """Part of a question that its generator makes. It is then completed with data about the frame.
+    """Part of a question that is made by the generator of its type. It is then completed with data about the frame.
 
     For the fields, see :class:`Candidate`.
     """

@@ -101,7 +101,7 @@ class RequestTotals:
 
 
 def totals_of(answers: Iterable[ModelAnswer]) -> RequestTotals:
-    """Compute the totals over answers."""
+    """Compute the totals of a run's requests from its answers."""
     kept = list(answers)
     sent = [answer for answer in kept if not answer.cached and answer.error is None]
     counted = [a for a in sent if a.prompt_tokens is not None and a.completion_tokens is not None]

@@ -31,7 +31,7 @@ def parse_answer(question: Question, text: str, *, coordinates: Coordinates = "p
 
 
 def is_right(question: Question, answer: str | None) -> bool:
-    """Return whether an answer, written like the correct answer, is correct."""
+    """Return whether an answer is correct. It must be given in the form in which the correct answer is stored."""
     if answer is None:
         return False
     if question.form is Form.BOX and question.box is not None:
@@ -44,7 +44,7 @@ def is_right(question: Question, answer: str | None) -> bool:
 def is_in_place(
     groups: Sequence[Sequence[float]], *, box: Sequence[float] | None, runs: tuple[int, ...] | None, width: int
 ) -> bool:
-    """Return whether a single box overlaps the true box enough, or whether a single point is on a visible pixel.
+    """Return whether an answer is a single box that overlaps the true box enough, or a point on a visible pixel.
 
     Args:
         groups: Numbers of each box or point in the answer [pixel].

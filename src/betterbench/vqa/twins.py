@@ -1,7 +1,7 @@
-"""Static twins: pairs of a question about a variation and a question of the same kind about its training scene.
+"""Static twins: pairs of a question about a variation's scene and the same question about the training scene.
 
-The twin is about the training condition of the variation with the same seed, and about the objects in that scene. It
-has the same type, form and family and, in a set about decisive moments, the same role.
+The twin of a question is about the trial in the training condition of the variation that has the same seed, and about
+the objects in that scene. It has the same type, form and family and, in a set about decisive moments, the same role.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ def axis_of(task: str, condition: str) -> str | None:
 
 
 def scene_twin(trial: TrialId) -> TrialId | None:
-    """Return the trial on the training condition with the same seed.
+    """Return the training trial with the same seed as a variation trial (its twin).
 
-    None if the given trial is not a trial of a variation.
+    The result is None if the given trial is not a trial of a variation.
     """
     if axis_of(trial.task, trial.condition) is None:
         return None
@@ -36,12 +36,12 @@ def scene_twin(trial: TrialId) -> TrialId | None:
 
 
 def static_twins(questions: Sequence[Question]) -> dict[str, str]:
-    """Return the identifiers of the twins, by the identifiers of the questions about variations.
+    """Map the identifier of each question about a variation to the identifier of the question's twin.
 
-    The twin is chosen among the questions of the same kind about the training scene. The first criterion is that the
-    question is the twin of as few others as possible. Then the camera counts, then the number of the wording, and then
-    the distance in time. A question about a training scene may be the twin of several questions, just as a training
-    trial may be the twin of several variations. If there is no question of the same kind about the training scene, a
+    The twin is chosen among the questions of the same kind about the training scene. Questions that are the twin of
+    fewer others are preferred. Among these, the same camera is preferred, then the same wording, and then the smaller
+    distance in time. A question about a training scene may be the twin of several questions, just as a training trial
+    may be the twin of several variations. If there is no question of the same kind about the training scene, the
     question has no twin and is left out.
     """
     scenes: dict[tuple[object, ...], list[Question]] = {}
@@ -64,7 +64,7 @@ def _kind(question: Question) -> tuple[object, ...]:
 
 
 def _distance(question: Question, other: Question) -> tuple[object, ...]:
-    """Return a sort key for how different two questions of the same kind are."""
+    """Return a sort key that measures how different two questions of the same kind are."""
     return (
         question.source.camera != other.source.camera,
         bool(set(question.tags) ^ set(other.tags)),

@@ -1,4 +1,4 @@
-"""Limits of visibility for fair questions: an object must be large enough in the image and not mostly hidden."""
+"""Limits of visibility that keep questions fair: an object must be large enough in the image and not mostly hidden."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Isolated pixels between other objects do not show the object.
 
 
 def clear(seen: SeenObject | None) -> bool:
-    """Return whether enough of an object is visible for a question about it."""
+    """Return whether enough of an object is visible for asking about it."""
     return seen is not None and large(seen) and seen.fraction >= MIN_FRACTION
 
 
@@ -40,6 +40,6 @@ def large(seen: SeenObject | None) -> bool:
 def hidden(seen: SeenObject | None) -> bool:
     """Return whether an object is hidden, i.e. has at most ``HIDDEN_PX`` visible pixels.
 
-    There are no questions about objects that are neither clearly visible nor hidden.
+    An object may be neither hidden nor clearly visible. There are no questions about such objects.
     """
     return seen is None or seen.pixels <= HIDDEN_PX

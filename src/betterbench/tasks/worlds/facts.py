@@ -1,4 +1,4 @@
-"""Registry of the facts about worlds that are needed to read a run without a simulator.
+"""Registry of facts about worlds, which make it possible to read a run without the simulator of its world.
 
 The worlds that run trials are in :mod:`betterbench.sim.worlds`. Registering a world there registers its facts here.
 """
@@ -58,8 +58,8 @@ class WorldFacts:
         title: Name in messages ("LIBERO").
         suites: Suites by name. The tasks of a suite are called "BASE-...", where BASE is the suite's ``base``.
         reading: Way in which the diagnosis evaluates the records.
-        measured: Whether certificates, the power matrix, calibrations and demonstrations cover the tasks, and whether a
-            stored plan can be run again.
+        measured: Whether the tasks are covered by certificates, the power matrix, calibrations and demonstrations, and
+            a stored plan can be run again.
         statements: Statements that a report makes about the scenes and about the accuracy of the labels, by heading.
     """
 

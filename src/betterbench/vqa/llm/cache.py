@@ -29,7 +29,7 @@ _MAX_BYTES = 1 << 26
 
 
 class ReplyCache:
-    """Replies stored by request. The cache can be used by several threads and processes at the same time.
+    """Cache of replies, looked up by request. Several threads and processes can use it at the same time.
 
     Attributes:
         folder: Folder of the files.
@@ -51,7 +51,7 @@ class ReplyCache:
         return digest.hexdigest()
 
     def get(self, key: str) -> Reply | None:
-        """Return the stored reply to a request, or None if there is none or its file is damaged."""
+        """Return the stored reply to a request, or None if no reply is stored or its file is damaged."""
         file = self._file(key)
         try:
             raw = read_bounded(file, max_bytes=_MAX_BYTES, cure="")

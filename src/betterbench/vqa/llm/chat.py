@@ -1,4 +1,4 @@
-"""Client for ``POST URL/chat/completions``, which vLLM, SGLang, llama.cpp, Ollama and OpenAI serve.
+"""Client for ``POST URL/chat/completions``, an interface that vLLM, SGLang, llama.cpp, Ollama and OpenAI offer.
 
 The client needs only the standard library. Many threads can send requests at the same time, each on a connection of its
 own.
@@ -47,7 +47,7 @@ class RefusedError(ModelError):
     Other requests may still succeed.
 
     Attributes:
-        retries: Reasons why attempts before the rejection failed, see :class:`~betterbench.vqa.llm.reply.Reply`.
+        retries: Reasons why earlier attempts to send the request failed, see :class:`~betterbench.vqa.llm.reply.Reply`.
     """
 
     retries: tuple[str, ...] = ()
@@ -91,11 +91,11 @@ class ChatEndpoint:
             url: Base address, such as ``http://localhost:8000/v1``. ``/chat/completions`` is added to it.
             model: Name of the model at that address.
             key_variable: Name of the environment variable that may contain the API key.
-            timeout_s: Longest wait for the beginning of an answer, and between its parts [s].
-            deadline_s: Longest wait for a whole answer [s]. It matters for servers that send an answer in many small
-                parts.
-            tries: Largest number of times that a request is sent if transient failures occur. It is at least ten if the
-                server limits the request rate (HTTP 429).
+            timeout_s: Longest time to wait for the beginning of an answer, and between its parts [s].
+            deadline_s: Longest time to wait for a whole answer [s]. It matters for servers that send an answer in many
+                small parts.
+            tries: Maximum number of times that a request is sent if transient failures occur. If the server limits the
+                request rate (HTTP 429), at least ten tries are made.
             further: Further fields of each request, such as vLLM's ``mm_processor_kwargs``.
             cache: Stored replies to earlier requests. A request with a stored reply is not sent.
             sleep: Function that waits between tries [s]. Tests replace it.
@@ -213,7 +213,7 @@ class ChatEndpoint:
         except (ValueError, LookupError, TypeError, AttributeError) as error:
             raise ModelError(
                 f"{self._where}: the answer has no choices[0].message.content, but begins with {_told(content)!r}. "
-                f"Give the address of a chat endpoint. If it is one, run the same command again to resume."
+                f"Use the address of a chat endpoint. If it is one, run the same command again to resume."
             ) from error
         usage = form.get("usage")
         counts = usage if isinstance(usage, dict) else {}
@@ -238,7 +238,7 @@ class ChatEndpoint:
 
 
 class ScriptedChat:
-    """Model that answers with a function of the messages, for tests and for models in the caller's own process."""
+    """Model whose answer is a function of the messages, for tests and for models in the caller's own process."""
 
     def __init__(self, answer: Callable[[Sequence[Message]], str], *, name: str = "scripted") -> None:
         self.name, self._answer = name, answer
@@ -281,7 +281,7 @@ def user_message(text: str, *images: bytes) -> Message:
 def _content_of(form: Any) -> Any:  # noqa: ANN401 - any JSON
     """Return the content of a reply, or None if the reply has no choice or no content.
 
-    The latter happens, for example, after a content filter of the server.
+    There may be no content, for example, because a content filter of the server removed it.
     """
     if form.get("error"):
         raise LookupError("choices")
@@ -348,7 +348,7 @@ def _failure(error: OSError | http.client.HTTPException) -> str:
 def _wished_pause(value: str | None, now: datetime) -> float | None:
     """Convert a ``Retry-After`` header (seconds or an HTTP date) to a pause [s].
 
-    None if the header is missing or malformed.
+    Return None if the header is missing or malformed.
     """
     text = (value or "").strip()
     if _SECONDS.fullmatch(text):

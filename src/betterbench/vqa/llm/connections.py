@@ -1,4 +1,4 @@
-"""Connections from one process to an HTTP server that stay open between requests."""
+"""Connections from one process to an HTTP server, which are kept open between requests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from contextlib import contextmanager
 class Connections:
     """Connections to one server, which several threads can use at the same time.
 
-    Connections stay open between requests only while :meth:`kept` is open.
+    Connections stay open between requests only inside the context :meth:`kept`.
     """
 
     def __init__(self, connect: Callable[[], http.client.HTTPConnection]) -> None:
@@ -28,7 +28,7 @@ class Connections:
 
     @contextmanager
     def kept(self) -> Iterator[Connections]:
-        """Keep connections open between requests until the last of these contexts is closed."""
+        """Context in which connections stay open between requests. They are closed when the last such context ends."""
         with self._lock:
             if self._holders == 0:
                 self._stopped.clear()
@@ -57,7 +57,7 @@ class Connections:
                     connection.sock.shutdown(socket.SHUT_RDWR)
 
     def pause(self, seconds: float) -> None:
-        """Sleep for a time, but wake up when the requests are stopped."""
+        """Sleep for the given time, but wake up early if the requests are stopped."""
         self._stopped.wait(seconds)
 
     def post(

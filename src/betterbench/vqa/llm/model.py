@@ -36,7 +36,7 @@ class Model(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ChatModel:
-    """Chat endpoint in the role of a :class:`Model`.
+    """Chat endpoint that is used as a :class:`Model`.
 
     Attributes:
         chat: The endpoint.
@@ -61,9 +61,10 @@ class ChatModel:
 
 
 def opened(asked: object) -> AbstractContextManager[Stoppable]:
-    """Return the context that a thread keeps open while it sends requests to a model.
+    """Return a context in which requests are sent to a model.
 
-    A model with connections has a method ``opened`` that returns it. For other models, the context does nothing.
+    A model that needs connections has a method ``opened``, which returns this context. For other models, the context
+    does nothing.
     """
     found = getattr(asked, "opened", None)
     resource: AbstractContextManager[Stoppable] = NoResource() if found is None else found()
@@ -85,7 +86,7 @@ def endpoint_at(
         address: The address.
         option: Name of the option in error messages.
         key_variable: Name of the environment variable that may contain the API key.
-        otherwise: Other value that the option accepts, for error messages.
+        otherwise: Value other than an address that the option accepts, for error messages.
         further: Further fields of each request.
         cache: Stored replies to earlier requests.
 

@@ -1,4 +1,4 @@
-"""Form of an answer, the value that is read from a text, and the part of a text that contains the answer."""
+"""Form of an answer, the value that is read from a text, and the part of a text in which an answer is searched."""
 
 from __future__ import annotations
 
@@ -45,8 +45,9 @@ class Read:
     """Answer read from a text.
 
     Attributes:
-        answer: The value, or None. For a choice, this is the letter, for yes or no "Yes" or "No", and for a number its
-            digits. A box or a point is "[...]" and points are "[[...], ...]", in pixels, with column before row.
+        answer: The value, or None. For a choice, this is the letter of the option. For a yes-or-no question, it is
+            "Yes" or "No", and for a count, its digits. A box or a point has the form "[...]" and several points have
+            the form "[[...], ...]", in pixels, with the column before the row.
         stage: Stage of parsing in which the value was found.
     """
 
@@ -54,7 +55,7 @@ class Read:
     stage: Stage
 
     def at(self, stage: Stage) -> Read:
-        """Return the same value with a different stage. If there is no value, the stage remains "none"."""
+        """Return the same value with a different parsing stage. If there is no value, the stage remains "none"."""
         return self if self.answer is None else replace(self, stage=stage)
 
 
@@ -62,9 +63,9 @@ NOTHING = Read(None, "none")
 
 
 def final_text(text: str) -> str:
-    """Return the part of a reply that may contain the answer. This is the end, without reasoning in thinking tags.
+    """Return the end of a reply, without reasoning in thinking tags. Only this part may contain the answer.
 
-    A reply that ends inside the reasoning, because the token limit was reached, contains no answer.
+    If a reply ends inside the reasoning because the token limit was reached, it contains no answer.
     """
     kept, start, inside = list[str](), 0, False
     for tag in _THINKING.finditer(text):

@@ -1,4 +1,4 @@
-"""Parser for choices, which may be answered with the letter or the words of an option."""
+"""Parser for multiple-choice answers, which may be given by the letter or the words of an option."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _FENCE = re.compile(r"```(?:\w+)?\s*(.*?)```", re.DOTALL)
 
 
 def letters_of(options: tuple[str, ...]) -> dict[str, str]:
-    """Return the options by their letters."""
+    """Return a mapping from letters to the options that they stand for."""
     return {chr(ord("A") + i): option for i, option in enumerate(options)}
 
 
@@ -56,7 +56,7 @@ def read_choice(options: tuple[str, ...], text: str) -> Read:
 
 
 def _strict(letters: dict[str, str], text: str) -> Read | None:
-    """Read a text that begins with the letter of an option or consists of an option. Return None for any other text."""
+    """Read a text that consists of an option, of its letter, or of both. Return None for any other text."""
     text = text.strip()
     first = re.match(r"\(?([A-Z])\s*(?:[).:]\s*(.*))?$", text, flags=re.DOTALL)
     if first and first[1] in letters:
@@ -77,7 +77,7 @@ def _strict(letters: dict[str, str], text: str) -> Read | None:
 
 
 def _wrapped(text: str) -> list[str]:
-    """Return the contents of wrappers that mark a final answer, the last wrapper first."""
+    """Return the contents of markup in which models put the final answer (such as a box), the last one first."""
     inside = [found for pattern in _WRAPPED for found in reversed(pattern.findall(text))]
     for part in (text, *reversed(_FENCE.findall(text))):
         if part.lstrip().startswith("{"):
@@ -92,8 +92,8 @@ def _wrapped(text: str) -> list[str]:
 def _claimed(letters: dict[str, str], text: str) -> str | None:
     """Return the letter of the option that a text names.
 
-    A letter that a sentence claims to be the answer comes first, then the only letter in the text, and then the letter
-    of the only option that the text quotes.
+    A letter that a sentence declares to be the answer takes precedence. Otherwise, this is the only letter in the text
+    or, without letters, the letter of the only option that the text quotes.
     """
     claims = [
         m
@@ -144,6 +144,6 @@ def _is_article(text: str, found: re.Match[str]) -> bool:
 
 
 def _names_another(letters: dict[str, str], text: str, claim: re.Match[str]) -> bool:
-    """Return whether a different letter follows a claimed letter ("The answer is A or B")."""
+    """Return whether another letter follows the letter that is declared to be the answer ("The answer is A or B")."""
     following = _NEXT_LETTER.match(text, claim.end(1))
     return following is not None and following[1] in letters and following[1] != claim[1]

@@ -1,6 +1,6 @@
 """Extraction of an answer by a language model, which may only copy parts of the text.
 
-The extractor gets the text and, for a choice, the options. It does not get the question, the image or the correct
+The extractor gets the text and, for a choice, the options. It gets neither the question nor the image nor the correct
 answer, so that it cannot answer the question itself. Each part that it copies must occur in the text word for word, and
 each number must be a complete number of the text. Otherwise, the stage is "none". The copied parts are then read by the
 same parser as every other answer, in the declared coordinate convention. The extractor neither scales nor swaps
@@ -87,7 +87,7 @@ def _copied(reply: str) -> list[str]:
 
 
 def _occurs(part: str, source: str) -> bool:
-    """Return whether a part occurs in the text without cutting through a number or a word.
+    """Return whether a part occurs in the text and begins and ends at the boundary of a number or a word.
 
     Differences in white space do not matter.
     """

@@ -1,7 +1,8 @@
 """Parser for boxes and points in any notation.
 
 The declared convention determines the order and the scale of the numbers. A different written form, such as a list
-instead of the declared JSON, is accepted in the stage "tolerant". It never changes the order or the scale.
+instead of the declared JSON, is accepted in the stage "tolerant". The written form never changes the order or the scale
+of the numbers.
 """
 
 from __future__ import annotations
@@ -53,28 +54,28 @@ def read_points(spec: AnswerSpec, text: str) -> Read:
 
 
 def numbers_of(answer: str) -> list[list[float]]:
-    """Return the numbers of each box or point in the value of a :class:`Read`."""
+    """Return the numbers of each box or point in an answer that was read into a :class:`Read`."""
     return [[float(v) for v in _WRITTEN.findall(part)] for part in re.findall(r"\[([^\[\]]*)\]", answer)]
 
 
 def exact_groups(answer: str) -> list[list[Fraction]]:
-    """Return the numbers of each box or point in the value of a :class:`Read`, exactly as they are written there."""
+    """Return the numbers of each box or point in the answer of a :class:`Read`, exactly as they are written there."""
     return [[Fraction(v) for v in _WRITTEN.findall(part)] for part in re.findall(r"\[([^\[\]]*)\]", answer)]
 
 
 def _shown(values: Sequence[Fraction]) -> str:
-    """Return numbers in brackets, with up to nine decimals and without exponents."""
+    """Return numbers as text in brackets, with up to nine decimals and without exponents."""
     return f"[{', '.join(f'{float(v):.9f}'.rstrip('0').rstrip('.') for v in values)}]"
 
 
 def _fitting(spec: AnswerSpec, groups: Sequence[Numbers]) -> list[Numbers]:
-    """Return the groups of numbers that have the right length for the form of the answer: pairs, or four edges."""
+    """Return the groups of numbers with the right length for the form of the answer: 2 for a point, 4 for a box."""
     lengths = {Form.BOX: (4,), Form.POINT: (2,)}.get(spec.form, (2, 4))
     return [g for g in groups if len(g) in lengths and all(abs(v) < _MOST for v in g)]
 
 
 def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
-    """Return the groups of numbers in a text that contains only coordinates, and the form in which they are written."""
+    """Return the groups of numbers in a text that contains only coordinates, and their notation."""
     text = text.strip()
     fence = _FENCE.fullmatch(text)
     bare = (fence[1] if fence else text).strip()
@@ -93,7 +94,10 @@ def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
 
 
 def _inside(spec: AnswerSpec, text: str) -> list[Numbers]:
-    """Return the groups of numbers in a text with other words. Those after the last claim of an answer come first."""
+    """Return the groups of numbers in a text that contains other words as well.
+
+    Groups that follow the last declaration of an answer come first.
+    """
     parts = [text[m.end() :] for m in list(_CLAIM.finditer(text))[-_CLAIMS_TRIED:]]
     for part in (*reversed(parts), text):
         for groups in (_tagged(_TAG.findall(part)), _json_inside(part), _listed(part)):
@@ -137,7 +141,7 @@ def _json_inside(text: str) -> list[Numbers]:
 
 
 def _brackets(text: str) -> list[str]:
-    """Return the parts of a text that may be JSON: from the first to the last bracket of each kind."""
+    """Return the parts of a text that may be JSON, from the first to the last bracket of each kind."""
     if "{" not in text:
         return []
     pairs = (("[", "]"), ("{", "}"))
@@ -159,7 +163,7 @@ def _of_json(text: str) -> list[Numbers]:
 
 
 def _exactly(text: str) -> Fraction:
-    """Convert a number in JSON exactly.
+    """Convert a number in JSON to an exact value.
 
     Raises:
         ValueError: If the exponent has more than two digits, because the conversion would then take hours.

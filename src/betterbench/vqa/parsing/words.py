@@ -1,4 +1,4 @@
-"""Parsers for answers that are yes or no, and for counts."""
+"""Parsers for yes-or-no answers and for counts."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ A scene with objects of these categories is not used for questions with this wor
 
 
 def counting(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about the number of objects: of kinds that occur several times, of groups, and in containers."""
+    """Yield questions about numbers of objects, for kinds that occur several times, groups of kinds, and containers."""
     own = [o.kind for o in moment.objects]
     for kind in sorted({*kinds_in_numbers(), *(kind for kind in own if own.count(kind) > 1)}):
         members = [o.name for o in moment.objects if o.kind == kind]
@@ -43,7 +43,10 @@ def counting(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _count(moment: Moment, family: str, key: str, plural: str, members: list[str]) -> Iterator[QuestionDraft]:
-    """Yield the question for the number of objects if each of them is either clearly visible or completely hidden."""
+    """Yield the question about the number of objects.
+
+    There is no question unless each object is either clearly visible or completely hidden.
+    """
     shown = [name for name in members if moment.is_clear(name)]
     if all(moment.is_clear(name) or moment.is_hidden(name) for name in members):
         tags = () if members else ("absent",)
@@ -51,9 +54,9 @@ def _count(moment: Moment, family: str, key: str, plural: str, members: list[str
 
 
 def _count_inside(moment: Moment, kind: str, target: str) -> Iterator[QuestionDraft]:
-    """Yield the question for the number of objects in a container.
+    """Yield the question about the number of objects in a container.
 
-    There is no question if an object in it is not clearly visible, or if the state is ambiguous.
+    There is no question if an object in the container is not clearly visible, or if the state is ambiguous.
     """
     inside = []
     for o in moment.objects:

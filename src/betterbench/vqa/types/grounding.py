@@ -1,4 +1,4 @@
-"""Questions about grounding: the box of an object, a point on an object, and the object in a box."""
+"""Questions about grounding: the box of an object, a point on an object, and the object in a given box."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_OPTIONS = 4
 
 
 def grounding(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions for the box of each object, for a point on it, and for the kind of the object in a box."""
+    """Yield questions that ask for the box of each object, a point on it, and the kind of the object in a box."""
     for kind, o in moment.named.items():
         seen = moment.view.objects[o.name]
         words, cell = {"thing": definite(kind)}, cell_of(seen, moment.view.width, CELLS)
@@ -65,7 +65,7 @@ def chunks(kinds: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _is_alone(moment: Moment, name: str, box: Box) -> bool:
-    """Return whether a box contains only one object, i.e. whether no other object has its center inside the box."""
+    """Return whether a box contains only one object, i.e. whether the centers of all other objects are outside it."""
     left, top, right, bottom = box
     others = (s.centroid for other, s in moment.view.objects.items() if other != name)
     return not any(left <= x < right and top <= y < bottom for x, y in others)

@@ -1,4 +1,4 @@
-"""Questions about premises: presence of an object, identity of the object in a slot, and feasibility of a task."""
+"""Questions about premises: which objects are present, which object is in a slot, and whether a task can be done."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.vqa.types.relation import yes
 
 
 def premise(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about the presence of each kind, the kind of each object, and the feasibility of the task."""
+    """Yield questions about which kinds are present, of which kind each object is, and whether the task can be done."""
     for kind in (*moment.episode.vocabulary, *moment.episode.foreign):
         words = {"thing": indefinite(kind)}
         members = [o.name for o in moment.objects if o.kind == kind]

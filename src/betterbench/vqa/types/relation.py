@@ -49,7 +49,7 @@ def spatial_relation(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _apart(moment: Moment, a: str, b: str) -> bool:
-    """Return whether neither object has its center above, below or within the other object in the image."""
+    """Return whether the center of neither object is above, below or within the other object in the image."""
     first, second = moment.view.objects[a], moment.view.objects[b]
     return not any(
         y.box[0] <= x.centroid[0] <= y.box[2] for x, y in ((first, second), (second, first))
@@ -73,7 +73,7 @@ def _from_camera(moment: Moment, kinds: tuple[str, str], names: tuple[str, str])
 
 
 def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) -> Iterator[QuestionDraft]:
-    """Yield questions in the robot's frame, in which the robot looks along x from the origin, with y to its left."""
+    """Yield questions in the robot's frame. The robot looks along x from the origin, and y points to its left."""
     a, b = (moment.center(name) for name in names)
     words = {"a": definite(kinds[0]), "b": definite(kinds[1])}
     if abs(a[1] - b[1]) >= ROBOT_MARGIN_M:
@@ -89,7 +89,10 @@ def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) 
 
 
 def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> Iterator[QuestionDraft]:
-    """Yield the question of whether an object is at a side of another object, whose front defines the sides."""
+    """Yield the question of whether an object is at a certain side of another object.
+
+    The latter's front defines the sides.
+    """
     try:
         side = moment.place(BESIDE, thing[1], anchor[1])
     except LookupError:

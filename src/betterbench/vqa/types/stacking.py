@@ -1,4 +1,4 @@
-"""Questions about stacking: objects on each other, the higher of two objects, and the order of a stack."""
+"""Questions about stacking: which objects lie on each other, which of two is higher, and the order of a stack."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HIGHER_M = 0.008
 
 
 def stacking(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about the objects on each base or plate, and about the order of stacks."""
+    """Yield questions about the objects on each base or plate, and about the order of objects in stacks."""
     stacked: set[str] = set()
     for base in _bases(moment):
         try:
@@ -36,7 +36,7 @@ def stacking(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _bases(moment: Moment) -> list[ObjectInfo]:
-    """Return the objects on which others can be stacked: the bases of layers, and all plates."""
+    """Return the objects on which others can be stacked: the bases of layered stacks, and all plates."""
     return [o for o in moment.objects if LAYER.regions(o) or (ON_PLATE.regions(o) and o.role == "item")]
 
 
@@ -79,7 +79,7 @@ def _directly_on(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator
 
 
 def _order(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[QuestionDraft]:
-    """Yield the question for the order of two or more objects on a base.
+    """Yield the question about the order of two or more objects on a base.
 
     All of them must be visible, and no other object in the scene may have the same kind.
     """

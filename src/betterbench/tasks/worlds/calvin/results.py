@@ -34,7 +34,7 @@ class SubtaskResult:
 class ChainResult:
     """Result of a chain, up to the first subtask that failed.
 
-    A chain without subtasks was not run. Its length is 0, and it does not count in the rates of subtasks.
+    A chain without subtasks was not run. Its length is 0, and it has no effect on the rates of the subtasks.
 
     Attributes:
         number: Index of the chain among the 1,000 chains.
@@ -61,14 +61,14 @@ class MeanLength:
 
 @dataclass(frozen=True, slots=True)
 class ChainSummary:
-    """Results of one run in numbers.
+    """Summary of the results of one run on CALVIN chains.
 
     Attributes:
         chains: Number of chains.
-        in_a_row: Rates of chains in which at least 1, 2, 3, 4 and 5 subtasks were done in a row.
+        in_a_row: Fractions of chains in which at least 1, 2, 3, 4 and 5 subtasks were done in a row.
         length: Average length of the chains.
         subtasks: Success rate of each subtask over the chains that reached it, by name. A policy reaches later subtasks
-            only after successes, so the rates of two policies are not over the same trials.
+            only after successes. The rates of two policies are therefore not computed over the same trials.
     """
 
     chains: int
@@ -88,13 +88,13 @@ class ChainSummary:
 
 @dataclass(frozen=True, slots=True)
 class ChainContrast:
-    """Comparison of two runs on the same chains.
+    """Comparison of two runs on the CALVIN chains that both contain.
 
     Attributes:
         chains: Number of chains that are in both runs.
         p_values: p-values of exact McNemar tests for the five rates, with Holm's correction for five tests.
-        difference: Average length in the first run minus average length in the second run, divided by 5. The interval
-            is that of the paired bootstrap.
+        difference: Average length in the first run minus average length in the second run, divided by 5. Its interval
+            is computed by a paired bootstrap.
     """
 
     chains: int
@@ -103,10 +103,11 @@ class ChainContrast:
 
 
 def summarize(results: Sequence[ChainResult]) -> ChainSummary:
-    """Return the results of a run in numbers.
+    """Summarize the results of a run on CALVIN chains.
 
     Raises:
-        InvalidInputError: If there is no chain, if a chain occurs twice, or if the subtasks are not those of the chain.
+        InvalidInputError: If there is no chain, if a chain occurs twice, or if a result contains other subtasks than
+            its chain.
     """
     _check(results)
     n = len(results)
@@ -152,7 +153,7 @@ def _check(results: Sequence[ChainResult]) -> None:
         where = f"chain {result.number}"
         if not 0 <= result.number < len(every) or result.number in seen:
             problem = "occurs twice" if result.number in seen else (f"is not one of the {len(every)} chains")
-            raise InvalidInputError(where, problem, "Give each chain once, by its index from 0")
+            raise InvalidInputError(where, problem, "List each chain once, by its index, which starts at 0")
         seen.add(result.number)
         if not result.played:
             continue
@@ -171,7 +172,10 @@ def _check(results: Sequence[ChainResult]) -> None:
 
 
 def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
-    """Return the average length. If all chains are equally long, the interval is Wilson's interval for n of n."""
+    """Return the average length with its interval.
+
+    If all chains are equally long, Wilson's interval for n of n is used.
+    """
     empty = [ChainResult(result.number, ()) for result in results]
     found = _difference(list(zip(results, empty, strict=True)))
     mean = sum(result.length for result in results) / len(results)
@@ -183,7 +187,10 @@ def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
 
 
 def _difference(pairs: Sequence[tuple[ChainResult, ChainResult]]) -> Difference:
-    """Return the mean difference in length, divided by 5. Chains with the same start are resampled together."""
+    """Return the mean difference in length, divided by 5, with its interval.
+
+    In the bootstrap, chains with the same start are resampled together.
+    """
     every = calvin_chains()
     ordered = sorted(pairs, key=lambda pair: pair[0].number)
     return paired_bootstrap(

@@ -57,7 +57,7 @@ def play_chain(
     """Run one chain in the same way as CALVIN's ``evaluate_sequence``.
 
     The robot returns to its start only before the chain, and the policy is reset before each instruction. A subtask is
-    done at the first step at which its rule holds. The rule compares the scene with the scene at the beginning of the
+    done as soon as its success rule holds. The rule compares the current scene with the scene at the beginning of the
     subtask. The chain ends with the first subtask that is not done.
     """
     observation = world.reset(start_of(chain.start))

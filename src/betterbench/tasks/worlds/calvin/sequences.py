@@ -1,4 +1,4 @@
-"""The 1,000 chains of CALVIN's long-horizon evaluation: sequences of instructions, each with a start state."""
+"""The 1,000 chains of CALVIN's long-horizon evaluation, each with a start state and a sequence of instructions."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Chain:
 
     @property
     def subtasks(self) -> tuple[Subtask, ...]:
-        """The subtasks with those names."""
+        """Subtasks of the chain, looked up by their names."""
         return tuple(map(subtask_named, self.names))
 
 
@@ -71,10 +71,11 @@ def start_states() -> tuple[SymbolicState, ...]:
 
 
 def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str, ...]]:
-    """Draw the subtasks of chains from one start as CALVIN does: five different subtasks, until they are feasible.
+    """Draw the subtasks of chains from one start as CALVIN does.
 
-    CALVIN draws with ``numpy.random.choice(34 names, size=5, replace=False)``. This is the beginning of a permutation
-    by NumPy's legacy generator, whose stream does not change between versions.
+    Five different subtasks are drawn again until they can be done in this order. CALVIN draws with
+    ``numpy.random.choice(34 names, size=5, replace=False)``. This returns the beginning of a permutation by NumPy's
+    legacy generator, whose stream does not change between versions.
 
     Args:
         start: Symbolic start.
@@ -92,7 +93,7 @@ def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str
 
 
 def _follow(start: SymbolicState, chosen: Sequence[Subtask]) -> bool:
-    """Return whether subtasks can follow each other from a start.
+    """Return whether subtasks can be done one after the other from a start state.
 
     Each subtask must be possible in exactly one way, and all subtasks must belong to different categories.
     """
@@ -119,7 +120,10 @@ def draw_chains() -> tuple[Chain, ...]:
 
 
 def chain_text(chains: Iterable[Chain]) -> str:
-    """Return chains as the JSON string whose digest is :data:`GOLDEN`: a list of pairs of a start and names."""
+    """Return chains as the JSON string whose digest is :data:`GOLDEN`.
+
+    The string is a list of pairs, each with a start state and the names of the subtasks.
+    """
     return json.dumps([[dict(chain.start), list(chain.names)] for chain in chains])
 
 
@@ -142,8 +146,8 @@ def _every_chain() -> tuple[Chain, ...]:
 def calvin_chains(count: int = CHAINS) -> tuple[Chain, ...]:
     """Return the first ``count`` of the 1,000 chains.
 
-    CALVIN's own ``get_sequences(100)`` draws a different hundred, whose results cannot be compared with results on the
-    thousand.
+    CALVIN's own ``get_sequences(100)`` draws a hundred different chains. Results on those chains cannot be compared
+    with results on the thousand.
 
     Raises:
         InvalidInputError: If ``count`` is out of range.

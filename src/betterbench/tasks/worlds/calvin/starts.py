@@ -1,4 +1,4 @@
-"""Starts of CALVIN's chains: the simulator's vectors for robot and scene, given a symbolic state."""
+"""Start states of CALVIN's chains: the simulator's vectors for robot and scene that belong to a symbolic state."""
 
 from __future__ import annotations
 
@@ -54,7 +54,8 @@ def pyhash_fnv1_32(text: str) -> int:
 
     pyhash 0.9.3 begins with 0 instead of FNV's offset basis (this variant is called FNV-0), and reads the text as
     UTF-16 in little-endian order, without a byte order mark. Ports of CALVIN that use FNV-1 over UTF-8 instead get
-    different seeds. In their starts, all yaws differ, and the block positions differ in 107 of the 192 starts.
+    different seeds. As a result, the yaws of blocks differ in all of their starts, and the block positions differ in
+    107 of the 192 starts.
     """
     value = 0
     for byte in text.encode("utf-16-le"):
@@ -64,14 +65,17 @@ def pyhash_fnv1_32(text: str) -> int:
 
 
 def start_seed(state: SymbolicState) -> int:
-    """Return the seed of a symbolic start. It is the hash of ``str(state.values())`` for the state as a plain dict."""
+    """Return the seed for drawing the scene of a symbolic start.
+
+    The seed is the hash of ``str(state.values())``, where the state is a plain dict.
+    """
     return pyhash_fnv1_32(str(dict(state).values()))
 
 
 def start_of(state: SymbolicState) -> ChainStart:
-    """Return robot and scene vectors of a symbolic start, as CALVIN's ``get_env_state_for_initial_condition`` does.
+    """Return the robot and scene vectors of a symbolic start, like CALVIN's ``get_env_state_for_initial_condition``.
 
-    A generator with the seed :func:`start_seed` draws the position of each block on the table from two points, and the
+    A generator with the seed :func:`start_seed` chooses one of two points for each block on the table, and draws the
     yaw of each block. Each symbolic start therefore has exactly one scene.
     """
     generator = np.random.RandomState(start_seed(state))

@@ -30,7 +30,7 @@ class Change:
     """Symbolic effect of a subtask.
 
     Attributes:
-        when: Values that the state must have, each a single value or a list of alternatives.
+        when: Values that the state must have for this effect. Each is a single value or a list of alternatives.
         then: Values that the state has afterward.
     """
 
@@ -38,7 +38,7 @@ class Change:
     then: dict[str, SymbolValue]
 
     def allowed(self, state: SymbolicState) -> bool:
-        """Return whether a state has the values that this change requires."""
+        """Return whether a state has the values that this change requires before it can happen."""
         return all(
             state[key] in wanted if isinstance(wanted, list) else state[key] == wanted
             for key, wanted in self.when.items()
@@ -48,7 +48,7 @@ class Change:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Rotate:
-    """Rule: the block was rotated about the vertical axis by more than ``degrees`` (left is positive).
+    """Success rule: the block was rotated about the vertical axis by more than ``degrees`` (positive to the left).
 
     The block must not be tilted and must have stayed in place.
     """
@@ -61,7 +61,7 @@ class Rotate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Push:
-    """Rule: the block moved along x by more than ``along_x_m`` (right is positive) and kept its support."""
+    """Success rule: the block moved along x by more than ``along_x_m`` (positive to the right) and kept its support."""
 
     kind: Literal["push"]
     block: str
@@ -71,7 +71,7 @@ class Push:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class MoveDoor:
-    """Rule: a joint moved by more than ``by_m``, in the direction of its sign."""
+    """Success rule: a joint moved by more than ``by_m``, in the direction given by the sign of ``by_m``."""
 
     kind: Literal["move_door"]
     door: str
@@ -81,7 +81,7 @@ class MoveDoor:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Lift:
-    """Rule: the block was on a link of the table, is now higher by more than ``by_m``, and touches only the robot."""
+    """Success rule: the block was on a link of the table, is now higher by ``by_m``, and touches only the robot."""
 
     kind: Literal["lift"]
     block: str
@@ -92,7 +92,7 @@ class Lift:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Rule: the block touched only the robot, and now touches a link of the table and not the robot."""
+    """Success rule: the block touched only the robot, and now touches a link of the table but not the robot."""
 
     kind: Literal["place"]
     link: str
@@ -101,7 +101,7 @@ class Place:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PushInto:
-    """Rule: a block that touched only one link of the table now touches a different link."""
+    """Success rule: the block touched only one link of the table, and now touches a different link."""
 
     kind: Literal["push_into"]
     from_link: str
@@ -111,7 +111,7 @@ class PushInto:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StackBlocks:
-    """Rule: a block that touched no other block now touches only blocks, and is at rest."""
+    """Success rule: a block touched no other block before. Now it touches only blocks, and is at rest."""
 
     kind: Literal["stack"]
 
@@ -119,7 +119,7 @@ class StackBlocks:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class UnstackBlocks:
-    """Rule: a block that was at rest and touched only other blocks now touches no other block."""
+    """Success rule: a block was at rest and touched only other blocks before. Now it touches no other block."""
 
     kind: Literal["unstack"]
 
@@ -127,7 +127,7 @@ class UnstackBlocks:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """Rule: a light changed from one state to the other."""
+    """Success rule: a light changed from one given state to the other."""
 
     kind: Literal["switch"]
     light: str
@@ -158,7 +158,7 @@ class Subtask:
     changes: list[Change]
 
     def after(self, state: SymbolicState) -> SymbolicState | None:
-        """Return the state after this subtask, or None unless exactly one change is possible."""
+        """Return the state after this subtask, or None if no change is possible or several are possible."""
         ways = [change for change in self.changes if change.allowed(state)]
         return MappingProxyType({**state, **ways[0].then}) if len(ways) == 1 else None
 
