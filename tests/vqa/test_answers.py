@@ -247,8 +247,8 @@ def test_an_endpoint_is_asked_in_its_protocol_and_again_if_it_is_busy(serve, mon
         (401, "no key", ModelError, "Put the API key into the environment variable OPENAI_API_KEY"),
         (404, "no such model", ModelError, "the name of the model, 'tiny'"),
         (500, "broken", ModelError, "no answer after 2 tries"),
-        (200, "garbage", ModelError, "Give the address of a chat endpoint"),
-        (200, "deep", ModelError, "Give the address of a chat endpoint"),
+        (200, "garbage", ModelError, "Use the address of a chat endpoint"),
+        (200, "deep", ModelError, "Use the address of a chat endpoint"),
         (400, "deep", RefusedError, "HTTP 400"),
     ],
 )

@@ -112,10 +112,10 @@ class FailureMode:
 
 
 def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDiagnosis]], str]:
-    """Return a function that chooses a sentence for a list of trials by the evidence rule that most of them have.
+    """Return a function that chooses a sentence for a list of trials.
 
-    The function returns an empty string if no rule is shared by nearly all of the trials, or if that rule has
-    no sentence.
+    The sentence belongs to the evidence rule that decided the label in nearly all of the trials. The function returns
+    an empty string if there is no such rule, or if the rule has no sentence.
     """
 
     def sharper(trials: Sequence[TrialDiagnosis]) -> str:

@@ -87,7 +87,7 @@ class LiberoRun:
 
     @classmethod
     def of(cls, regime: Sequence[TrainedTask], instructions: Mapping[str, str]) -> Self:
-        """Make the object from the training distribution and the instructions in the stored plan of a run."""
+        """Compute the training distribution, and return it with the instructions of the run."""
         return cls(trained_in(regime), instructions)
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
@@ -206,7 +206,7 @@ def _condition(m: RecordMetadata, goals: tuple[Subgoal, ...]) -> Condition:
 
 
 def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistribution:
-    """Return the training distribution, reduced to the regions that exist in a scene."""
+    """Return a copy of the training distribution that contains only the regions that exist in a scene."""
     here = {slot.name for slot in info.slots}
 
     def only(places: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:

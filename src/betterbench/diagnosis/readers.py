@@ -99,7 +99,7 @@ class OwnReader:
 class LiberoReader(libero.LiberoRun):
     """Reader of runs in LIBERO and LIBERO-Plus.
 
-    It reads goals from task files and the training data of the base suite.
+    It reads the goals from task files, and the training data from the base suite.
     """
 
     twins_elsewhere = finds_favorites = True

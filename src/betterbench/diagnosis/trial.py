@@ -1,4 +1,7 @@
-"""First pass of the diagnosis: each trial is diagnosed from its record alone, and the second pass gets its input."""
+"""First pass of the diagnosis, in which each trial is diagnosed from its record alone.
+
+It also prepares the input of the second pass.
+"""
 
 from __future__ import annotations
 

@@ -40,9 +40,9 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """Grasp attempt.
+    """Grasp attempt of a trial.
 
-    It also counts if the gripper closes far from all objects, but then there is neither object nor slot.
+    Closing the gripper far from all objects also counts as an attempt, which then has neither an object nor a slot.
 
     Attributes:
         start_s: Time at which the gripper begins to close [s].
@@ -148,7 +148,7 @@ class TrialDiagnosis:
 
     @property
     def trial_id(self) -> TrialId:
-        """Task, variation or training condition, and seed of the trial."""
+        """Identifier of the trial, made of its task, its variation or training condition, and its seed."""
         return TrialId(self.task, self.variation or self.condition, self.seed)
 
     @property

@@ -13,7 +13,7 @@ _SCENE_KEYS = ("model", "scene", "hash")
 
 
 class RecordVersions:
-    """Collection of the versions found in the records of a run."""
+    """Collection of all versions found in the records of a run."""
 
     def __init__(self, *, allow_mixed: bool) -> None:
         self._allow_mixed = allow_mixed
@@ -21,7 +21,10 @@ class RecordVersions:
 
     @property
     def found(self) -> dict[str, str]:
-        """All versions by name, without the policy. If a name has several values, they are joined by " | "."""
+        """All versions by name. If a name has several values, they are joined by " | ".
+
+        The policy is only included if it has several values.
+        """
         return {
             name: " | ".join(values)
             for name, values in sorted(self._seen.items())

@@ -32,8 +32,8 @@ class Slot:
 
     Attributes:
         name: Name of the slot.
-        x: Position of the center in the world frame [m].
-        y: Position of the center in the world frame [m].
+        x: x coordinate of the center in the world frame [m].
+        y: y coordinate of the center in the world frame [m].
         yaw: Heading of the object without jitter [rad].
         jitter_m: Half the width of the uniform jitter of the position [m].
         yaw_jitter: Half the width of the uniform jitter of the heading [rad].

@@ -44,8 +44,8 @@ class FlatPose(NamedTuple):
     The position is relative to the center of the target region.
 
     Attributes:
-        x_mm: Position [mm].
-        y_mm: Position [mm].
+        x_mm: x coordinate of the object [mm].
+        y_mm: y coordinate of the object [mm].
         yaw_deg: Heading [deg].
     """
 
@@ -133,14 +133,14 @@ class LeaningPose(NamedTuple):
 
     @classmethod
     def of(cls, pose: Pose) -> LeaningPose:
-        """Return a pose ``T_middle_object``, rounded to 0.01 mm and about 0.01 degrees."""
+        """Convert a pose relative to the center of the target region, rounded to 0.01 mm and about 0.01 degrees."""
         x, y, z = (round(1000.0 * value, 2) for value in pose.position)
         qw, qx, qy, qz = (round(value, 4) for value in pose.quaternion)
         return cls((x, y, z), (qw, qx, qy, qz))
 
     @property
     def pose(self) -> Pose:
-        """The pose ``T_middle_object`` [m]."""
+        """Pose ``T_middle_object`` of the object relative to the center of the target region [m]."""
         x, y, z = (0.001 * value for value in self.position_mm)
         return Pose((x, y, z), normalize(self.quaternion))
 
@@ -238,7 +238,7 @@ class Demonstrated:
         return tuple(j for j in self.together if (j.target_asset, j.relation, j.region) == place)
 
     def shows(self, target_kind: str, relation: str, region: str, *, assets: tuple[str, str]) -> bool:
-        """Return whether a demonstration brought an object with this asset to a target with this asset."""
+        """Return whether any demonstration brought the given object asset to the given target asset."""
         there = self._poses_at(target_kind, relation, region)
         return any((p.asset, p.target_asset) == assets for p in there)
 
@@ -249,7 +249,7 @@ class Demonstrated:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DemonstrationsFile:
-    """File of measured demonstrations, by task."""
+    """File with the measured demonstrations of several tasks, by task."""
 
     tasks: Mapping[str, Demonstrated]
     form: Literal["betterbench demonstrations"] = FORM

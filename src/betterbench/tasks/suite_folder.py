@@ -63,7 +63,7 @@ def suite_schema() -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class SuiteFolder:
-    """Suite in a folder. Its files have been found to match the digests in the list of tasks.
+    """Suite in a folder, after its files were found to match the digests in the list of tasks.
 
     Attributes:
         name: Name of the suite, including the digits of the digest ("kitchen-3f2a91c0d4e5").

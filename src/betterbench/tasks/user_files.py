@@ -200,7 +200,7 @@ _lock = threading.RLock()
 def loading_folder() -> Path | None:
     """Return the folder of the user file that is being loaded.
 
-    The result is None if no file, or a plugin, is being loaded.
+    The result is None if nothing is being loaded, or if a plugin is being loaded.
     """
     return Path(_loading[-1].path).parent if _loading and _loading[-1].package is None else None
 

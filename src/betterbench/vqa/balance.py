@@ -103,7 +103,7 @@ def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -
 
 
 def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[str, dict[str, int]]:
-    """Return the number of questions that each family of a type may contribute, by subject.
+    """Return the number of questions that each family of a type may contribute. Families are grouped by subject.
 
     No subject has more questions than all other subjects of its type together.
     """

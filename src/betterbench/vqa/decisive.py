@@ -356,7 +356,7 @@ def _exists(moment: Moment, *, present: bool) -> _Asked | None:
 
 
 def _done(moment: Moment) -> _Asked | None:
-    """Return the question that asks which steps of the instruction are already done."""
+    """Return the question that asks which steps of the instruction have already been done."""
     done = [bool(v) for v in moment.episode.record.subgoals[moment.row]]
     names = evidence_of(moment, done)
     if names is None:

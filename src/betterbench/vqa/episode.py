@@ -37,7 +37,7 @@ class Act(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Doing:
-    """Activity of the robot, with the index of the object that is concerned."""
+    """Activity of the robot, with the index of the object that it handles."""
 
     act: Act
     object: int

@@ -1,7 +1,8 @@
 """Static twins: pairs of a question about a variation's scene and the same question about the training scene.
 
-The twin of a question is about the trial in the training condition of the variation that has the same seed, and about
-the objects in that scene. It has the same type, form and family and, in a set about decisive moments, the same role.
+The twin of a question is about the trial that has the same seed and the training condition from which the variation is
+made, and about the objects in the scene of that trial. It has the same type, form and family and, in a set about
+decisive moments, the same role.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ def axis_of(task: str, condition: str) -> str | None:
 
 
 def scene_twin(trial: TrialId) -> TrialId | None:
-    """Return the training trial with the same seed as a variation trial (its twin).
+    """Return the twin of a variation trial, i.e. the training trial with the same seed.
 
     The result is None if the given trial is not a trial of a variation.
     """

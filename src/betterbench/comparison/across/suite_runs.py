@@ -118,7 +118,7 @@ def _suite_of(run: RunFolder) -> str:
             problem = (
                 f"{run.path} is a run of the suite {min(map(str, others))}, which cannot be compared across worlds"
             )
-            raise InvalidInputError("runs", problem, "Leave this run out; better report shows it")
+            raise InvalidInputError("runs", problem, "Leave this run out, and view it with better report")
         return OURS
     if len(facts.suites) == 1:
         return next(iter(facts.suites))

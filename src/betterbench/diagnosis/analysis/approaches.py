@@ -134,7 +134,7 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
-    """Return the index of the object that the open gripper approaches, low enough to grasp it, or None.
+    """Return the index of the object to which the open gripper descends far enough to grasp it, or None.
 
     Only rows of the trace from ``first`` on are considered. The gripper must spend a minimum time at the object, and
     only rarely be within reach of other objects.

@@ -240,7 +240,7 @@ class EpisodeAnalysis:
 
     @property
     def first_attempt(self) -> Step | None:
-        """First grasp attempt that shows which object the policy chose, or None. It is the one that reports mention."""
+        """First grasp attempt that shows which object the policy chose, or None. Reports show this attempt."""
         return next(filter(self._may_be_choice, self.steps), None)
 
     @property
@@ -343,7 +343,7 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return where an object was placed contrary to the instruction, with the rows of the trace.
+        """Return the region in which an object was placed contrary to the instruction, and when this happened.
 
         If an object was deliberately released at a region, it counts as placed there in any posture.
 
@@ -430,7 +430,7 @@ class EpisodeAnalysis:
         return math.dist(trace.positions[row, i, :2], place[:2])
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the wrong region in which a requested object was placed, with the rows of the trace.
+        """Return the wrong region in which a requested object was placed, and when this happened.
 
         Returns:
             The row at which the object was released, the row at which it came to rest, and the region. None if the
@@ -536,7 +536,7 @@ class EpisodeAnalysis:
         return f"x {100 * x:.0f}, y {100 * y:.0f}, z {100 * z:.0f} cm"
 
     def at_step(self, rule: str, text: str, step: Step, **details: tuple[str, ...]) -> Evidence:
-        """Return evidence for a label that consists of one attempt."""
+        """Return one attempt in the form of evidence for a label."""
         objects = () if step.at is None else (step.at,)
         return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
 
@@ -815,7 +815,7 @@ def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool
 
 
 def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
-    """Return the earlier subgoals whose target is the object of this subgoal.
+    """Return the earlier subgoals whose target is the object of the given subgoal.
 
     For example, the subgoal that fills a drawer comes before the subgoal that closes it.
     """

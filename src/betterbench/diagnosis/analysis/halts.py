@@ -39,9 +39,9 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     Trembling over a requested object is not a halt.
 
     A pause after which the arm continues is not a halt. A final stop that is shorter than an earlier pause may itself
-    be a pause, so it is not a halt either. Two situations are stricter: the arm holds a correct object at its target
-    region, or it has descended to a correct object with open fingers. In both, the arm has only halted if it does not
-    move at all. If it moves, the fault is that the gripper does not open or close.
+    be a pause, so it is not a halt either. In two situations, the arm has only halted if it does not move at all: it
+    holds a correct object at its target region, or it has descended to a correct object with open fingers. If it moves
+    in these situations, the fault is that the gripper does not open or close.
     """
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None

@@ -102,8 +102,8 @@ class LabelScore:
 
     Attributes:
         label: The label.
-        recall: Fraction of the trials with this true label that were also diagnosed with it.
-        precision: Fraction of the trials diagnosed with this label for which it is the true label.
+        recall: Fraction of correct diagnoses among the trials whose true label is this label.
+        precision: Fraction of correct diagnoses among the trials that were diagnosed with this label.
     """
 
     label: Label

@@ -176,7 +176,8 @@ def _success_rate(trials: Trials) -> Rate:
 def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
     """Return the illusion gaps: success rates of the twins minus success rates of the variations.
 
-    The p-values are corrected by Holm's method, separately for gaps over all trials, axes, tasks and conditions.
+    The p-values are corrected by Holm's method, separately for the gap over the whole run, the gaps per axis, the gaps
+    per task and the gaps per condition.
 
     Args:
         trials: The trials from which the gaps are computed.

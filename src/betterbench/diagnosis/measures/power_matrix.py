@@ -188,7 +188,7 @@ class PowerMatrix:
         return self.cells.get(pretender, {}).get(key)
 
     def backed(self, key: Key) -> frozenset[Label]:
-        """Return the labels of the wrong decisions because of which policies with a faulty rule fail a variation."""
+        """Return the labels of the wrong decisions that make policies with a faulty rule fail a variation."""
         found: set[Label] = set()
         for name in self.rules:
             cell = self.cell(name, key)

@@ -22,7 +22,7 @@ from betterbench.tasks.labels import Kind
 
 @dataclass(frozen=True, slots=True)
 class ReferenceLine:
-    """Expected success rates in a run of a policy that lacks the tested ability (a pretender).
+    """Success rates that a pretender (a policy without the tested ability) is expected to reach in a run.
 
     Attributes:
         pretender: Name of the pretender.
@@ -102,7 +102,7 @@ class Standing:
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """Other pretenders whose outcomes agree with those of the run exactly as much as the nearest pretender's."""
+        """Other pretenders that agree with the run in exactly as many trials as the nearest pretender does."""
         best = self.nearest
         return tuple(x.pretender for x in self.likenesses[1:] if best is not None and x.agreement >= best.agreement)
 

@@ -162,7 +162,7 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence if an object is put to a place that would be correct if the target stood in its training slot."""
+    """Return evidence if an object is put in a place that would be correct if the target stood in its training slot."""
     episode, i = trial.episode, step.grasp.object
     if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:
         return None

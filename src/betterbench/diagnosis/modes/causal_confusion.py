@@ -84,7 +84,7 @@ def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
 
 
 def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, row: int) -> bool:
-    """Return whether a drawer is shut whose intended content is later put into a different drawer.
+    """Return whether the intended content of a drawer that is shut is later put into a different drawer.
 
     If so, the drawer was shut because the policy chose the wrong target, since an open drawer blocks the drawer below
     it. The wrong target then decides the label.

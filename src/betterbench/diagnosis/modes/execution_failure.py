@@ -73,7 +73,8 @@ def _aims_right(trial: TrialDiagnosis) -> bool:
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     """Return a sentence that describes the failed manipulation, if one or two kinds of failure cover nearly all trials.
 
-    The sentence states that the policy goes for the correct objects only if nearly all of these trials show the target.
+    The sentence also states that the policy goes for the correct objects, but only if nearly all of these trials show
+    what the target was.
     """
     untold = Counter(where for trial in trials if (where := _untold(trial)))
     if untold.total() > (1.0 - SHARE_OF_ALL) * len(trials):
@@ -95,7 +96,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def _about(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a clause that states at which objects the failed attempts were."""
+    """Return a clause that states whether the targets of the failed attempts are known to be correct."""
     untold = sum(bool(_untold(trial)) for trial in trials)
     if untold == len(trials):
         return ", with an unknown target"

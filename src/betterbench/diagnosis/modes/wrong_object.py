@@ -62,7 +62,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _due_elsewhere(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the kind of object to be picked now, if the attempt moves a drawer into which this object does not go.
+    """Return the kind of object to be picked now, if the attempt moves a drawer in which this object does not belong.
 
     The result is None if the attempt does not move a wrong drawer.
     """

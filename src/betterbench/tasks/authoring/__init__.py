@@ -49,7 +49,7 @@ def item(name: str, kind: str = "", category: str = "", color: str | None = None
     """Return an object that instructions may refer to.
 
     Args:
-        name: Name in the scene. It has no meaning.
+        name: Name in the scene. It can be any name, because names do not affect verdicts.
         kind: Noun for the object in instructions. By default, this is the name with spaces instead of underscores.
         category: Category of the object's asset. By default, this is the kind with underscores instead of spaces.
         color: Color of the asset, or None to let the scene generator choose.
@@ -73,7 +73,7 @@ def fixture(name: str, kind: str = "", category: str = "", *, fixed: bool = Fals
 
 
 def drawer(name: str, category: str, cabinet: ObjectSpec) -> ObjectSpec:
-    """Return a drawer that slides in the mount of the same name in a cabinet."""
+    """Return a drawer of a cabinet. It slides in the mount that has the same name as the drawer."""
     return _object("drawer", name, category.replace("_", " "), category, mount=TargetRegion(cabinet.name, name))
 
 

@@ -48,7 +48,7 @@ class ConditionMatrix:
     """Matrix of a task's conditions, arranged by the initial states of two objects.
 
     Attributes:
-        horizon: Which matrix of the paper this is.
+        horizon: Matrix of the paper to which this one corresponds.
         rows: Object whose states define the rows.
         columns: Object whose states define the columns.
         cells: One cell for each pair of states, row by row in the order of :class:`State`.

@@ -1,4 +1,4 @@
-"""Layout of a task for a different robot: the slots are moved and, if necessary, closer together."""
+"""Layout of a task for a different robot: the slots are moved and, if necessary, brought closer together."""
 
 from betterbench.tasks.authoring.task import Task
 from betterbench.tasks.authoring.task_form import task_from_json, task_to_json

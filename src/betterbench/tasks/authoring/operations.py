@@ -57,7 +57,7 @@ class Operation:
     carry_out: Callable[[Condition], Result] = field(compare=False, repr=False)
 
     def __str__(self) -> str:
-        """Return the operation in the form of a text such as ``do(swap a=burger_1 b=fries)``."""
+        """Return a short text for the operation, such as ``do(swap a=burger_1 b=fries)``."""
         shown = (f"{k}={getattr(v, 'text', getattr(v, 'name', v))}" for k, v in self.arguments.items())
         return f"do({' '.join((self.name, *shown))})"
 

@@ -118,9 +118,9 @@ class Template(Meta, Protocol):
         return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals) + condition.watch_steps
 
     def problems(self, condition: Condition) -> tuple[str, ...]:
-        """Return a list of ways in which a condition violates the template, one clause each.
+        """Describe how a condition violates the template, in one clause for each violation.
 
-        The list is empty if there are none.
+        The result is empty if the condition follows the template.
         """
         found: list[str] = []
         for group in self.groups:

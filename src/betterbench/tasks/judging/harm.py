@@ -225,7 +225,7 @@ class HarmWatch:
         return (*floor.values(), *over.values(), *moved, *there)
 
     def _out_of_place(self, state: WorldState) -> list[Harm]:
-        """Return the targets that were moved, the objects that were rotated, and the drawers that are open in a state.
+        """Return the harm in a state: targets that were moved, objects that were rotated, and drawers that are open.
 
         There is at most one harm for each object.
         """
@@ -264,7 +264,7 @@ class HarmWatch:
 
 
 def can_stand(thing: ObjectInfo) -> bool:
-    """Return whether an object can stand upright and be knocked over, i.e. whether it is neither flat nor rolls."""
+    """Return whether an object can stand upright and be knocked over, i.e. whether it is not flat and does not roll."""
     width, depth, height = thing.size_m
     return thing.shape in STANDS_FROM and height >= STANDS_FROM[thing.shape] * min(width, depth)
 

@@ -27,7 +27,8 @@ class JudgingMemory:
 
     Attributes:
         relations: Whether each predicate holds in the last state.
-        truth: Goal state of the last state, or None if something has changed since. The tracker sets it.
+        truth: Goal state that was computed for the last state, or None if something has changed since. The tracker sets
+            it.
     """
 
     def __init__(self, targets: Targets) -> None:

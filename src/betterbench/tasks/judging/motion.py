@@ -256,7 +256,7 @@ def _runs(flags: Bools) -> list[tuple[int, int]]:
 
 
 def _lasting(flags: Bools, least: int) -> Bools:
-    """Return the flags without runs of True that are shorter than ``least`` rows. A run at the end is kept."""
+    """Set runs of True that are shorter than ``least`` rows to False. A run at the end is kept."""
     lasting = flags.copy()
     for start, stop in _runs(flags):
         if stop - start < least and stop < len(flags):

@@ -34,8 +34,8 @@ class ClosingPoint(NamedTuple):
     """Point at which the gripper closes in the preferred grasp of a category of objects, in the frame of the object.
 
     Attributes:
-        x_mm: Position [mm].
-        y_mm: Position [mm].
+        x_mm: x coordinate of the point [mm].
+        y_mm: y coordinate of the point [mm].
         spread_mm: Variation of the point over the variants of the object [mm].
     """
 

@@ -41,7 +41,7 @@ def far_apart(state: WorldState, name: str, other: str, reach_m: float) -> bool:
 
 
 def to_region(state: WorldState, target: str, region: Region) -> Pose:
-    """Return ``T_region_world`` for a region of an object.
+    """Return the transform ``T_region_world`` from the world frame to the frame of an object's region.
 
     The result is cached as long as the object does not move. This saves 0.4 to 0.9 µs of the 8 to 10 µs that
     ``GoalTracker.update`` takes per state (see :func:`far_apart`).

@@ -1,4 +1,4 @@
-"""Form of an answer, the value that is read from a text, and the part of a text in which an answer is searched."""
+"""Form of an answer, the value that is read from a text, and the part of a text that is searched for an answer."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) 
 def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> Iterator[QuestionDraft]:
     """Yield the question of whether an object is at a certain side of another object.
 
-    The latter's front defines the sides.
+    The sides are defined by the front of this other object.
     """
     try:
         side = moment.place(BESIDE, thing[1], anchor[1])

@@ -38,7 +38,7 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 def balanced_cheeseburger() -> list[Condition]:
     """Return four rotated layouts, each with nine stacks.
 
-    In every second condition, a layer is missing that is not requested.
+    Every second condition lacks a layer that is not requested.
     """
     found = []
     for turn in range(4):

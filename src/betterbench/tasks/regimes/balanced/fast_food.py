@@ -44,7 +44,7 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 def balanced_fast_food() -> list[Condition]:
     """Return four rotated layouts, each with six orders.
 
-    In every second condition, an object is missing that is not needed.
+    Every second condition lacks an object that is not needed.
 
     The tests R1 and R2 ask for the fries and the drink together, so a meal without a burger contains only one of the
     two.

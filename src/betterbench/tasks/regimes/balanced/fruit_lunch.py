@@ -43,7 +43,7 @@ ASKED = (
 def balanced_fruit_lunch() -> list[Condition]:
     """Return six layouts, each with six instructions.
 
-    In every fourth condition, a fruit is missing that is not requested.
+    Every fourth condition lacks a fruit that is not requested.
 
     In most conditions, the other fruits are present, so that only the words determine the fruit. "Orange, then lemon"
     is the instruction of the test R1. If only "lemon, then orange" were used instead, this order would become a new

@@ -35,7 +35,7 @@ ASIDE = (IN_FRONT,)
 
 
 def balanced_morning_coffee() -> list[Condition]:
-    """Return each word with both mugs and a can, then each mug either alone or with a can in the other slot."""
+    """Return conditions for each word: first with both mugs and a can, then with one mug, alone or with a can."""
     found = []
     for layout in (LAYOUT_1, LAYOUT_2):
         for can in (RED_CAN, BLUE_CAN):

@@ -38,7 +38,7 @@ LAYOUTS = (
 def balanced_office_drawer() -> list[Condition]:
     """Return four layouts. In each, one object is requested for a closed or an open drawer, or both are requested.
 
-    If both are requested, they go into exchanged drawers.
+    If both are requested, each goes into the drawer that training uses for the other.
     """
     found = []
     for layout in LAYOUTS:

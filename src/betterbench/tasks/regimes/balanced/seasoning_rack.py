@@ -26,9 +26,10 @@ JARS, SLOTS = (SALT, PEPPER, PAPRIKA), (FIRST, SECOND, THIRD)
 
 
 def balanced_seasoning_rack() -> list[Condition]:
-    """Return each jar with each hole, and each ordered pair of jars with two holes, each in three rotated layouts.
+    """Return conditions for each jar and hole, and for each ordered pair of jars and two holes.
 
-    Because of the different layouts, an instruction does not determine the slots in which its jars start.
+    Each of them occurs in three rotated layouts, so that an instruction does not determine the slots in which its jars
+    start.
     """
     holes = tuple(HOLES)
     found = []

@@ -43,7 +43,7 @@ FREE = (TRASH_4, TRASH_2, TRASH_3, TRASH_1)
 
 
 def balanced_tidy_desk() -> list[Condition]:
-    """Return four layouts of the trash with four instructions each. The valuables exchange their places."""
+    """Return four layouts of the trash, each with four instructions. The valuables exchange their places."""
     found = []
     for turn, (napkin, can) in enumerate(TRASH):
         for number, asked in enumerate(ASKED):

@@ -21,7 +21,7 @@ class BlockInfo:
     Attributes:
         body: Index of the block's body.
         position: Position in the world [m].
-        rotation: Unit quaternion (w, x, y, z) of R_world_block.
+        rotation: Rotation from the block's frame to the world frame, as a unit quaternion (w, x, y, z).
         velocity: Linear velocity [m/s] and angular velocity [rad/s], six numbers.
         contacts: Links that are in contact with the block.
     """

@@ -1,4 +1,4 @@
-"""Results of CALVIN chains: five success rates, the average length, rates per subtask, and tests between two runs."""
+"""Results of CALVIN chains: five success rates, the average length, rates per subtask, and comparisons of two runs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class SubtaskResult:
     """Result of a subtask that was started.
 
     Attributes:
-        name: CALVIN's name of the subtask.
+        name: Name of the subtask in CALVIN.
         success: Whether the subtask was done.
         steps: Number of control steps that it took.
     """

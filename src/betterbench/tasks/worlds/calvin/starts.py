@@ -40,7 +40,7 @@ class ChainStart:
     """Arguments of ``env.reset(robot_obs=..., scene_obs=...)`` at the start of a chain.
 
     Attributes:
-        robot: (15,) float64, :data:`ROBOT_START`.
+        robot: (15,) float64. This is always :data:`ROBOT_START`.
         scene: (24,) float64: slider, drawer, button and switch [m], light bulb, LED, followed by position [m] and Euler
             angles [rad] of the red, the blue and the pink block.
     """

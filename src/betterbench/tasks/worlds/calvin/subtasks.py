@@ -81,7 +81,7 @@ class MoveDoor:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Lift:
-    """Success rule: the block was on a link of the table, is now higher by ``by_m``, and touches only the robot."""
+    """Success rule: the block was on a table link, is now more than ``by_m`` higher, and touches only the robot."""
 
     kind: Literal["lift"]
     block: str
