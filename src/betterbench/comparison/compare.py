@@ -1,4 +1,4 @@
-"""Pairwise comparison of how often policies succeed and fail, with corrected tests."""
+"""Pairwise comparison of how often policies succeed and fail, with p-values that are corrected for multiple testing."""
 
 from __future__ import annotations
 
@@ -55,12 +55,12 @@ class Comparison:
     standings: tuple[Standing, ...] = ()
 
     def group(self, measure: str, scope: str = "overall") -> Group | None:
-        """Return the group for a measure and a scope, or None if it does not exist."""
+        """Return the comparison by one measure (such as "success") within one scope, or None if there is none."""
         return next((g for g in self.groups if (g.measure, g.scope) == (measure, scope)), None)
 
     @property
     def first_is_worse(self) -> bool:
-        """Whether the first policy is significantly worse than any other compared policy over all variations."""
+        """Whether any other policy succeeds significantly more often than the first policy over all variations."""
         overall = self.group("success")
         mine = () if overall is None else (c for c in overall.contrasts if c.first == self.sides[0].name)
         return any(c.different and c.higher == c.second for c in mine)

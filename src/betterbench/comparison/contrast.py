@@ -162,7 +162,7 @@ Counted = tuple[tuple[TrialDiagnosis, bool], ...]
 
 
 def rate_of(counted: Counted) -> Rate:
-    """Return the fraction of trials that have the counted outcome."""
+    """Return the fraction of trials that have the outcome which is counted."""
     return Rate(sum(happened for _, happened in counted), len(counted))
 
 
@@ -180,7 +180,7 @@ class OutcomeCounts:
 
     @property
     def rates(self) -> tuple[Rate, Rate]:
-        """Rate of each of the two policies."""
+        """Rate of the counted outcome for each of the two policies."""
         return rate_of(self.first), rate_of(self.second)
 
     @property
@@ -195,7 +195,7 @@ class OutcomeCounts:
 
 
 def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: float) -> tuple[Difference, str, float]:
-    """Return the difference of the two rates, the name of the test, and its p-value."""
+    """Return the difference between the rates of the two policies, the name of the test, and its p-value."""
     if paired:
         difference = wider_paired_difference(
             tally.outcomes,

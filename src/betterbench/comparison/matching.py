@@ -143,7 +143,7 @@ def _ambiguous(side: Side) -> Iterator[str]:
 
 
 def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
-    """Yield notes about the trials of a run that count as failures because they have no usable record."""
+    """Yield notes about the trials of a run that count as failures because there is no usable record of them."""
     unfinished = sum(t.key in side.unfinished for t in trials)
     lost = sum(t.record is None and t.key not in side.unfinished for t in trials)
     stopped = sum(t.kind is Kind.SYSTEM and t.record is not None for t in trials)

@@ -29,7 +29,10 @@ _SAME_TIME = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class ThresholdChange:
-    """Threshold whose value differs between two diagnoses. A value is None if that diagnosis lacks the threshold."""
+    """Threshold whose value differs between two diagnoses.
+
+    The value of a diagnosis that lacks the threshold is None.
+    """
 
     name: str
     before: float | None
@@ -56,7 +59,7 @@ class TrialChange:
 
     @property
     def labels(self) -> tuple[str, str]:
-        """Stored label and new label of the trial. A label is "none" if that diagnosis does not contain the trial."""
+        """Stored label and new label of the trial. If a diagnosis does not contain the trial, its label is "none"."""
         return ("none" if self.before is None else self.before.label, "none" if self.now is None else self.now.label)
 
     def to_json(self) -> dict[str, Any]:
@@ -69,7 +72,7 @@ class TrialChange:
 
 @dataclass(frozen=True, slots=True)
 class MetricChange:
-    """Metric that differs between two diagnoses. A value is None if that diagnosis lacks the metric."""
+    """Metric that differs between two diagnoses. The value of a diagnosis that lacks the metric is None."""
 
     name: str
     scope: str
@@ -104,7 +107,7 @@ class DiagnosisChanges:
         return dict(sorted(changed.items(), key=lambda item: (-item[1], item[0])))
 
     def of_sort(self, *sorts: Sort) -> tuple[TrialChange, ...]:
-        """Return the trials that differ in one of the given ways."""
+        """Return the trials whose difference is of one of the given kinds."""
         return tuple(t for t in self.trials if t.sort in sorts)
 
     def to_json(self) -> dict[str, Any]:
@@ -131,7 +134,10 @@ def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChan
 def _differences(
     before: Mapping[_Key, _Value], now: Mapping[_Key, _Value]
 ) -> Iterator[tuple[_Key, _Value | None, _Value | None]]:
-    """Yield each key whose values differ between two mappings, with both values, in the order of the new mapping."""
+    """Yield each key for which two mappings have different values, with both values.
+
+    The keys are in the order of the new mapping.
+    """
     for key in (*now, *(k for k in before if k not in now)):
         a, b = before.get(key), now.get(key)
         if a != b:

@@ -102,12 +102,12 @@ class FailureMode:
         return self.title or self.label.value.replace("_", " ").capitalize()
 
     def conclude(self, trials: Sequence[TrialDiagnosis]) -> str:
-        """Return the conclusion about a policy, given the trials in which it has this failure mode."""
+        """Return the conclusion about a policy from the trials in which it has this failure mode."""
         return (self.sharper(trials) if self.sharper is not None and trials else "") or self.conclusion
 
     @property
     def family(self) -> str:
-        """Group that determines the color in figures: "right", "reasoning", "execution" or "system"."""
+        """Group of the label, which determines its color in figures: "right", "reasoning", "execution" or "system"."""
         return "right" if self.label.kind is Kind.NONE else self.label.kind.value
 
 

@@ -145,7 +145,7 @@ def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:
 
 
 def effect_words(effect: Metric) -> str:
-    """Return a sentence that states in how many pairs of trials the first target is the same."""
+    """Return a sentence that states in how many pairs of trials the policy has the same first target."""
     return f"In {_counted(effect)} the first target is the same."
 
 

@@ -43,7 +43,7 @@ def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...
 
 
 def _with_harm(view: TrialView, findings: tuple[LabelEvidence, ...]) -> tuple[LabelEvidence, ...]:
-    """Append a sentence about harm to the evidence, unless the evidence already mentions this harm."""
+    """Append a sentence about harm to the text of the evidence, unless the text already mentions this harm."""
     said = []
     for label, evidence in findings:
         clauses = [words for words in view.episode.harm_words() if words not in evidence.text]

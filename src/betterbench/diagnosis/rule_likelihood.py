@@ -66,7 +66,7 @@ class PolicyRule:
 
 
 def place_rule(slot: str) -> str:
-    """Return the name of the rule "always go to this slot"."""
+    """Return the name of the rule "always go to this slot" for a given slot."""
     return f"{PLACE}:{slot}"
 
 

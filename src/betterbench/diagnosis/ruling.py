@@ -33,7 +33,7 @@ class Ruling:
     habit: RuleStatus = "upheld"
 
     def status(self, rule: str) -> RuleStatus:
-        """Return whether a kind of rule explains the trial, does not explain it, or cannot be decided on."""
+        """Return whether a kind of rule explains the trial, does not explain it, or whether this cannot be decided."""
         known = {WORD: self.shortcut, PLACE: self.place, HABIT: self.habit}
         return known.get(rule, "upheld")
 

@@ -331,7 +331,7 @@ def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: Favor
 
 
 def _not_by_instruction(trial: TrialDiagnosis, reading: Reading, rule: str, why: str) -> TrialDiagnosis:
-    """Label a wrong first attempt that no rule explains as independent of the instruction."""
+    """If no rule explains a wrong first attempt, label the attempt as independent of the instruction."""
     if trial.label not in (Label.WRONG_OBJECT, Label.VISUAL_LAYOUT_BIAS):
         return trial
     label, evidence = decide(reading.findings, Ruling("rejected", place="upheld"))

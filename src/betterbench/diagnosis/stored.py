@@ -28,7 +28,7 @@ _CURE = "Restore the file, or move it elsewhere and store a new diagnosis"
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredAttempt:
-    """Stored grasp attempt, with its start [s], its object and its result."""
+    """Stored grasp attempt, with its start time [s], its object and its result."""
 
     start_s: float
     object: str | None
@@ -74,7 +74,7 @@ class StoredTrial:
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredMetric:
-    """Stored metric: its name, scope, numerator, denominator and value."""
+    """Stored metric, with its name, scope, numerator, denominator and value."""
 
     name: str
     scope: str

@@ -93,9 +93,9 @@ def judge_rules(
 
 
 def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[PolicyRule]:
-    """Fit the rules that explain at least one wrong first attempt.
+    """Fit the rules that explain at least one wrong first attempt, and sort them by cost.
 
-    Sort them by cost, and by name if costs are equal.
+    Rules with equal costs are in the order word, habit, later, place.
     """
     slots = sorted({c.slot for c in attempts if c.slot is not None})
     favorites = {(c.stocked, slot) for c in attempts for slot in c.favorite_slots}
@@ -194,7 +194,7 @@ def _open_slots(
 
 
 def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_confusion: float) -> bool:
-    """Return whether these trials would be enough to prove the rule for a policy that always goes to the slot."""
+    """Return whether these trials would be enough to prove that a policy always goes to a slot, if it did so."""
     certain = [replace(c, slot=slot, correct=slot in c.right) for c in attempts]
     rule = fit_rule(place_rule(slot), certain, price)
     return has_pair(certain, slot) and rule.cost < confusion_cost(certain) + prior_of_confusion - ROUNDING

@@ -150,7 +150,7 @@ def trial_diagnosis(
     evidence: Evidence,
     path: str | None,
 ) -> TrialDiagnosis:
-    """Return the diagnosis of an analyzed trial of any world, without its harm and its needless steps."""
+    """Return the diagnosis of an analyzed trial of any world. Harm and needless steps are not filled in."""
     m, trace, first, intended = record.metadata, episode.trace, episode.first_attempt, episode.intended()
     at = None if first is None else first.grasp.object
     return TrialDiagnosis(
@@ -240,7 +240,7 @@ def choice_of(episode: EpisodeAnalysis) -> Choice | None:
 
 
 def _distance_at_start(trace: Trace, item: int) -> float:
-    """Return the horizontal distance from an object to the gripper in the initial state [m]."""
+    """Return the horizontal distance between an object and the gripper in the initial state [m]."""
     return horizontal_distance(trace.positions[0, item].tolist(), trace.tool[0].tolist())
 
 

@@ -35,7 +35,7 @@ class UntilDecided:
 
     @property
     def waiting(self) -> frozenset[TrialId]:
-        """Trials of the current round that have no record yet. Empty if the run is complete."""
+        """Trials of the current round that have no record yet. The set is empty if the run is complete."""
         return frozenset(_trial(name, seed) for name, seed in self.decisions.waiting)
 
     @property

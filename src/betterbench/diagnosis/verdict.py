@@ -1,4 +1,4 @@
-"""Results of the diagnosis of a trial and of a run, as JSON-serializable values."""
+"""Results of the diagnosis, for a trial and for a run, as values that can be converted to JSON."""
 
 from __future__ import annotations
 
@@ -253,7 +253,7 @@ class RunDiagnosis:
 
     @property
     def pending(self) -> tuple[str, ...]:
-        """Keys of the trials in ``waiting``."""
+        """Keys of the planned trials that a run in progress has not reached yet."""
         return tuple(t.key for t in self.waiting)
 
     @property

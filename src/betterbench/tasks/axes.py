@@ -15,7 +15,7 @@ class Axis(StrEnum):
 
     @property
     def letter(self) -> str:
-        """Letter with which the names of the variations on this axis begin: L, R, O or T."""
+        """First letter of the names of the variations on this axis: L, R, O or T."""
         return {"s": "L", "p": "R", "a": "O", "t": "T"}[self.value[0]]
 
     @classmethod

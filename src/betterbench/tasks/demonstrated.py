@@ -233,7 +233,7 @@ class Demonstrated:
         return tuple(pose for found in alike or same or of_kind or there for pose in found.poses)
 
     def joint_poses_at(self, target_asset: str, relation: str, region: str) -> tuple[JointPoses, ...]:
-        """Return the final poses in demonstrations that left several objects at a target with this asset."""
+        """Return the final poses from demonstrations that left several objects at a target with the given asset."""
         place = (target_asset, relation, region)
         return tuple(j for j in self.together if (j.target_asset, j.relation, j.region) == place)
 
@@ -343,7 +343,7 @@ def demonstrated_if_measured(task: Task, *, engine: str) -> Demonstrated | None:
 
 
 def final_pose(task: Task, seed: int, *, kind: str, region: str, poses: Sequence[FlatPose]) -> FlatPose:
-    """Return the final pose of an object that starts at a target, drawn from the random stream of the trial."""
+    """Draw the final pose of an object that starts at a target, from the random stream of the trial."""
     return poses[int(stream(task.id, seed, f"preplaced:{kind}:{region}").integers(len(poses)))]
 
 
@@ -356,7 +356,7 @@ def joint_index(task: Task, seed: int, *, kinds: Sequence[str], region: str, cou
 
 
 def cure_for(task: str) -> str:
-    """Return the command that measures the demonstrations of a task, as a sentence without a period."""
+    """Return a sentence without a period that names the command for measuring the demonstrations of a task."""
     own = companion_of(task)
     package = " --write-package" if own is None else ""
     return f"Run better certify{options_for([task])} --tasks {task} --demonstrations 120{package}"

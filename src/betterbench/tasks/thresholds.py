@@ -66,7 +66,7 @@ def threshold_table() -> tuple[Threshold, ...]:
 
 
 class Thresholds:
-    """Thresholds that several modules use."""
+    """Values of the thresholds that several modules use."""
 
     # fmt: off
     # The goal tracker: objects at rest, upright objects, and the home position.

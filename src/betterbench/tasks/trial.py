@@ -38,7 +38,10 @@ class Trial:
 
     @property
     def ambiguous(self) -> bool:
-        """Whether the premise of the trial is broken. If so, the trial is labeled but not part of any rate."""
+        """Whether a premise of the instruction is false in this trial.
+
+        If so, the trial is labeled but not part of any rate.
+        """
         return self.expected == Expected.AMBIGUOUS.value
 
     @property

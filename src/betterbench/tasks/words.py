@@ -1,4 +1,4 @@
-"""Grammar of the nouns for objects in sentences: articles, plurals, mass nouns and the agreement of verbs."""
+"""Grammar of the nouns for objects: articles, plurals, mass nouns, and the agreement of verbs with them."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ _SHAPES: dict[Form, Literal["box", "point", "points"]] = {
 
 
 def answer_line(spec: AnswerSpec) -> str:
-    """Return the sentence of the prompt that asks for a certain form of answer."""
+    """Return the sentence of the prompt that asks for an answer of a certain form."""
     if spec.form in _SHAPES:
         return spec.convention.request(_SHAPES[spec.form], spec.width, spec.height)
     return _LINES[spec.form]
@@ -455,7 +455,7 @@ def _require_unchanged(found: Answers, file: Path) -> None:
 
 
 def _sealed(head: AnswersHead, line: AnswersHead | ModelAnswer) -> dict[str, Any]:
-    """Return a line of an answer file with a checksum that covers the line, the model and the set."""
+    """Add a checksum to a line of an answer file. The checksum covers the line, the model and the set."""
     form = {
         f.name: value
         for f in fields(line)

@@ -136,7 +136,7 @@ def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chose
 
 
 def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]]:
-    """Return the rounds of all groups in an interleaved order."""
+    """Return the rounds of all groups, alternating between the groups."""
     keyed = [
         (number, hash_number("turn", seed, rounds[0][0].candidate.key), r)
         for rounds in groups

@@ -172,7 +172,7 @@ def _cell(box: Sequence[int], width: int, cells: int) -> str:
 
 
 def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str]:
-    """Return the answer that the classifier gives for each class."""
+    """Return, for each class of the classifier, the answer that the classifier gives."""
     members: dict[str, list[Question]] = defaultdict(list)
     for question in train:
         members[answer_class(question)].append(question)
@@ -217,7 +217,7 @@ def box_cell(text: str, width: int, cells: int) -> str | None:
 
 
 def in_cells(text: str, width: int, cells: int = COARSE_CELLS) -> str:
-    """Return a text in which each box is replaced by a word for the image cell that contains the center of the box."""
+    """Replace each box in a text by a word for the image cell that contains the center of the box."""
     for found in re.findall(r"\[[\d, ]+\]", text):
         cell = box_cell(found, width, cells)
         if cell is not None:

@@ -324,7 +324,7 @@ def run_digest(run: RunFolder) -> str:
 
 
 def records_of(run: RunFolder, trials: Collection[TrialId]) -> dict[str, str]:
-    """Return the SHA-256 of the records of the given trials, by trial name."""
+    """Return the SHA-256 of the record of each given trial, by trial name."""
     wanted = set(trials)
     return {str(e.key): run.record_digest(e) for e in run.entries() if e.key in wanted and e.status == "done"}
 
@@ -377,7 +377,10 @@ def _survey(
     workers: int,
     on_progress: OnCount | None,
 ) -> None:
-    """Write the possible questions about each trial, with the images. Trials that are done already are skipped."""
+    """Write the images of each trial and the possible questions about them.
+
+    Trials that are already done are skipped.
+    """
     look = partial(_look_at, run, out, options)
     run_items(
         trials,
@@ -463,7 +466,10 @@ def finished(
     chance: float | None,
     role: str | None = None,
 ) -> Question:
-    """Make a question of a set from a candidate. For the arguments, see :class:`Question`."""
+    """Make a question of a set from a candidate (a question without its wording and options).
+
+    For the arguments, see :class:`Question`.
+    """
     c = candidate
     tags = tuple(sorted(set(c.tags)))
     return Question(
@@ -578,7 +584,7 @@ def read_set(folder: Path) -> QuestionSet:
 
 
 def _records(file: Path) -> dict[str, str]:
-    """Return the hashes of the records from which a set was made, or an empty dict if the set stores none."""
+    """Return the hashes of the records from which a set was made, or an empty dict if they are not stored."""
     if not file.exists():
         say_unsealed(str(file.parent))
     form = _sealed(file) if file.exists() else {}

@@ -396,6 +396,6 @@ def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
 
 
 def _place(asked: _Asked, candidate: Candidate, options: DecisiveOptions) -> int:
-    """Return the position of the correct option in the first wording of a question."""
+    """Return the position of the correct option among the options of a question in its first wording."""
     identifier = f"{candidate.id(options.seed)}-{asked.role}-1"
     return sorted(asked.options, key=lambda o: hash_number("option", identifier, o)).index(asked.draft.answer)

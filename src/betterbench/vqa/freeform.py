@@ -132,7 +132,7 @@ class StateClaim:
 @open_form
 @dataclass(frozen=True, slots=True)
 class ModelText:
-    """Description of an image, or answer to a question about it, with the claims of the text."""
+    """Description of an image, or answer to a question about an image, with the claims that the text makes."""
 
     text: Annotated[str, Field(max_length=LONGEST_TEXT)]
     claims: Annotated[tuple[StateClaim, ...], Field(max_length=20)]
@@ -166,7 +166,7 @@ class Described:
 
     @property
     def sentence(self) -> str:
-        """Summary of the result in one sentence."""
+        """Summary of the result in one sentence, with the number of texts that were kept and dropped."""
         reasons = ", ".join(f"{reason} {n}" for reason, n in sorted(self.dropped.items()))
         return f"{self.kept} texts about {self.images} images kept in {self.path}; dropped: {reasons or 'none'}."
 
@@ -204,7 +204,7 @@ def describe_images(
 
 
 def _is_described(path: Path) -> bool:
-    """Return whether the first line of a file is a text about an image."""
+    """Return whether the first line of a file is a text about an image, as written by this module."""
     with contextlib.suppress(ValueError), open_ordinary(path) as file:
         first = parse_json(file.readline(_MOST_LINE))
         return isinstance(first, dict) and {"image", "conversations", "claims", "source"} <= first.keys()
@@ -287,7 +287,7 @@ def _read(file: Path) -> _Kept:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Kept:
-    """Stored texts of a model about one image, and the number of texts that were dropped, by reason."""
+    """Stored texts of a model about one image, with the number of dropped texts for each reason."""
 
     kept: list[dict[str, Any]]
     dropped: dict[str, Annotated[int, Field(ge=0, lt=1 << 31)]]

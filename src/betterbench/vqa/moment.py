@@ -69,18 +69,18 @@ class Moment:
 
     @cached_property
     def single(self) -> dict[str, ObjectInfo]:
-        """Objects whose kind occurs only once in the scene, by kind, sorted."""
+        """Objects that are the only ones of their kind in the scene, by kind, sorted."""
         kinds = [o.kind for o in self.objects]
         return {o.kind: o for o in sorted(self.objects, key=lambda o: o.kind) if kinds.count(o.kind) == 1}
 
     @cached_property
     def named(self) -> dict[str, ObjectInfo]:
-        """Clearly visible objects whose kind occurs only once in the scene, by kind."""
+        """Clearly visible objects that are the only ones of their kind in the scene, by kind."""
         return {kind: o for kind, o in self.single.items() if self.is_clear(o.name)}
 
     @cached_property
     def things(self) -> dict[str, ObjectInfo]:
-        """Clearly visible objects that can be picked up and whose kind occurs only once in the scene, by kind."""
+        """Clearly visible objects that can be picked up and are the only ones of their kind in the scene, by kind."""
         return {k: o for k, o in self.named.items() if o.role in ("item", "distractor") and not o.fixed}
 
     @cached_property

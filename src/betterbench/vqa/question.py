@@ -121,9 +121,9 @@ class Candidate:
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:
-        """Return the identifier of the question in a set with a given seed.
+        """Return the identifier that the question gets in a set with a given seed.
 
-        It is a hash of the question and the frame, without the answer.
+        The identifier is a hash of the question and the frame. It does not depend on the answer.
         """
         s = self.source
         told = (str(seed), s.task, s.condition, str(s.seed), str(s.row), s.camera, *self.key, *sorted(self.objects))

@@ -55,7 +55,7 @@ class RequestTotals:
         return self.answers - self.cached - self.rejected
 
     def cost(self, prices: Prices) -> float | None:
-        """Return the cost of the counted answers, or None if the server reported no token counts."""
+        """Return the cost of the answers with token counts, or None if the server reported no token counts."""
         if self.sent and not self.counted:
             return None
         return (self.prompt_tokens * prices.prompt + self.completion_tokens * prices.completion) / 1e6

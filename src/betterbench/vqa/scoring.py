@@ -23,7 +23,10 @@ def spec_of(question: Question, *, coordinates: Coordinates = "pixels") -> Answe
 
 
 def parse_answer(question: Question, text: str, *, coordinates: Coordinates = "pixels") -> Read:
-    """Parse the answer to a question from a text. For a choice, the result is the option and not its letter."""
+    """Parse the answer to a question from a text.
+
+    For a choice, the result is the text of the option instead of its letter.
+    """
     read = read_text(spec_of(question, coordinates=coordinates), text)
     if question.form is Form.CHOICE and read.answer is not None:
         return Read(question.options[ord(read.answer) - ord("A")], read.stage)

@@ -155,9 +155,9 @@ def _row(policy: str, by: Mapping[tuple[str, str], SuiteRun]) -> WorldRow:
 
 
 def _contrasts(a: str, b: str, by: Mapping[tuple[str, str], SuiteRun], alpha: float) -> list[WorldContrast]:
-    """Compare two policies in each suite that both ran, and over all four suites together.
+    """Compare two policies in each suite in which both were run, and over all four suites together.
 
-    The p-values of the suites are corrected together.
+    The p-values of the suites are corrected together for multiple testing.
     """
     pairs: dict[str, list[tuple[tuple[str, int], bool, bool]]] = {}
     for suite in LIBERO_COLUMNS:

@@ -48,7 +48,7 @@ from betterbench.tasks.judging.motion import Bools, Floats, in_reach
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """Interval in which the open gripper stays over an object, as the first and last row of the trace.
+    """Interval in which the open gripper stays over an object, given by its first and last row of the trace.
 
     Passing over the object does not count as staying over it.
     """
@@ -345,7 +345,10 @@ def _near_anything(trace: Trace) -> Bools:
 
 
 def _is_empty(trace: Trace) -> Bools:
-    """Return whether the gripper holds nothing, for each row of the trace (T,). It may be open or fully closed."""
+    """Return whether the gripper holds nothing, for each row of the trace (T,).
+
+    An empty gripper may be open or fully closed.
+    """
     empty: Bools = (trace.held < 0) & (~trace.closing | (trace.width <= THRESHOLDS.closed_width))
     return empty
 

@@ -221,7 +221,7 @@ class EpisodeAnalysis:
 
     @property
     def goals(self) -> tuple[Subgoal, ...]:
-        """Subgoals, in the order of the instruction."""
+        """Subgoals of the instruction, in their order."""
         return self.condition.instruction.subgoals
 
     @property
@@ -505,7 +505,7 @@ class EpisodeAnalysis:
         )
 
     def asked_at(self, row: int) -> str:
-        """Describe the steps of the instruction that are due at a row, by their words and kinds of objects."""
+        """Describe the steps of the instruction that are due at a row, by their words and their kinds of objects."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
         return listed(due) or "none"
@@ -522,7 +522,10 @@ class EpisodeAnalysis:
         return repr(word) + (f" ({named})" if named else "" if kinds else " (absent)")
 
     def _place(self, row: int, i: int) -> str:
-        """Describe the location of an object by target region, slot or coordinates. The text is empty for a drawer."""
+        """Describe where an object is, by its target region, its slot or its coordinates.
+
+        The text is empty for a drawer.
+        """
         trace = self.trace
         if trace.is_drawer(i):
             return ""
@@ -541,7 +544,7 @@ class EpisodeAnalysis:
         return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
 
     def describe(self, step: Step, *, slots: bool = True) -> str:
-        """Describe the object of an attempt, and name its slot unless ``slots`` is False."""
+        """Describe the object of an attempt. The description includes the object's slot unless ``slots`` is False."""
         slot = f" at slot {step.grasp.slot!r}" if slots and step.grasp.slot is not None else ""
         if step.at is None:
             return f"nothing (an air grasp{slot})"
@@ -946,7 +949,7 @@ def finished_on(trace: Trace, instruction: Instruction, row: int, at: int | None
 def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:
     """Return a requested object and another object if one finger came down on each of them, otherwise None.
 
-    If an object was lifted, or was between both fingers, it was the only target.
+    If an object was lifted, or was between the two fingers, it was the only target, and the result is None.
     """
     i = grasp.object
     if i is None or grasp.secured or trace.is_drawer(i):

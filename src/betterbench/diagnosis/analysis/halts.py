@@ -153,7 +153,7 @@ def _in_place_from(trace: Trace) -> int:
 def _busy_until(trace: Trace, step: Step) -> int:
     """Return the last row at which an attempt shows that the arm has not halted.
 
-    This is the end of the grasp, or the release of the object if the gripper carried it on.
+    This is the row at which the grasp ends. If the gripper then carried the object away, it is the row of the release.
     """
     release = step.grasp.release
     if not step.grasp.secured or release >= trace.rows:

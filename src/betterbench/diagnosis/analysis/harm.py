@@ -24,7 +24,7 @@ FINAL = frozenset({"turned", "target_moved", "anchor_moved", "left_open"})
 class DatedHarm(NamedTuple):
     """Harm to an object, with the row of the trace at which it first appears.
 
-    For an object left at a wrong target, this is the last row.
+    If the harm is that an object was left at a wrong target, this is the last row.
     """
 
     row: int
@@ -71,7 +71,7 @@ def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[Dated
 
 
 def _out_of_place_since(trace: Trace, i: int, harm: Harm, *, target: bool) -> int | None:
-    """Return the row from which an object stays turned, moved or open until the end, or None."""
+    """Return the row from which an object is turned, moved or open until the end, or None if there is no such row."""
     if harm.sort != "turned":
         limits = {"target_moved": TARGET_MOVED, "anchor_moved": ANCHOR_MOVED, "left_open": LEFT_OPEN}
         return _since(_moved(trace, i) > limits[harm.sort])

@@ -23,7 +23,7 @@ def steps_in(seconds: float, rate_hz: float) -> int:
 
 
 def path_length(tool: Floats) -> Floats:
-    """Return the length of the path from the start to each row (T,) [m], given the positions (T, 3) [m]."""
+    """Return the length of the path from its start to each row (T,) [m], given the positions (T, 3) [m]."""
     lengths = np.linalg.norm(np.diff(tool, axis=0), axis=1)
     way: Floats = np.concatenate(([0.0], np.cumsum(lengths)))
     return way
@@ -75,7 +75,7 @@ def to_and_fro_from(tool: Floats, rate_hz: float) -> int | None:
 
 
 def runs_of(flags: Bools) -> list[tuple[int, int]]:
-    """Return each interval of true flags as its first row and the row after its last."""
+    """Return each interval of true flags, given by its first row and the row after its last row."""
     padded = np.concatenate(([False], flags, [False]))
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

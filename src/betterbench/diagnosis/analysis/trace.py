@@ -63,7 +63,7 @@ class Trace(Motion):
     drawers: tuple[tuple[int, int, Vector], ...]
 
     def placed(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region in which an object is at a row of the trace, or None if there is none."""
+        """Return the target region in which an object is at a row of the trace, or None if it is in no region."""
         return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
 
     def opening(self, row: int, drawer: int) -> float:
@@ -149,7 +149,10 @@ def _column(record: Record, label: str) -> int:
 
 
 def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whereabout, ...]:
-    """Return the rows in which each object is in each target region, from all predicates in the record."""
+    """Return, for each object and each target region, the rows in which the object is in the region.
+
+    This is determined from all predicates in the record.
+    """
     objects = record.metadata.scene.objects
     column = {name: c for c, name in enumerate(record.metadata.predicate_names)}
     names = {label.partition("(")[0] for label in column}

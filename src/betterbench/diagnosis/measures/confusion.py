@@ -52,7 +52,7 @@ CLAIMED = next(reversed(FAMILIES))
 
 
 def packaged_file(family: str) -> str:
-    """Return the name of the packaged calibration file of a set of policies, in the folder ``data``."""
+    """Return the name of the calibration file for a set of policies, which is in the package's folder ``data``."""
     return "calibration.json" if family == "faulty" else f"calibration_{family}.json"
 
 
@@ -92,7 +92,7 @@ class Judged:
 
     @property
     def crossed(self) -> bool:
-        """Whether a reasoning failure was diagnosed as an execution failure, or vice versa."""
+        """Whether a reasoning failure was diagnosed as an execution failure or the other way round."""
         return {self.truth.kind, self.label.kind} == {Kind.REASONING, Kind.EXECUTION}
 
 
@@ -137,7 +137,7 @@ class Calibration:
 
     @classmethod
     def of(cls, trials: Iterable[Judged], *, versions: dict[str, str] | None = None, left_out: int = 0) -> Calibration:
-        """Compute the calibration from trials with true and diagnosed labels."""
+        """Compute the accuracy of the diagnosis from trials with their true and diagnosed labels."""
         judged = list(trials)
         per_policy: dict[str, list[bool]] = {}
         for j in judged:

@@ -96,7 +96,7 @@ class PowerCell:
 
     @property
     def fails(self) -> bool:
-        """Whether at least half of the policy's trials on the variation fail."""
+        """Whether the policy fails in at least half of its trials on the variation."""
         return self.n > 0 and self.k <= FAILS_AT * self.n
 
     def to_json(self) -> dict[str, Any]:
@@ -141,7 +141,7 @@ class BlindCell:
 
     @property
     def speechless(self) -> bool:
-        """Whether the instruction is redundant, because only one instruction makes sense in the scene."""
+        """Whether the instruction is redundant because only one instruction makes sense in the variation's scene."""
         return self.chance >= 1.0
 
 
@@ -180,7 +180,7 @@ class PowerMatrix:
 
     @property
     def variations(self) -> tuple[Key, ...]:
-        """All variations of the matrix, in suite order."""
+        """All variations in the matrix, in the order of the suite."""
         return tuple(dict.fromkeys(key for row in self.cells.values() for key in row))
 
     def cell(self, pretender: str, key: Key) -> PowerCell | None:

@@ -97,7 +97,7 @@ class Standing:
 
     @property
     def nearest(self) -> Likeness | None:
-        """Policy without the tested ability (pretender) whose outcomes agree most with those of the run, or None."""
+        """Pretender (policy without the tested ability) whose outcomes agree most with those of the run, or None."""
         return self.likenesses[0] if self.likenesses else None
 
     @property
@@ -195,7 +195,10 @@ def _scopes(trials: Sequence[TrialDiagnosis]) -> Iterator[tuple[str, list[TrialD
 
 
 def _line(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> dict[str, float]:
-    """Return the expected success rates of a pretender by scope, or an empty dict if the matrix lacks a variation."""
+    """Return the success rates that a pretender is expected to reach, by scope.
+
+    The result is empty if the matrix lacks one of the variations.
+    """
     rates = _rates(name, trials, matrix)
     if rates is None:
         return {}

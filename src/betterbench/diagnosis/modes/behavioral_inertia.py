@@ -215,7 +215,7 @@ def _is_right(state: WorldState, episode: EpisodeAnalysis, i: int, goal: int) ->
 
 
 def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the gripper moves the drawer into which training put the requested object."""
+    """Return evidence if the gripper moves the drawer into which the requested object was put in training."""
     if step.at is None or step.target is not AttemptTarget.OTHER or step.goal is None:
         return None
     if not episode.trace.is_drawer(step.at):

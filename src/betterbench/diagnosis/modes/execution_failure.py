@@ -202,7 +202,7 @@ def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
 
 
 def _tried_in_vain(episode: EpisodeAnalysis, i: int) -> bool:
-    """Return whether the policy has already grasped an object several times without success."""
+    """Return whether the policy had already tried several times to grasp an object, without success."""
     tries = [s for s in episode.steps if s.grasp.object == i and s.target is AttemptTarget.ASKED]
     vain = [s for s in tries[:-1] if not episode.completed_after(s.goal, s.grasp.end)]
     return len(vain) >= TRIES_IN_VAIN
@@ -383,7 +383,7 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
 
 
 def _put_back(episode: EpisodeAnalysis, step: Step, rows: tuple[int, int]) -> bool:
-    """Return whether the policy put an object back to its earlier position and then attempted a wrong object.
+    """Return whether the policy returned an object to its earlier position and then attempted a wrong object.
 
     If so, the policy gave up the correct object for another one, so its manipulation did not fail.
     """
@@ -492,7 +492,7 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if an object that must not be touched was touched or moved without an attempt at it."""
+    """Return evidence if an object that must not be touched was touched or moved, but was not attempted."""
     wrong = any(step.target is not AttemptTarget.ASKED for step in episode.decisions)
     if episode.condition.expected is Expected.SUCCEED or wrong:
         return None

@@ -125,7 +125,7 @@ def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
-    """Return evidence if, until the end, the open gripper repeatedly comes over the correct object and leaves again."""
+    """Return evidence if the open gripper repeatedly moves over the correct object and away again until the end."""
     if stay.at is None or stay.target is not AttemptTarget.ASKED or not episode.condition.mid_task_look:
         return None
     rows = returns_to(episode.trace, episode.idle_from, stay.at)

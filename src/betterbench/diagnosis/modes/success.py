@@ -25,7 +25,7 @@ def _find(trial: TrialView) -> Evidence | None:
     "touched or approached.",
 )
 def _find_freeze(trial: TrialView) -> Evidence | None:
-    """Find evidence that the arm correctly stayed still."""
+    """Find evidence that the arm correctly stayed still, because nothing was left to do."""
     return _success(trial, (Expected.STAY_STILL,), "No step was left, and no object was touched.")
 
 

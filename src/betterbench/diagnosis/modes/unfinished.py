@@ -1,4 +1,4 @@
-"""Unfinished: a planned trial that was not run to its end, which is not evidence about the policy."""
+"""Unfinished: a planned trial that was not run to its end. It is not evidence about the policy."""
 
 from __future__ import annotations
 

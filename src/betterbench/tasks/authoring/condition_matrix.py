@@ -74,5 +74,5 @@ class ConditionMatrix:
             raise InvalidInputError(where, f"the condition {twice!r} is in two cells", "List each condition once")
 
     def cell_of(self, condition: str) -> MatrixCell | None:
-        """Return the cell of a condition, or None if the condition is in no cell."""
+        """Return the matrix cell to which a condition belongs, or None if the condition is in no cell."""
         return next((cell for cell in self.cells if condition in cell.conditions), None)

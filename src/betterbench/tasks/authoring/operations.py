@@ -32,7 +32,7 @@ class Changes:
     language: bool = False
 
     def __or__(self, other: Changes) -> Changes:
-        """Return all changes of both operations."""
+        """Return the changes that either of the two operations declares."""
         return Changes(self.objects | other.objects, self.language or other.language)
 
 

@@ -1,4 +1,4 @@
-"""Constraint templates: the patterns of interaction that tasks follow."""
+"""Constraint templates, i.e. the patterns of interaction that tasks follow."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -107,7 +107,7 @@ class Template(Meta, Protocol):
 
     @property
     def tolerances(self) -> dict[str, float]:
-        """Thresholds that the relations use, with their values by name."""
+        """Values of the thresholds that the relations use, by name."""
         values = THRESHOLDS.to_json()
         return {name: values[name] for relation in self.relations for name in relation.tolerances}
 

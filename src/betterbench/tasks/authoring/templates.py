@@ -1,4 +1,4 @@
-"""Constraint templates of the suite, in the order of their tasks."""
+"""Constraint templates of the suite, in the order of the tasks that follow them."""
 
 from betterbench.tasks.authoring.template import ObjectGroup, Template
 

@@ -60,7 +60,7 @@ class TrainingDistribution:
 
     @property
     def longest(self) -> int:
-        """Largest number of subgoals in a demonstration."""
+        """Largest number of subgoals in any demonstration."""
         return max(len(sequence) for sequence in self.sequences)
 
     def known_kinds(self, condition: Condition) -> frozenset[str]:

@@ -41,7 +41,7 @@ class ResolvedCondition:
 
     @property
     def axis(self) -> str | None:
-        """Variation axis, or None if the condition does not come from a variation."""
+        """Axis of the variation, or None if the condition does not come from a variation."""
         return None if self.variation is None else self.variation.axis.value
 
 

@@ -189,7 +189,7 @@ class _Travel(NamedTuple):
 
 
 def _finger_travel(motion: Motion, start: int, stop: int) -> _Travel | None:
-    """Return the movement of the fingers during a closing, or None if they hardly moved."""
+    """Return the movement of the fingers while the gripper closed, or None if the fingers hardly moved."""
     before = start - 1
     limit = min(stop, start + motion.steps(THRESHOLDS.attempt_window), motion.rows)
     widths = motion.width[before:limit]
@@ -229,9 +229,10 @@ def _in_place(motion: Motion, last: GraspAttempt, grasp: GraspAttempt) -> bool:
 
 
 def _resolve(motion: Motion, closing: _Closing) -> GraspAttempt | None:
-    """Return the attempt that a closing makes, or None if the closing is not an attempt.
+    """Return the attempt that is made when the gripper closes, or None if this is not an attempt.
 
-    If the closing is interrupted by chatter, the first part in which an object is touched determines the object.
+    If the gripper opens briefly while it closes (chatter), the first part in which an object is touched determines the
+    object.
     """
     found = [grasp for part in closing.parts if (grasp := _resolve_part(motion, part, closing.stop)) is not None]
     return next((grasp for grasp in found if grasp.object is not None), found[0] if found else None)
@@ -275,7 +276,7 @@ def _still_closing(motion: Motion, limit: int) -> bool:
 
 
 def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int, int] | None:
-    """Return the object that the closing gripper touched, and the row of the contact, or None if it touched none."""
+    """Return the object that the closing gripper touched and the row of the contact, or None if it touched none."""
     left, right = motion.left[start:limit], motion.right[start:limit]
     both = left & right
     if both.any():
@@ -311,7 +312,7 @@ def _presses(motion: Motion, start: int, limit: int) -> Bools:
 
 
 def _most(touches: Bools, near: Floats, start: int) -> tuple[int, int]:
-    """Return the object that is touched in the most rows, and the first of these rows.
+    """Return the object that is touched in the largest number of rows, and the first of these rows.
 
     If there is a tie, the nearest object is chosen.
     """

@@ -73,7 +73,7 @@ class GoalTracker:
 
     @property
     def harm(self) -> tuple[Harm, ...]:
-        """Harm that has been done up to the last state. An episode with any harm does not succeed."""
+        """Harm that has been done up to the last state that was judged. An episode with any harm does not succeed."""
         return () if self._last is None else self._harm.found(*self._last)
 
     @property
@@ -84,7 +84,7 @@ class GoalTracker:
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)
 
     def update(self, state: WorldState) -> Truth:
-        """Judge the next state of the episode."""
+        """Judge the next state of the episode, and return the goal state."""
         self._rest.see(state)
         at = self._memory.places(state)
         self._last = (state, at)

@@ -86,7 +86,7 @@ class Harm:
     region: str = ""
 
     def words(self, info: SceneInfo) -> str:
-        """Describe the harm in a clause, such as "the mouse lies on the floor"."""
+        """Describe the harm in a clause such as "the mouse lies on the floor"."""
         kind = info.object(self.object).kind
         if self.sort == "on_the_floor":
             return f"the {kind} {agreeing(kind, 'lies', 'lie')} on the floor"
@@ -206,7 +206,7 @@ class HarmWatch:
         return math.dist(self._middle(state, i), self._start[i])
 
     def found(self, state: WorldState, places: Places) -> tuple[Harm, ...]:
-        """Return all harm up to the given state, which must have been processed before."""
+        """Return all harm up to the given state. The state must already have been processed."""
         floor = {name: Harm("on_the_floor", name) for name in self._loose if on_floor(state, name)}
         upright = [state.info.objects[i].name for i in self._watched]
         upright += self._targets.left_over(places)

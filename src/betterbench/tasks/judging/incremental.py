@@ -64,7 +64,7 @@ class JudgingMemory:
         return self._places
 
     def _ask(self, state: WorldState, due: Iterable[int]) -> None:
-        """Evaluate the predicates of some pairs of object and target."""
+        """Evaluate the predicates again for the given pairs of object and target."""
         moved, noting = not self._places, self._noting
         noting.state, read = state, noting.read
         for number in due:
@@ -145,7 +145,8 @@ for _field in fields(WorldState):
 def _changed(before: WorldState, now: WorldState) -> set[str]:
     """Return the differences between two states that can affect a judgment.
 
-    The result contains the names of the bodies whose pose or contacts differ, and marks for other differences.
+    The result contains the names of the bodies whose pose or contacts differ. Other differences are represented by
+    special names.
     """
     changed: set[str] = set()
     if before.positions != now.positions or before.quaternions != now.quaternions:

@@ -98,7 +98,7 @@ class Motion:
         return distances
 
     def within_reach(self, row: int, point: Floats) -> Bools:
-        """Return whether a gripper at the point could close on each object, shape (n,).
+        """Return whether a gripper at a given point could close on each object, shape (n,).
 
         The gripper must be near the object's bounding box, or close to its center as seen from above.
         """
@@ -250,7 +250,7 @@ def _most_told(told: Bools, window: int) -> Bools:
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:
-    """Return each run of true flags as its first row and the row after its last."""
+    """Return each run of true flags, given by its first row and the row after its last row."""
     starts, stops = (np.flatnonzero(np.diff(flags, prepend=False, append=False))[k::2].tolist() for k in (0, 1))
     return list(zip(starts, stops, strict=True))
 

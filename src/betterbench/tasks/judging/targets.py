@@ -97,7 +97,7 @@ class Targets:
         return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
 
     def relations(self, places: Places) -> tuple[bool, ...]:
-        """Return whether each predicate holds, in the order of targets, objects and regions."""
+        """Return whether each predicate holds. The order is by target, then by object, then by region."""
         return tuple(
             is_at(place, region)
             for watch, there in zip(self.watches, places, strict=True)

@@ -246,7 +246,7 @@ def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def _place(state: WorldState, point: Vector, anchor: str) -> str | None:
-    """Return the side whose region lies below a point, or None if there is no such region."""
+    """Return the side of the anchor whose region lies below a point, or None if there is no such region."""
     x, y, z = state.pose(anchor).inverse().apply(point)
     for region in state.info.object(anchor).regions:
         if region.name not in SIDES:
@@ -266,7 +266,10 @@ def _is_long(info: ObjectInfo) -> bool:
 
 
 def _below_middle(state: WorldState, name: str) -> Vector:
-    """Return the point below the center of an object, at the height of its lowest point, in the world [m]."""
+    """Return the point below the center of an object, at the height of the object's lowest point [m].
+
+    The point is in the world frame.
+    """
     x, y, _ = middle(state, name)
     return (x, y, lowest(state, name))
 

@@ -107,7 +107,7 @@ def _over(state: WorldState, name: str, target: str) -> bool:
 
 
 def _carriers(state: WorldState, name: str) -> frozenset[str]:
-    """Return all objects that are connected to an object by a chain of contacts."""
+    """Return all objects that are connected to a given object by a chain of contacts."""
     touching: dict[str, set[str]] = {}
     for a, b, _ in state.contacts:
         if a in state.info and b in state.info:

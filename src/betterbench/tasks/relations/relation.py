@@ -32,7 +32,7 @@ SHARED = "+"
 
 
 def is_at(place: str | None, region: str) -> bool:
-    """Return whether a result of ``where`` includes a region. The result names all overlapping regions."""
+    """Return whether a result of ``where`` includes a region. If regions overlap, the result names all of them."""
     return place == region or (place is not None and SHARED in place and region in place.split(SHARED))
 
 
@@ -155,7 +155,7 @@ def register(relation: Relation) -> Relation:
 
 
 def _on_the_table(where: Where) -> Where:
-    """Return a variant of ``where`` that returns None for objects and targets on the floor."""
+    """Return a variant of ``where`` that returns None if the object or the target is on the floor."""
 
     def guarded(state: WorldState, name: str, target: str) -> str | None:
         place = where(state, name, target)

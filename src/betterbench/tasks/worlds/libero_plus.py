@@ -159,7 +159,7 @@ def axis_of(condition: str | None) -> str | None:
 
 
 def change_in_words(condition: str) -> str:
-    """Describe the change in a LIBERO-Plus condition."""
+    """Describe in words what is changed in a LIBERO-Plus condition."""
     axis, _, detail = condition.partition("_")
     if axis == "noise":
         kind, strength = divmod(int(detail) - 1, 10)

@@ -36,7 +36,7 @@ class ReplyCache:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Set the folder, which is by default in the user's cache folder. The folder is not created yet."""
+        """Set the folder of the cache. By default, it is in the user's cache folder. The folder is not created yet."""
         self.folder = folder or platformdirs.user_cache_path("betterbench") / "replies"
         self._lock, self._is_off = threading.Lock(), False
 

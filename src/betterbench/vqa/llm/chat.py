@@ -244,7 +244,7 @@ class ScriptedChat:
         self.name, self._answer = name, answer
 
     def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> Reply:
-        """Return the reply, see :class:`Chat`."""
+        """Return the reply that the function gives, see :class:`Chat`."""
         return Reply(self._answer(messages)[: 8 * max_tokens])
 
 

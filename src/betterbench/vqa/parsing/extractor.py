@@ -65,7 +65,7 @@ def read_extraction(spec: AnswerSpec, text: str, reply: str) -> Read:
 def _grouped(form: Form, numbers: list[str]) -> str:
     """Format copied numbers as tuples.
 
-    The result is an empty string if there are too few or too many numbers for the form of the answer.
+    The result is an empty string if the form of the answer requires more or fewer numbers.
     """
     size = 4 if form is Form.BOX else 2
     if not numbers or len(numbers) % size or (form is not Form.POINTS and len(numbers) != size):

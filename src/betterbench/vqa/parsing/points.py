@@ -109,7 +109,7 @@ def _inside(spec: AnswerSpec, text: str) -> list[Numbers]:
 
 
 def _listed(text: str) -> list[Numbers]:
-    """Return the tuples in the last list of tuples. If there is no such list, return all tuples."""
+    """Return the tuples in the last list of tuples in a text. If the text has no such list, return all tuples."""
     lists = _LIST.findall(text)
     return [_split(m) for m in _GROUP.findall(lists[-1] if lists else text)]
 
@@ -149,7 +149,7 @@ def _brackets(text: str) -> list[str]:
 
 
 def _of_json(text: str) -> list[Numbers]:
-    """Return the groups of numbers under known keys in JSON, or an empty list if the JSON is invalid."""
+    """Return the groups of numbers that JSON contains under known keys, or an empty list if the JSON is invalid."""
     text = re.sub(r",\s*([\]}])", r"\1", text.strip())
     if "{" not in text:
         return []

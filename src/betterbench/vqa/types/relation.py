@@ -126,5 +126,5 @@ def _outermost(moment: Moment, kinds: tuple[str, ...]) -> Iterator[QuestionDraft
 
 
 def yes(holds: bool) -> str:
-    """Return the answer to a yes-or-no question."""
+    """Return the answer "Yes" or "No" for a truth value."""
     return "Yes" if holds else "No"

@@ -73,7 +73,10 @@ def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, s
 
 
 def _has_room(layout: dict[a.ObjectSpec, a.Slot], plate: a.Slot, steps: list[tuple[a.ObjectSpec, str]]) -> bool:
-    """Return whether the target positions are free. The plate reaches to the slots on its own side of the table."""
+    """Return whether the target positions are free.
+
+    The plate covers the space up to the slots on its side of the table.
+    """
     outer, slots = ("right", (RIGHT_EDGE, RIGHT_CORNER)) if plate is TABLE_RIGHT else ("left", (LEFT_EDGE, LEFT_CORNER))
     there = next(piece for piece in PIECES if layout[piece] in slots)
     for piece, side in steps:

@@ -48,6 +48,9 @@ def balanced_dinner_plates() -> list[Condition]:
 
 
 def _stacked(blue: a.Slot, white: a.Slot) -> list[Condition]:
-    """Return two conditions in which the target is the stack of two plates, one for each wording of the instruction."""
+    """Return two conditions in which the target is a stack of two plates.
+
+    The two instructions are worded differently.
+    """
     layout = {RED: LEFT_BACK if blue is not LEFT_BACK else LEFT_FRONT, BLUE: blue, WHITE: white}
     return [a.condition(layout, asked, preplaced={RED: WHITE}) for asked in (BLUE_ON_RED, ON_THE_STACK)]

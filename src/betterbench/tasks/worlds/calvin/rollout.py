@@ -41,7 +41,7 @@ class ChainPolicy(Protocol[ShownT_contra]):
     """Interface of a policy that runs chains."""
 
     def reset(self) -> None:
-        """Reset the policy. This method is called before every instruction."""
+        """Reset the policy. This method is called before each instruction."""
 
     def act(self, observation: ShownT_contra, instruction: str) -> np.ndarray:
         """Return the next action, (7,) floats."""

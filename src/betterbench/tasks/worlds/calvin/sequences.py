@@ -62,7 +62,7 @@ class Chain:
 
 
 def start_states() -> tuple[SymbolicState, ...]:
-    """Return the 192 symbolic starts in CALVIN's order. In each, one or two blocks are on the table."""
+    """Return the 192 symbolic start states in CALVIN's order. In each, one or two blocks are on the table."""
     found = []
     for values in product(*_VALUES.values()):
         if values.count("table") in {1, 2} and all(values.count(place) < 2 for place in _PLACES[1:]):
