@@ -124,7 +124,7 @@ def compare(
     if sequential and not matching.paired:
         raise InvalidInputError(
             "--sequential",
-            "the runs share no trial",
+            "the runs have no trial in common",
             "Run the policies with the same --seed, or leave out --sequential",
         )
     names = tuple(s.name for s in sides)

@@ -168,7 +168,7 @@ def rate_of(counted: Counted) -> Rate:
 
 @dataclass(frozen=True, slots=True)
 class OutcomeCounts:
-    """Trials of two policies, each with True if it has the counted outcome.
+    """Trials of two policies. Each comes with a flag that states whether the trial has the outcome that is counted.
 
     Attributes:
         first: Trials of the first policy.

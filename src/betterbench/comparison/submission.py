@@ -74,7 +74,7 @@ class SubmittedTrial:
         """Check that the fields agree with each other.
 
         Raises:
-            InvalidInputError: If they contradict each other.
+            InvalidInputError: If two fields contradict each other.
         """
         if (self.status == "done") != (self.record_sha256 is not None):
             raise InvalidInputError(

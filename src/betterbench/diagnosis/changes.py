@@ -102,7 +102,7 @@ class DiagnosisChanges:
 
     @property
     def counts(self) -> dict[tuple[str, str], int]:
-        """Number of trials for each label change (stored, new) of the same record, the most frequent first."""
+        """Number of trials for each label change (stored, new) of the same record, most frequent change first."""
         changed = Counter(t.labels for t in self.of_sort("label"))
         return dict(sorted(changed.items(), key=lambda item: (-item[1], item[0])))
 

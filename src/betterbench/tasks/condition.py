@@ -52,7 +52,7 @@ class ObjectSpec:
     """Specification of an object in a condition.
 
     Attributes:
-        name: Name in the scene. Names have no meaning, so renaming all objects does not change any verdict.
+        name: Name in the scene. It can be chosen freely, because renaming objects does not change any verdict.
         kind: Noun for the object in instructions ("red mug").
         category: Category of the object's asset ("mug").
         color: Color of the asset, or None to let the scene generator choose.

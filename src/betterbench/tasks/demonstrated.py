@@ -103,7 +103,7 @@ class FinalPoses:
 
     Attributes:
         kind: Kind of the object.
-        asset: Identity of the object's asset, because objects with a different shape rest in different poses.
+        asset: Identity of the object's asset. It matters because objects with different shapes rest in different poses.
         target_kind: Kind of the target.
         target_asset: Identity of the target's asset.
         relation: Relation between the object and the target.
@@ -305,7 +305,8 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
 
     Args:
         task: The task.
-        engine: Version of the physics engine in use. Its minor version must be that of the measurement.
+        engine: Version of the physics engine in use. Its minor version must be the same as when the demonstrations were
+            measured.
 
     Raises:
         InvalidInputError: If the task was never measured, or was measured with different versions. The message names

@@ -175,7 +175,7 @@ def chain_result(chain: Chain, record: Record | None) -> ChainResult:
     """Return the result of a chain from its record. A chain without a record counts as not run.
 
     Raises:
-        RecordError: If the record contains other subtasks than the chain.
+        RecordError: If the subtasks in the record are not those of the chain.
     """
     if record is None:
         return ChainResult(chain.number, ())

@@ -372,7 +372,7 @@ class _Gap(NamedTuple):
     Attributes:
         beside: Horizontal distance to the object's bounding box [m].
         center: Horizontal distance to the object's center [m].
-        above: Height above the top of the object [m].
+        above: Height of the gripper above the top of the object [m].
         in_reach: Whether the gripper could grasp the object.
     """
 

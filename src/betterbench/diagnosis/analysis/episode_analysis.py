@@ -302,7 +302,7 @@ class EpisodeAnalysis:
         return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
 
     def let_go(self, step: Step) -> tuple[int, int] | None:
-        """Return the rows at which the object of an attempt left the gripper and at which it came to rest.
+        """Return the row at which the object of an attempt left the gripper, and the row at which it came to rest.
 
         Returns:
             The two rows of the trace, or None if the attempt grasped no object or the gripper still holds it at the

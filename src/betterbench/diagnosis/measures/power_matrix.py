@@ -278,7 +278,9 @@ class PowerMatrix:
         for name in sorted({key for key in (*earlier.versions, *self.versions) if not key.startswith(_OF_TASK)}):
             then, now = earlier.versions.get(name), self.versions.get(name)
             if then != now:
-                raise InvalidInputError("power matrix", f"{name} was {then} and is now {now}", cure)
+                raise InvalidInputError(
+                    "power matrix", f"{name} was {then} when the matrix was measured, and is now {{now}}", cure
+                )
         if list(earlier.cells) != list(self.cells):
             other = sorted(earlier.cells.keys() ^ self.cells.keys()) or ["another order"]
             raise InvalidInputError("power matrix", f"the compared policies have changed: {', '.join(other)}", cure)

@@ -16,11 +16,12 @@ class TrainingDistribution:
     """Regularities of a task's training conditions.
 
     Attributes:
-        word_slots: For each word of the instructions, the slots of the objects to which it refers.
+        word_slots: For each word of the instructions, the slots of the objects to which the word refers.
         kind_slots: For each kind of requested object, the slots from which it is picked.
         standing_kinds: For each slot, the kinds of objects that stand there at the start.
         first_kinds: Kinds of the first object in demonstrations, with their counts, most frequent first.
-        kind_targets: For each kind of object, the targets to which it is brought, as target kind, relation and region.
+        kind_targets: For each kind of object, the targets to which it is brought. Each is given by the kind of the
+            target, the relation and the region.
         sequences: For each training condition, the kinds of objects in the order in which they are handled.
         initial_items: Largest number of movable objects on the table at the start of a demonstration.
     """

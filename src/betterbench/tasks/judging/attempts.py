@@ -177,7 +177,7 @@ class _Closing(NamedTuple):
 
 
 class _Travel(NamedTuple):
-    """Movement of the fingers during a closing.
+    """Movement of the fingers while the gripper closes.
 
     Attributes:
         settled: Row at which the fingers come to rest.

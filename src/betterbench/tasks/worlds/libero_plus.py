@@ -108,7 +108,7 @@ class Variant:
 
 
 def read_variant(name: str) -> Variant:
-    """Return the variant with a given name.
+    """Return the variant that a LIBERO-Plus name describes.
 
     Raises:
         ValueError: If the name does not change exactly one axis.

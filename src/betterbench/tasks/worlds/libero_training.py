@@ -28,7 +28,7 @@ class TrainedTask:
 
     Attributes:
         instruction: Instruction of the task.
-        steps: Subgoals, each as relation, name of the object, kind of the object and kind of the target.
+        steps: Subgoals. Each is given by the relation, the name and the kind of the object, and the kind of the target.
         starts: Kind and start position of each object, by the object's name.
     """
 

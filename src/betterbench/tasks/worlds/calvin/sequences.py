@@ -43,7 +43,7 @@ _VALUES: Mapping[str, tuple[SymbolValue, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """Five subtasks in a row from one start.
+    """Chain of five subtasks that are to be done in a row, with its start state.
 
     Attributes:
         number: Index among the 1,000 chains.
