@@ -279,7 +279,7 @@ class PowerMatrix:
             then, now = earlier.versions.get(name), self.versions.get(name)
             if then != now:
                 raise InvalidInputError(
-                    "power matrix", f"{name} was {then} when the matrix was measured, and is now {{now}}", cure
+                    "power matrix", f"{name} was {then} when the matrix was measured, and is now {now}", cure
                 )
         if list(earlier.cells) != list(self.cells):
             other = sorted(earlier.cells.keys() ^ self.cells.keys()) or ["another order"]
