@@ -293,7 +293,7 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 
 
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
-    """Return the diagnosis of a trial, given that the policy does not use the instruction.
+    """Return the diagnosis of a trial of a policy that has been found not to use the instruction.
 
     If no rule explains a wrong first attempt, it is labeled as independent of the instruction. An attempt at the
     policy's favorite slot in this task is labeled in the same way, unless a favorite slot explains the attempts in all

@@ -84,8 +84,8 @@ def _proven_elsewhere(
 ) -> list[str]:
     """Return the kinds of rule that are proven for the policy by the tasks other than the given one.
 
-    A favorite place or a wrong order must be proven in enough other tasks. "word" must explain all other tasks
-    together.
+    A favorite place or a wrong order must be proven in enough other tasks. The rule "go to the slot to which the word
+    led in training" must explain all other tasks together.
     """
     others = [found for name, found in alone.items() if name != task]
     here = {name: mine for name, mine in choices.items() if name != task}

@@ -163,7 +163,10 @@ def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
 
 
 class _Closing(NamedTuple):
-    """Period in which the gripper closes, as a list of row ranges (with exclusive ends) separated only by chatter."""
+    """Period in which the gripper closes, in one or several parts that are separated only by chatter.
+
+    The parts are row ranges with exclusive ends.
+    """
 
     parts: tuple[tuple[int, int], ...]
 
@@ -199,7 +202,10 @@ def _finger_travel(motion: Motion, start: int, stop: int) -> _Travel | None:
 
 
 def _closings(motion: Motion) -> list[_Closing]:
-    """Return the periods in which the gripper is commanded to close. Periods separated only by chatter are merged."""
+    """Return the periods in which the gripper is commanded to close.
+
+    Periods that are separated only by chatter (brief opening) are merged.
+    """
     closing = motion.closing
     edges = np.flatnonzero(closing[1:] != closing[:-1]) + 1
     found: list[_Closing] = []
