@@ -72,7 +72,7 @@ def test_quotas_come_from_a_file(capsys, tmp_path, content):
         (["--until", "2", "--build"], "--build: cannot be combined with --until"),
         (["--until", "2", "--unlike", "better61"], "Unknown suite 'better61'"),
         (["--until", "2", "--model", "gpt"], "'gpt' is not an address with a model"),
-        (["--until", "2", "--name", "My Suite"], "'My Suite' is not a name"),
+        (["--until", "2", "--name", "My Suite"], "'My Suite' is not a valid name"),
         (["--until", "2", "--quotas", "absent.yaml"], "absent.yaml"),
         (["loose_packing", "--quota", "axis=temporal:1%"], "--quota: has no effect without --until"),
         ([], "no template was given"),

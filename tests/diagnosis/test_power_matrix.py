@@ -155,7 +155,7 @@ def test_tasks_that_were_measured_again_replace_their_cells_and_no_others():
     [
         ({"task_version:office_drawer": "0"}, "office_drawer has changed since it was measured"),
         ({"conditions:office_drawer": "0"}, "office_drawer has changed since it was measured"),
-        ({"engine:mujoco": "3.0.0"}, "engine:mujoco was 3.0.0 and is now None"),
+        ({"engine:mujoco": "3.0.0"}, "engine:mujoco was 3.0.0 when the matrix was measured, and is now None"),
     ],
 )
 def test_cells_of_other_versions_are_not_kept(changed, text):
@@ -167,7 +167,7 @@ def test_cells_of_other_versions_are_not_kept(changed, text):
 def test_cells_are_not_kept_next_to_those_of_other_pretenders():
     earlier = other_task(5)
     fewer = dataclasses.replace(earlier, cells={n: row for n, row in earlier.cells.items() if n != "zoo:shape"})
-    with pytest.raises(InvalidInputError, match="pretenders have changed: zoo:shape"):
+    with pytest.raises(InvalidInputError, match="compared policies have changed: zoo:shape"):
         matrix().with_kept(fewer)
 
 

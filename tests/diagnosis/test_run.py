@@ -107,7 +107,7 @@ def test_a_record_without_a_target_of_its_task_is_refused(policies):
     kind = condition.object(condition.instruction.subgoals[0].target).kind
     others = tuple(replace(o, kind="nothing") if o.kind == kind else o for o in scene.objects)
     record = replace(record, metadata=replace(record.metadata, scene=replace(scene, objects=others)))
-    with pytest.raises(RecordError, match=f"the record has no '{kind}'"):
+    with pytest.raises(RecordError, match=f"contains no object of the kind '{kind}'"):
         diagnose_records([record])
 
 

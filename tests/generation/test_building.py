@@ -287,7 +287,7 @@ def test_an_object_with_the_name_of_a_slot_does_not_stop_the_other_scenarios(bui
 
 
 def test_a_wrong_name_of_the_suite_is_refused_before_the_work(build, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInputError, match="'My Suite' is not a name"):
+    with pytest.raises(InvalidInputError, match="'My Suite' is not a valid name"):
         build_suite([packing()], tmp_path / "out", name="My Suite")
     assert not (tmp_path / "out").exists()
 

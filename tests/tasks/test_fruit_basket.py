@@ -78,7 +78,7 @@ def test_cells_are_exactly_the_trained_conditions_and_the_variations_of_two_axes
 
 
 def test_a_matrix_names_each_pair_and_each_condition_once() -> None:
-    with pytest.raises(InvalidInputError, match="8 cells do not match the nine pairs"):
+    with pytest.raises(InvalidInputError, match="8 cells that do not match the nine pairs"):
         replace(SHORT, cells=SHORT.cells[:-1])
     doubled = (replace(LONG.cells[0], conditions=("O1",)), replace(LONG.cells[1], conditions=("O1",)), *LONG.cells[2:])
     with pytest.raises(InvalidInputError, match="'O1' is in two cells"):

@@ -62,7 +62,7 @@ BAD = {
     "task: template: Unknown template 'container_loadin'. Did you mean 'container_loading'": lambda f: f.update(
         template="container_loadin"
     ),
-    "task: template: meta: is missing. Write it as template_to_json": lambda f: f.update(
+    "task: template: meta: is missing. Compare it with the output of template_to_json": lambda f: f.update(
         template={"schema_version": 1}
     ),
     "task: slots: ": lambda f: f["slots"].append(f["slots"][0]),

@@ -247,8 +247,8 @@ def test_an_endpoint_is_asked_in_its_protocol_and_again_if_it_is_busy(serve, mon
         (401, "no key", ModelError, "Put the API key into the environment variable OPENAI_API_KEY"),
         (404, "no such model", ModelError, "the name of the model, 'tiny'"),
         (500, "broken", ModelError, "no answer after 2 tries"),
-        (200, "garbage", ModelError, "Give the address of a chat endpoint"),
-        (200, "deep", ModelError, "Give the address of a chat endpoint"),
+        (200, "garbage", ModelError, "Use the address of a chat endpoint"),
+        (200, "deep", ModelError, "Use the address of a chat endpoint"),
         (400, "deep", RefusedError, "HTTP 400"),
     ],
 )
@@ -337,7 +337,7 @@ def test_a_set_is_asked_once_and_scored_by_type(made, tmp_path):
     mute = ask_set(made, ScriptedChat(lambda _: "?", name="mute"), tmp_path / "mute.jsonl", at_once=3)
     assert [s.rate.k for s in scores_of(made, mute)] == [0] * len(scores_of(made, mute))
     (tmp_path / "bad.jsonl").write_text('{"model": "x", "set_sha256": "0"}\n')
-    with pytest.raises(InvalidInputError, match="another set"):
+    with pytest.raises(InvalidInputError, match="different set"):
         read_answers(tmp_path / "bad.jsonl", made)
     head, first = file.read_text().splitlines()[:2]
     for more, said in ((first, "is answered twice"), ('{"id": "x", "text": "Yes"}', "x, which is not in the set")):

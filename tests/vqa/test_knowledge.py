@@ -110,10 +110,10 @@ def test_the_verbs_put_answers_beside_deeds_and_on_the_page(failing, decisive, t
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        (lambda counts: counts.pop("not_asked"), "not have one count per standing"),
-        (lambda counts: counts.update(guessed=0), "not have one count per standing"),
+        (lambda counts: counts.pop("not_asked"), "must have exactly one count for each standing"),
+        (lambda counts: counts.update(guessed=0), "must have exactly one count for each standing"),
         (lambda counts: counts.update(not_asked=7), "add up to 8 trials, expected 1"),
-        (lambda counts: counts.update(not_asked=-1), "not have one count per standing"),
+        (lambda counts: counts.update(not_asked=-1), "must have exactly one count for each standing"),
     ],
 )
 def test_stored_knowledge_that_does_not_add_up_is_refused(change, problem, failing, decisive, tmp_path):

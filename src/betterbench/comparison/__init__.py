@@ -1,4 +1,4 @@
-"""Comparison of several policies: differences overall and by group, and the smallest detectable differences."""
+"""Comparison of several policies: their differences overall and by group, and the smallest detectable differences."""
 
 from betterbench.comparison.compare import Comparison, compare
 from betterbench.comparison.contrast import Contrast, Group, SequentialContrast

@@ -1,4 +1,4 @@
-"""Pairwise comparison of the successes and failures of policies, with corrected tests."""
+"""Pairwise comparison of how often policies succeed and fail, with p-values that are corrected for multiple testing."""
 
 from __future__ import annotations
 
@@ -33,12 +33,16 @@ class Comparison:
     """Comparison of the outcomes of several runs.
 
     Attributes:
+        sides: The compared runs.
         matching: Trials that were compared.
-        groups: Success overall, on training conditions, per axis and per task, followed by failure kinds and labels
+        alpha: Significance level.
+        groups: Success overall, on training conditions, per axis and per task, followed by kinds of failure and labels
             over all variations.
-        sequential: Sequential evidence on success, which is valid while runs are unfinished; empty unless requested.
+        sequential: Evidence on success that remains valid while runs are unfinished. Empty unless requested.
         verdict: Sentences that state the result, most important first.
-        standings: Comparison of each policy with the pretenders (simulated faulty policies), on the compared trials.
+        notes: Notes on the limits of the comparison.
+        standings: Comparison of each policy with the pretenders (simulated policies that lack the tested abilities), on
+            the compared trials.
     """
 
     sides: tuple[Side, ...]
@@ -51,12 +55,12 @@ class Comparison:
     standings: tuple[Standing, ...] = ()
 
     def group(self, measure: str, scope: str = "overall") -> Group | None:
-        """Return the group of a measure and a scope, or None."""
+        """Return the comparison by one measure (such as "success") within one scope, or None if there is none."""
         return next((g for g in self.groups if (g.measure, g.scope) == (measure, scope)), None)
 
     @property
     def first_is_worse(self) -> bool:
-        """Whether the first side is significantly worse than any other side over all variations."""
+        """Whether any other policy succeeds significantly more often than the first policy over all variations."""
         overall = self.group("success")
         mine = () if overall is None else (c for c in overall.contrasts if c.first == self.sides[0].name)
         return any(c.different and c.higher == c.second for c in mine)
@@ -91,21 +95,22 @@ class Comparison:
 def compare(
     sides: Sequence[Side], *, alpha: float = 0.05, sequential: bool = False, allow_mixed: bool = False
 ) -> Comparison:
-    """Compare runs of several policies on the trials that they share.
+    """Compare runs of several policies on the trials that all of them contain.
 
-    Every planned trial counts, including trials that failed to run. Two policies differ significantly if the
-    Holm-corrected p-value is at most alpha and the confidence interval of the difference excludes zero. The exact test
-    treats pairs as independent, whereas the interval accounts for pairs that share a scene.
+    Every planned trial counts, including trials that could not be run. Two policies differ significantly if the
+    Holm-corrected p-value is at most ``alpha`` and the confidence interval of the difference excludes zero. The exact
+    test treats pairs as independent, whereas the interval accounts for pairs that share a scene.
 
     Args:
-        sides: The runs, at least two, with different names.
-        alpha: Significance level of each test family; the intervals have confidence 1 - alpha.
-        sequential: Whether to add sequential evidence, which stays valid if unfinished runs are inspected repeatedly.
+        sides: The runs to compare. There must be at least two, with different names.
+        alpha: Significance level of each family of tests. The intervals have confidence 1 - alpha.
+        sequential: Whether to add evidence that remains valid if unfinished runs are inspected repeatedly.
         allow_mixed: Whether to compare runs with different versions or engines.
 
     Raises:
-        InvalidInputError: If a number is out of range, the runs share no condition, or required pairs are missing.
-        RunConflictError: If versions or engines differ and that is not allowed.
+        InvalidInputError: If a number is out of range, if the runs have no condition in common, or if ``sequential`` is
+            set and the runs have no trial in common.
+        RunConflictError: If versions or engines differ and ``allow_mixed`` is False.
     """
     if not 0.0 < alpha < 1.0:
         raise InvalidInputError(
@@ -119,7 +124,7 @@ def compare(
     if sequential and not matching.paired:
         raise InvalidInputError(
             "--sequential",
-            "the runs share no trial",
+            "the runs have no trial in common",
             "Run the policies with the same --seed, or leave out --sequential",
         )
     names = tuple(s.name for s in sides)
@@ -133,13 +138,13 @@ def compare(
 
 
 class _Question(NamedTuple):
-    """Group that has not been tested yet, with its measure and the trials to compare."""
+    """Question that a comparison asks: what is counted (the measure), and in which trials (the scope)."""
 
     measure: str
     scope: str
 
     def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
-        """Return the trials in the scope, each with a boolean that is True for the counted outcome."""
+        """Return the trials in which the question is asked, each with True if it has the outcome that is counted."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 
     def _holds(self, t: TrialDiagnosis) -> bool:
@@ -152,22 +157,25 @@ class _Question(NamedTuple):
 
 
 def _families(matching: Matching) -> Iterator[list[_Question]]:
-    """Yield the families, which are the groups whose p-values are corrected together."""
+    """Yield the families of questions to test.
+
+    The p-values within a family are corrected together for multiple testing.
+    """
     varied = [t for side in matching.trials for t in side if t.variation is not None]
     yield [_Question("success", "overall")]
     yield [_Question("success", "training")]
     yield [_Question("success", f"axis:{axis.value}") for axis in Axis if any(t.axis == axis.value for t in varied)]
     yield [_Question("success", task) for task in sorted({t.task for t in varied})]
     yield [_Question(kind.value, "overall") for kind in (Kind.REASONING, Kind.EXECUTION, Kind.SYSTEM)]
-    # A label that no policy shows cannot differ. Excluding it from the correction does not depend on any difference.
+    # A label that no policy shows cannot differ. Leaving it out of the correction does not depend on any difference.
     shown = {t.label for t in varied if t.kind not in (Kind.NONE, Kind.UNFINISHED)}
     yield [_Question(label.value, "overall") for label in all_labels() if label in shown]
 
 
 def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Matching, alpha: float) -> Iterator[Group]:
-    """Test a family and yield its groups, with jointly corrected p-values.
+    """Compare the policies on each question of a family, and correct the p-values together.
 
-    Groups in which a side has no trials are skipped.
+    Questions for which a policy has no trials are skipped.
     """
     counted = {q: [q.counted(side) for side in matching.trials] for q in family}
     asked = [q for q, sides in counted.items() if all(sides)]
@@ -182,7 +190,8 @@ def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Match
     contrasts: list[Contrast] = []
     for (question, tally, c), p in zip(drafts, corrected, strict=True):
         different = p <= alpha and c.difference.excludes_zero
-        # The detectable difference is only computed for success, because it is the same for failures of these trials.
+        # The detectable difference is computed only for success, because it is the same for the failures of these
+        # trials.
         smallest = (
             could_have_shown(tally, paired=matching.paired, alpha=alpha / len(drafts))
             if question.measure == "success" and not different
@@ -198,7 +207,7 @@ def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Match
 def _contrast(
     question: _Question, tally: OutcomeCounts, names: tuple[str, str], *, paired: bool, alpha: float
 ) -> Contrast:
-    """Return the contrast of two sides, with an uncorrected p-value."""
+    """Compare two policies on one question. The p-value of the result is not corrected yet."""
     purpose = f"{question.measure}:{question.scope}"
     difference, test, p = judged(tally, paired=paired, purpose=purpose, confidence=1.0 - alpha)
     return Contrast(
@@ -208,7 +217,7 @@ def _contrast(
 
 
 def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequence[tuple[int, int]]) -> tuple[str, ...]:
-    """Return the compact letter display of the sides, starting from the highest rate."""
+    """Return the compact letter display of the policies. The policy with the highest rate has the letter "a"."""
     order = sorted(range(len(rates)), key=lambda i: -(rates[i].value or 0.0))
     apart = {frozenset(pair) for pair, c in zip(pairs, contrasts, strict=True) if c.different}
     letters = compact_letters([[frozenset((i, j)) in apart for j in order] for i in order])
@@ -216,10 +225,10 @@ def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequen
 
 
 def _sequential(sides: Sequence[Side], matching: Matching, alpha: float) -> Iterator[SequentialContrast]:
-    """Yield the sequential evidence for every pair of sides.
+    """Yield the sequential evidence for every pair of compared policies.
 
-    Pairs are used in run order, up to the first pair that one side has not finished. The selection therefore does not
-    depend on outcomes, and a later inspection extends it.
+    Paired trials are used in the order of the run, up to the first pair that one of the runs has not finished. The
+    selection therefore does not depend on outcomes, and a later inspection adds to it.
     """
     order = sorted(
         (k for k, t in enumerate(matching.trials[0]) if t.variation is not None),

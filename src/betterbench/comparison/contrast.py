@@ -1,4 +1,4 @@
-"""Contrasts between two policies. A contrast is a difference in rates with its interval and test."""
+"""Contrasts between two policies: a difference in rates, with its confidence interval and its test."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ from betterbench.statistics import (
 from betterbench.tasks import stream
 
 BOSCHLOO_LIMIT = 300
-"""Maximum number of trials per side for Boschloo's test, which takes 2 s at this size. Larger samples use Barnard's
-test, whose results are very similar.
+"""Largest number of trials of a policy for which Boschloo's test is used, which takes 2 s at this size.
+
+For larger samples, Barnard's test is used, whose results are very similar.
 """
 
 
@@ -35,19 +36,25 @@ _smallest_unpaired = functools.lru_cache(maxsize=256)(smallest_unpaired_differen
 
 @dataclass(frozen=True, slots=True)
 class Contrast:
-    """Comparison of two policies on one measure within one scope.
+    """Comparison of two policies by one measure, within one scope.
 
     Attributes:
-        measure: "success", a failure kind or a label.
-        scope: "overall" (variations), "training", "axis:temporal_extrapolation" or a task's id (its variations).
-        first: Name of the side from which the other side is subtracted.
-        second: Name of the side that is subtracted.
+        measure: "success", a kind of failure, or a label.
+        scope: Set of trials: "overall" (variations), "training", "axis:temporal_extrapolation", or the id of a task
+            (its variations).
+        first: Name of the policy from whose rate the other rate is subtracted.
+        second: Name of the policy whose rate is subtracted.
+        first_rate: Rate of the first policy.
+        second_rate: Rate of the second policy.
         table: Counts of the four kinds of pairs, or None if the trials are not paired.
+        difference: Difference of the rates, with its confidence interval.
+        test: Name of the test.
+        p_value: p-value of the test.
         p_adjusted: p-value after Holm's correction over the family.
         family: Number of contrasts in the family.
-        different: Whether the rates differ significantly: ``p_adjusted`` is at most alpha, and the interval excludes
-            zero.
-        smallest: Smallest difference that these trials could have detected, or None if not computed.
+        different: Whether the rates differ significantly, i.e. ``p_adjusted`` is at most alpha and the interval
+            excludes zero.
+        smallest: Smallest difference that these trials could have detected, or None if it was not computed.
     """
 
     measure: str
@@ -67,7 +74,7 @@ class Contrast:
 
     @property
     def higher(self) -> str | None:
-        """The side with the higher rate, or None if they are equal."""
+        """Name of the policy with the higher rate, or None if the rates are equal."""
         gap = (self.first_rate.value or 0.0) - (self.second_rate.value or 0.0)
         return None if gap == 0.0 else self.first if gap > 0.0 else self.second
 
@@ -83,11 +90,16 @@ class Contrast:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Comparison of all sides on one measure within one scope.
+    """Comparison of all policies by one measure, within one scope.
 
     Attributes:
-        letters: Compact letter display. Two sides share a letter if and only if they do not differ significantly. The
-            side with the highest rate has "a".
+        measure: "success", a kind of failure, or a label.
+        scope: Set of trials, as in :class:`Contrast`.
+        names: Names of the policies.
+        rates: Rate of each policy.
+        letters: Compact letter display: two policies share a letter if and only if they do not differ significantly.
+            The policy with the highest rate has the letter "a".
+        contrasts: Comparison of each pair of policies.
     """
 
     measure: str
@@ -109,13 +121,15 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class SequentialContrast:
-    """Sequential comparison of two policies' success rates, valid while the runs are unfinished.
+    """Sequential comparison of the success rates of two policies, which is valid while the runs are unfinished.
 
     Attributes:
-        planned: Number of pairs that both sides plan.
-        table: Counts of the four kinds of pairs, before the first pair that a side has not finished.
-        process: Evidence after each pair, at level alpha divided by the number of contrasts.
-        p_adjusted: Anytime-valid p-value after Holm's correction over the pairs of sides.
+        first: Name of the first policy.
+        second: Name of the second policy.
+        planned: Number of pairs of trials that are planned in both runs.
+        table: Counts of the four kinds of pairs, up to the first pair that one of the runs has not finished.
+        process: Evidence after each pair, at the level alpha divided by the number of contrasts.
+        p_adjusted: p-value that is valid at any time, after Holm's correction over the pairs of policies.
         different: Whether ``p_adjusted`` is at most alpha.
     """
 
@@ -144,21 +158,21 @@ class SequentialContrast:
 
 
 Counted = tuple[tuple[TrialDiagnosis, bool], ...]
-"""Trials, each with a boolean that is True for the counted outcome."""
+"""Trials, each with True if it has the outcome that is counted."""
 
 
 def rate_of(counted: Counted) -> Rate:
-    """Return the rate of the counted outcome."""
+    """Return the fraction of trials that have the outcome which is counted."""
     return Rate(sum(happened for _, happened in counted), len(counted))
 
 
 @dataclass(frozen=True, slots=True)
 class OutcomeCounts:
-    """Trials of two sides, with the counted outcome.
+    """Trials of two policies. Each comes with a flag that states whether the trial has the outcome that is counted.
 
     Attributes:
-        first: Trials of one side.
-        second: Trials of the other; if paired, in the same order.
+        first: Trials of the first policy.
+        second: Trials of the second policy. If the trials are paired, they are in the same order.
     """
 
     first: Counted
@@ -166,22 +180,22 @@ class OutcomeCounts:
 
     @property
     def rates(self) -> tuple[Rate, Rate]:
-        """The rate of each side."""
+        """Rate of the counted outcome for each of the two policies."""
         return rate_of(self.first), rate_of(self.second)
 
     @property
     def outcomes(self) -> list[tuple[bool, bool]]:
-        """Outcomes of each pair, on the first and on the second side."""
+        """Outcomes in each pair of trials, for the first and for the second policy."""
         return [(a, b) for (_, a), (_, b) in zip(self.first, self.second, strict=True)]
 
     @property
     def table(self) -> PairedTable:
-        """The four kinds of pairs."""
+        """Counts of the four kinds of pairs: both policies have the outcome, one of them has it, or neither."""
         return PairedTable.from_outcomes(self.outcomes)
 
 
 def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: float) -> tuple[Difference, str, float]:
-    """Return the difference in rates, the name of the test, and the p-value."""
+    """Return the difference between the rates of the two policies, the name of the test, and its p-value."""
     if paired:
         difference = wider_paired_difference(
             tally.outcomes,
@@ -198,10 +212,10 @@ def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: floa
 
 
 def could_have_shown(tally: OutcomeCounts, *, paired: bool, alpha: float) -> DetectableDifference | None:
-    """Return the smallest difference that these trials can detect with 80 % power, or None without trials.
+    """Return the smallest difference that these trials can detect with a power of 80 %, or None if there are no trials.
 
-    For pairs, the observed share of discordant pairs is assumed: policies that fail on different trials need more
-    pairs.
+    For paired trials, the observed fraction of discordant pairs is assumed, because more pairs are needed if the
+    policies fail in different trials.
     """
     a, b = tally.rates
     n = min(a.n, b.n)

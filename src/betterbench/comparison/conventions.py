@@ -1,4 +1,4 @@
-"""Conventions that affect outcomes, read from a plan and its records."""
+"""Conventions that affect outcomes, read from the plan of a run and from its records."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ _PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_
 
 
 def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # noqa: ANN401 -- JSON of a file
-    """Return the conventions declared in a plan and in its records.
+    """Return the conventions that are declared in a plan and in the records of the run.
 
     Args:
-        plan: plan as JSON; missing conventions are skipped.
-        versions: Versions in the records, which override those of the plan.
+        plan: Plan as JSON. Conventions that the plan does not state are skipped.
+        versions: Versions in the records, which take precedence over those in the plan.
     """
     found = {name: _shown(plan[name]) for name in _PLAIN if name in plan}
     for prefix, group in (("engine", "engine"), ("task_version", "task_versions")):

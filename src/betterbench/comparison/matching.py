@@ -1,4 +1,4 @@
-"""Matching of trials across runs, with notes on excluded trials."""
+"""Matching of trials across runs, with notes on the trials that are left out."""
 
 from __future__ import annotations
 
@@ -12,19 +12,21 @@ from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.statistics.wording import plural
 
 _DECISIVE = ("suite_version", "schema_version", "task_version:", "engine:", "robot", "control_rate_hz", "looks")
-"""Conventions that define a trial. Results under different conventions are not comparable."""
+"""Conventions that define a trial. Results under different conventions of this kind cannot be compared."""
 
 _CAMERAS = ("camera_preset", "render_quality")
-"""Conventions that are ignored if a policy used no images."""
+"""Conventions that are ignored if a policy uses no images."""
 
 
 @dataclass(frozen=True, slots=True)
 class Matching:
-    """The compared trials of several runs.
+    """Trials of several runs that are compared.
 
     Attributes:
-        paired: Whether all sides have the same trials. Otherwise, they only share conditions.
-        trials: Trials of each side in plan order. If paired, all sides have the same keys in the same order.
+        paired: Whether all runs have the same trials. Otherwise, they have only conditions in common.
+        trials: Trials of each run, in the order of the plan. If paired, all runs have the same keys in the same order.
+        left_out: Number of trials of each run that are left out.
+        notes: Notes on differences between the runs and on the trials that are left out.
     """
 
     paired: bool
@@ -34,13 +36,13 @@ class Matching:
 
 
 def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching:
-    """Return the trials shared by all sides, matched by task, variation or condition, and seed.
+    """Return the trials that all runs contain, matched by task, variation or condition, and seed.
 
-    For a run with ``--until-decided``, only the trials of its first round are used, because earlier outcomes determined
-    the later ones. Ambiguous trials are excluded.
+    For a run with ``--until-decided``, only the trials of the first round are used, because the outcomes of this round
+    determined which other trials were run. Ambiguous trials are left out.
 
     Raises:
-        RunConflictError: If versions, engines, robots or control rates differ and mixing is not allowed.
+        RunConflictError: If versions, engines, robots or control rates differ and ``allow_mixed`` is False.
         InvalidInputError: If the runs have no condition in common.
     """
     notes = list(_clashes(sides, allow_mixed=allow_mixed))
@@ -66,10 +68,10 @@ def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching
 
 
 def _same_conditions(sides: Sequence[Side]) -> tuple[tuple[TrialDiagnosis, ...], ...]:
-    """Return the trials in conditions that all sides share.
+    """Return the trials in the conditions that all runs contain.
 
     Raises:
-        InvalidInputError: If they share none.
+        InvalidInputError: If the runs have no condition in common.
     """
     names = [{_condition(t) for t in s.diagnosis.trials} for s in sides]
     shared = set.intersection(*names)
@@ -100,10 +102,11 @@ def _unpaired_note(sides: Sequence[Side]) -> str:
 
 
 def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
-    """Yield a note for every convention on which two sides differ.
+    """Yield a note for every convention (such as a version, engine or control rate) in which two runs differ.
 
     Raises:
-        RunConflictError: If one of these conventions is decisive and mixing is not allowed.
+        RunConflictError: If runs that differ in one of these conventions cannot be compared and ``allow_mixed`` is
+            False.
     """
     for name in sorted(set().union(*(s.conventions for s in sides))):
         values = {s.name: s.conventions[name] for s in sides if name in s.conventions}
@@ -114,14 +117,14 @@ def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
         listed = ", ".join(f"{value!r} in {side}" for side, value in values.items())
         if name.startswith(_DECISIVE) and not allow_mixed:
             raise RunConflictError(
-                f"{name} differs: {listed}. Run one of them again under the same conventions, "
+                f"{name} differs: {listed}. Repeat one of the runs under the same conventions, "
                 "or give --allow-mixed and interpret the results with care."
             )
         yield f"{name} differs: {listed}."
 
 
 def _until_decided(side: Side) -> Iterator[str]:
-    """Yield a note about the excluded trials of each run with ``--until-decided``."""
+    """Yield a note about the trials that are left out of a run with ``--until-decided``."""
     decided = side.diagnosis.until_decided
     if decided is not None:
         first = plural(len(decided.first_seeds), "seed")
@@ -133,14 +136,14 @@ def _until_decided(side: Side) -> Iterator[str]:
 
 
 def _ambiguous(side: Side) -> Iterator[str]:
-    """Yield a note about ambiguous trials."""
+    """Yield a note about the ambiguous trials of a run."""
     trials = [t for t in side.diagnosis.shown_trials if t.ambiguous]
     if trials:
         yield f"{plural(len(trials), 'ambiguous trial')} of {side.name} cannot be right or wrong and are not compared."
 
 
 def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
-    """Yield a note about trials that count as failures because they have no usable record."""
+    """Yield notes about the trials of a run that count as failures because there is no usable record of them."""
     unfinished = sum(t.key in side.unfinished for t in trials)
     lost = sum(t.record is None and t.key not in side.unfinished for t in trials)
     stopped = sum(t.kind is Kind.SYSTEM and t.record is not None for t in trials)

@@ -1,4 +1,4 @@
-"""Sides of a comparison: the runs, each with its diagnosis and its conventions."""
+"""Sides of a comparison, i.e. the compared runs, each with its diagnosis and its conventions."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """One run in a comparison.
+    """Run in a comparison of several runs.
 
     Attributes:
-        name: Name that the policy declared. The folder name is added if two names are equal.
-        unfinished: Keys of planned trials that have neither ended nor failed to run.
-        conventions: Versions and conventions by name, from the plan and the records.
+        name: Name that the policy declared. If two names are equal, the folder name is added.
+        diagnosis: Diagnosis of the run.
+        path: Folder of the run, or path of the submission file.
+        unfinished: Keys of the planned trials that have neither ended nor failed to run.
+        conventions: Versions and other conventions in the plan and the records, by name.
     """
 
     name: str
@@ -39,17 +41,20 @@ def load_sides(
     allow_mixed: bool = False,
     on_progress: Callable[[str, int, int], None] | None = None,
 ) -> tuple[Side, ...]:
-    """Read and diagnose the runs of a comparison; ``names`` overrides the policy names.
+    """Read and diagnose the runs of a comparison.
 
-    A path is the folder of a run, or a submission file, whose outcomes are used as stored. ``on_progress`` is called
-    with the name of a run, the number of processed trials, and the total number of trials.
+    Args:
+        paths: Folders of runs, or submission files. The outcomes in a submission file are used as they are stored.
+        names: Names for the runs. By default, these are the names that the policies declared.
+        allow_mixed: Whether to accept runs that mix versions or engines.
+        on_progress: Called with the name of a run, the number of processed trials and the total number of trials.
 
     Raises:
-        InvalidInputError: If fewer than two runs are given, a run is given twice, the names do not match the runs, or a
-            submission is damaged.
-        UnknownNameError: If a submission names a task or condition that does not exist here.
+        InvalidInputError: If fewer than two runs are given, if a run is given twice, if the names do not match the
+            runs, or if a submission is damaged.
+        UnknownNameError: If a submission names a task or condition that this installation does not have.
         RecordError: If a run or a record cannot be read.
-        RunConflictError: If a run mixes versions or engines and mixing is not allowed.
+        RunConflictError: If a run mixes versions or engines and ``allow_mixed`` is False.
     """
     if len(paths) < 2:
         raise InvalidInputError(
@@ -67,7 +72,7 @@ def load_sides(
 
 
 def name_sides(sides: Sequence[Side]) -> tuple[Side, ...]:
-    """Return the sides with unique names. The folder name is added if two runs have the same policy."""
+    """Give each compared run a unique name. If two runs have the same policy, the folder name is added."""
     names = told_apart([s.diagnosis.policy for s in sides], [s.path for s in sides])
     return tuple(replace(s, name=name) for s, name in zip(sides, names, strict=True))
 
@@ -81,7 +86,10 @@ def _load(run: RunFolder, name: str, *, allow_mixed: bool, on_progress: Callable
 
 
 def _heading(source: RunFolder | Submission, path: Path) -> RunFolder:
-    """Return the run of a source. For a submission, it contains only the policy address and name."""
+    """Return a run folder from which the name of a compared run can be read.
+
+    For a submission, this is a stand-in that contains only the policy's address and name.
+    """
     if isinstance(source, RunFolder):
         return source
     return RunFolder(path, {"policy": source.policy}, {"policy": {"name": source.name}})

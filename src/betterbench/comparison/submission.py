@@ -1,4 +1,4 @@
-"""Submissions: the outcomes of a run in one file, with conventions and record hashes."""
+"""Submissions: the outcomes of a run in one file, with its conventions and the hashes of its records."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from betterbench.version import __version__
 
 SUBMISSION_FORMAT = "betterbench-submission"
 SUBMISSION_SCHEMA_VERSION = 1
-"""Version of the file format, increased when older versions would misread a newer file."""
+"""Version of the file format. It is increased when an earlier version would misread a newer file."""
 
 _MAX_BYTES = 64 * 1024 * 1024
 _CURE = "Give the folder of a run, or a file written by better export"
@@ -43,15 +43,20 @@ Count = Annotated[int, Field(ge=0, le=2**31)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SubmittedTrial:
-    """One planned trial.
+    """Planned trial in a submission.
 
     Attributes:
+        task: Name of the task.
         condition: Name of the variation or of the training condition.
-        status: "done" with a record, "broken" if an error prevented a record, "unfinished" if it has not been run yet.
+        seed: Seed of the trial.
+        status: "done" if there is a record, "broken" if an error prevented a record, "unfinished" if the trial has not
+            been run yet.
+        success: Whether the trial succeeded.
+        label: Outcome label.
         progress: Fraction of the requested subgoals that were completed in a valid order.
-        steps: Control steps.
+        steps: Number of control steps.
         duration_s: Simulated time [s].
-        record_sha256: SHA-256 of the record file, or None without a record.
+        record_sha256: SHA-256 of the record file, or None if there is no record.
     """
 
     task: Line
@@ -66,7 +71,11 @@ class SubmittedTrial:
     record_sha256: Sha256 | None
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if the fields contradict each other."""
+        """Check that the fields agree with each other.
+
+        Raises:
+            InvalidInputError: If two fields contradict each other.
+        """
         if (self.status == "done") != (self.record_sha256 is not None):
             raise InvalidInputError(
                 self.key,
@@ -83,27 +92,29 @@ class SubmittedTrial:
 
     @property
     def key(self) -> str:
-        """Text form of the trial ("fast_food/T1/3")."""
+        """Key of the trial as text ("fast_food/T1/3")."""
         return str(TrialId(self.task, self.condition, self.seed))
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Submission:
-    """The outcomes of one run.
+    """Outcomes of one run, as a file that can be published.
 
     Attributes:
-        name: Policy name.
+        format: Name of the file format.
+        schema_version: Version of the file format.
+        name: Name of the policy.
         policy: Policy address.
-        declared: Declaration of the policy about itself.
-        betterbench: Version that judged the trials.
-        conventions: Versions and conventions by name, from the plan and the records.
-        thresholds: Thresholds of the diagnosis by name.
+        declared: What the policy declared about itself.
+        betterbench: Version of betterbench that judged the trials.
+        conventions: Versions and other conventions in the plan and the records, by name.
+        thresholds: Thresholds of the diagnosis, by name.
         plan_sha256: SHA-256 of the plan as canonical JSON.
-        left_out: Number of excluded trials: ambiguous trials, and trials that a run with ``--until-decided`` selected
-            by earlier outcomes.
-        trials: All other planned trials, in plan order.
-        sha256: SHA-256 of all other fields as canonical JSON. It detects damage but does not authenticate the author.
+        left_out: Number of trials that are left out. These are the ambiguous trials and, in a run with
+            ``--until-decided``, the trials that were chosen because of earlier outcomes.
+        trials: All other planned trials, in the order of the plan.
+        sha256: SHA-256 of all other fields as canonical JSON. It detects damage, but does not prove who wrote the file.
     """
 
     format: Literal["betterbench-submission"]
@@ -124,7 +135,7 @@ class Submission:
         return asdict(self)
 
     def file_bytes(self) -> bytes:
-        """Return the content of the file. It is JSON with one field or trial per line, which is easy to diff."""
+        """Return the content of the file as JSON. It has one field or trial per line, so that it is easy to diff."""
         form = self.to_json()
         trials, seal = form.pop("trials"), form.pop("sha256")
         fields = [f"{json_text(key)}: {json_text(value)}" for key, value in form.items()]
@@ -133,16 +144,16 @@ class Submission:
         return f"{{\n{text}\n}}\n".encode()
 
     def sealed(self) -> Submission:
-        """Return the submission with ``sha256`` set."""
+        """Return the submission with ``sha256`` set to the hash of its content."""
         form = self.to_json()
         del form["sha256"]
         return replace(self, sha256=_hash_of(form))
 
     def diagnosis(self) -> RunDiagnosis:
-        """Convert the outcomes to a diagnosis without attempts and evidence.
+        """Convert the outcomes to a diagnosis, which has no attempts and no evidence.
 
         Raises:
-            UnknownNameError: If a task or a condition does not exist here.
+            UnknownNameError: If this installation does not have a task or a condition of the submission.
         """
         trials = tuple(_diagnosed(t, self.policy) for t in self.trials)
         return RunDiagnosis(
@@ -164,8 +175,8 @@ def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCou
     """Diagnose a run, and return its outcomes as a submission.
 
     Args:
-        run: The run. With ``--until-decided``, only the trials of its first round are used.
-        name: Policy name in the submission; default: the name that the policy declared.
+        run: The run. If it was made with ``--until-decided``, only the trials of the first round are used.
+        name: Name of the policy in the submission. By default, this is the name that the policy declared.
         on_progress: Called with the number of processed trials and the total number of trials.
 
     Raises:
@@ -196,22 +207,26 @@ def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCou
         _FORM,
         form,
         where=str(run.path),
-        cure="Give a --name of printable characters that is not empty and not too long",
+        cure="Give a --name of 1 to 400 printable characters",
     ).sealed()
 
 
 def is_submission(path: Path) -> bool:
-    """Return whether a file looks like a submission of any version. Raises OSError."""
+    """Return whether a file looks like a submission of any version.
+
+    Raises:
+        OSError: If the file cannot be read.
+    """
     with open_ordinary(path) as file:
         return file.read(len(_BEGINNING)) == _BEGINNING
 
 
 def read_submission(path: Path) -> Submission:
-    """Read a submission and check that it is complete and unchanged.
+    """Read a submission, and check that it is complete and unchanged.
 
     Raises:
-        InvalidInputError: If it cannot be read, a field is malformed or contradicts another one, a trial occurs twice,
-            or the content does not match its hash.
+        InvalidInputError: If the file cannot be read, if a field is malformed or contradicts another field, if a trial
+            occurs twice, or if the content does not match its hash.
     """
     where = str(path)
     raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE)
@@ -229,10 +244,15 @@ def read_submission(path: Path) -> Submission:
 
 
 def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount | None = None) -> None:
-    """Check a submission against the records of a run. ``on_progress`` is called as in :func:`submission_of`.
+    """Check that a submission agrees with the records of a run.
+
+    Args:
+        run: The run.
+        submission: The submission.
+        on_progress: Called as in :func:`submission_of`.
 
     Raises:
-        RunConflictError: If they disagree; the message names the first difference.
+        RunConflictError: If the submission and the records disagree. The message names the first difference.
     """
     own = submission_of(run, name=submission.name, on_progress=on_progress).to_json()
     difference = first_difference(json.loads(dump_json(own)), json.loads(dump_json(submission.to_json())), "submission")
@@ -240,7 +260,7 @@ def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount
         where, there, stated = difference
         raise RunConflictError(
             f"{where} is {there} according to the records of {run.path}, but the submission states {stated}. "
-            "Export the run again, or request the run from which the submission was made."
+            "Export the run again, or ask for the run from which the submission was made."
         )
 
 
@@ -260,7 +280,7 @@ def _resolved(task: str, condition: str) -> ResolvedCondition:
 
 
 def _diagnosed(trial: SubmittedTrial, policy: str) -> TrialDiagnosis:
-    """Return the diagnosis of a submitted trial, without evidence."""
+    """Convert a submitted trial to a diagnosis, which has a label but no evidence."""
     resolved = _resolved(trial.task, trial.condition)
     # Before version 0.2, submissions labeled unfinished trials as policy errors.
     label = Label.UNFINISHED if trial.status == "unfinished" else Label(trial.label)

@@ -1,4 +1,4 @@
-"""Verdict of a comparison in sentences, with the differences that the trials could not have detected."""
+"""Verdict of a comparison in sentences, with the size of the differences that the trials could not have detected."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from betterbench.tasks.worlds.facts import facts_of_task
 __all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 
 MANY = 3
-"""Maximum number of policies for which each pair gets a sentence. With more policies, compact letters are used."""
+"""Largest number of policies for which each pair gets a sentence. For more policies, letters show the differences."""
 
 SHOWN_PARTS = 6
-"""Maximum number of groups named in one sentence."""
+"""Largest number of groups that are named in one sentence."""
 
 
 def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) -> tuple[str, ...]:
-    """Return the result of a comparison in sentences, most important first."""
+    """Return sentences that state the result of a comparison, most important first."""
     main = next((g for g in groups if g.measure == "success" and g.scope in ("overall", "training")), None)
     if main is None:
         return ("Nothing can be concluded: there are no trials to compare.",)
@@ -32,12 +32,12 @@ def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) ->
 
 
 def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) -> tuple[str, ...]:
-    """Return one sentence per pair of policies about the sequential evidence."""
+    """Return one sentence about the sequential evidence for each pair of policies."""
     return tuple(_sequential(c, alpha, len(contrasts)) for c in contrasts)
 
 
 def scope_text(scope: str) -> str:
-    """Return the description of a scope. Tasks of other worlds keep their names."""
+    """Describe in words which trials a comparison covers. Names of tasks in other worlds are not changed."""
     if not facts_of_task(scope).measured:
         return scope
     return {"overall": "all variations", "training": "training conditions"}.get(
@@ -71,7 +71,7 @@ def _sentence(c: Contrast, *, paired: bool, alpha: float) -> str:
 
 
 def _limit(c: Contrast, n: int, trials: str) -> str:
-    """Describe the smallest difference that the trials of an undecided contrast could have detected."""
+    """Describe the smallest difference that could have been detected, for a comparison without a significant result."""
     fewer = 0 if c.table is None else min(c.table.only_first, c.table.only_second)
     if fewer:
         trials += f", of which {fewer}/{n} ({percent(fewer, n)} %) point in the other direction,"
@@ -81,7 +81,10 @@ def _limit(c: Contrast, n: int, trials: str) -> str:
 
 
 def _ranking(group: Group) -> str:
-    """Return sentences with the ranked policies, their letters, and the detectable difference of undecided pairs."""
+    """Return sentences that rank the policies.
+
+    They include the letters that mark significant differences, and the smallest difference that could be detected.
+    """
     order = sorted(zip(group.rates, group.names, group.letters, strict=True), key=lambda row: -(row[0].value or 0.0))
     listed = ", ".join(f"{name} {counted(rate)} {letters}" for rate, name, letters in order)
     where = "Training conditions" if group.scope == "training" else "Variations"
@@ -100,7 +103,10 @@ def _ranking(group: Group) -> str:
 
 
 def _parts(groups: Sequence[Group], main: Group) -> Iterator[str]:
-    """Yield a sentence per pair of policies about the groups in which they differ, most significant first."""
+    """For each pair of policies, yield a sentence on the groups of trials in which they differ significantly.
+
+    The groups are sorted by significance.
+    """
     for k, pair in enumerate(main.contrasts):
         apart = [g.contrasts[k] for g in groups if g is not main and g.contrasts[k].different]
         if apart:

@@ -1,15 +1,16 @@
-"""Diagnosis: a label with an explanation for each trial of a policy, computed only from its record.
+"""Diagnosis of a run: a label and an explanation for each trial of a policy, computed from the trial's record alone.
 
-- ``analysis``: the events of one episode: approaches, grasp attempts, halts, collisions, harm.
+- ``analysis``: the events of one episode, such as approaches, grasp attempts, halts, collisions and harm.
 - ``modes``: one file per failure mode, with its detector.
 - ``thresholds``: the thresholds of the detectors.
-- ``trial``, ``labels``, ``ruling``: the label of each trial, from the evidence of all modes. ``readers`` selects the
-  reader for a world's records, and ``libero`` reads LIBERO records.
-- ``rule_likelihood``, ``task_rules``, ``second_pass``: the rule that explains a policy's wrong first attempts
-  (likelihood of one rule, rules in one task, rules over all tasks). ``instruction_effect``, ``favorite_thing``,
-  ``decider``: use of the instruction, or the cue that the policy uses instead.
-- ``run``, ``stored``, ``changes``: the diagnosis of a run, its file, and the differences between two diagnoses.
-- ``measures``: the metrics of a run, and the confusion and power matrices of the diagnosis itself.
+- ``trial``, ``labels``, ``ruling``: the label of each trial, chosen from the evidence of all failure modes. ``readers``
+  selects the function that reads the records of a simulated world, and ``libero`` reads those of LIBERO.
+- ``rule_likelihood``, ``task_rules``, ``second_pass``: the decision rule that explains a policy's wrong first attempts
+  (the likelihood of one rule, the rules in one task, the rules over all tasks). ``instruction_effect``,
+  ``favorite_thing`` and ``decider`` test whether the policy uses the instruction, or which cue it uses instead.
+- ``run``, ``stored``, ``changes``: the diagnosis of a whole run, the file that stores it, and the differences between
+  two diagnoses.
+- ``measures``: the metrics of a run, and the confusion and power matrices that measure the diagnosis itself.
 """
 
 from betterbench.diagnosis.measures.confusion import Calibration, Judged, LabelScore, packaged_calibration

@@ -1,8 +1,8 @@
-"""Words and targets that a policy consistently confuses, according to the first attempts in a run.
+"""Words and targets that a policy consistently confuses, inferred from the first attempts in a run.
 
-A policy may use the instruction but misunderstand some of its words, for example by exchanging fork and spoon. A single
-trial cannot distinguish this from chance, so its label is ``wrong_object``. Several trials with the same words can,
-because a random choice would sometimes be correct.
+A policy may use the instruction but misunderstand some of the words, for example by exchanging fork and spoon. A single
+trial with a wrong object may be due to chance, and is therefore labeled ``wrong_object``. Several trials with the same
+words can show a confusion, because a policy that chooses at random would sometimes be correct.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.labels import Label
 
 MEMORIZED_PLACE = "memorized_place"
-"""Evidence rule for a correct object placed at its target in training instead of the requested one."""
+"""Evidence rule for a correct object that is placed at its training target instead of the requested target."""
 
 WRONG_PLACES = "It brings the correct objects to wrong targets; this run does not show why."
-"""Conclusion about a policy whose wrong targets are not explained by training."""
+"""Conclusion about a policy that uses wrong targets which training does not explain."""
 
 _SHOWN = 4
 """Maximum number of confused words listed in a sentence."""
@@ -34,22 +34,28 @@ _SHOWN = 4
 
 @dataclass(frozen=True, slots=True)
 class _FirstWord:
-    """Word of the instruction for the first object, and all words for the object of the first attempt."""
+    """Word in the instruction for the first requested object, and words for the object that was attempted first.
+
+    Attributes:
+        word: Word of the instruction for the first requested object.
+        taken: All words in the task's instructions that refer to the object of the first attempt.
+    """
 
     word: str
     taken: frozenset[str]
 
 
 def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence about instruction words that the policy mistakes for other words, or an empty string.
+    """Return a sentence about the instruction words that the policy mistakes for other words, or an empty string.
 
-    Nearly all trials with these words must agree, significantly more than half of them, and the words must explain at
-    least half of the failures. At least two different words must be confused, because a single word may indicate a
-    favorite object.
+    A word counts as confused if, in nearly all trials with this word, the policy takes it for the same other word.
+    These trials must be significantly more than half of the trials with confused words, and they must include at least
+    half of the failures. At least two different words must be confused, because a single confused word may only show
+    that the policy has a favorite object.
 
     Args:
         trials: All trials of the run.
-        failed: Its variation trials that failed at reasoning.
+        failed: The variation trials of the run that failed because of the policy's reasoning.
     """
     ended = [(trial, found) for trial in trials if (found := _first_word(trial)) is not None]
     taken = _taken_for([found for _, found in ended])
@@ -70,10 +76,10 @@ def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagn
 
 
 def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
-    """Return the first word of a trial's instruction, and the words for the attempted object.
+    """Return the first word of a trial's instruction and the words for the attempted object, or None if one is unknown.
 
-    Return None if one of them is unknown. Also return None for an attempt at another object of the same instruction,
-    because that is a wrong order.
+    The result is also None if the policy attempted an object that the same instruction requests for a later step,
+    because the fault is then a wrong order.
     """
     try:
         condition = resolve_condition(trial.task, trial.variation or trial.condition).condition
@@ -95,10 +101,10 @@ def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
 
 
 def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
-    """Return the word for which each confused word is mistaken.
+    """Return the confused words, each with the word for which the policy mistakes it.
 
-    Each mistaken word needs evidence from two trials. If the two words are mistaken for each other, one trial each is
-    enough.
+    Each confused word needs evidence from two trials. If two words are mistaken for each other, one trial for each of
+    them is enough.
     """
     cases: dict[str, list[frozenset[str]]] = defaultdict(list)
     for one in found:
@@ -116,12 +122,12 @@ def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
 
 
 def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence if nearly all failures are correct objects at wrong targets, otherwise an empty string.
+    """Return a sentence if nearly all failures bring correct objects to wrong targets, otherwise an empty string.
 
     The sentence is also empty if training explains nearly all of these targets, because the failure is then a habit.
 
     Args:
-        failed: Variation trials that failed at reasoning.
+        failed: The variation trials of the run that failed because of the policy's reasoning.
     """
     misplaced = [trial for trial in failed if _is_misplaced(trial)]
     habitual = sum(trial.evidence.rule == MEMORIZED_PLACE for trial in misplaced)
@@ -131,7 +137,7 @@ def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
 
 
 def _is_misplaced(trial: TrialDiagnosis) -> bool:
-    """Return whether a trial's deciding evidence is a correct object at a wrong target."""
+    """Return whether a trial's label was decided by evidence that a correct object was brought to a wrong target."""
     if trial.evidence.rule in ("place_of_another_instruction", MEMORIZED_PLACE):
         return True
     undecided = trial.label is Label.WRONG_OBJECT and trial.evidence.rule == "undecided"

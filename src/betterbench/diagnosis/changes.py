@@ -1,4 +1,4 @@
-"""Differences between a diagnosis and the stored diagnosis of the same run, with reasons for each trial."""
+"""Differences between a new diagnosis and the stored diagnosis of the same run, with reasons for each changed trial."""
 
 from __future__ import annotations
 
@@ -14,20 +14,25 @@ _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
 
 Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
-"""Kind of change of a trial between two diagnoses.
+"""How a trial differs between the stored and the new diagnosis.
 
-"label": another label for the same record. "rule": the same label by another rule. "evidence": the same rule with other
-evidence. "record": another record, because the run continued. "new" and "gone": only one of the two diagnoses contains
-the trial.
+- "label": the same record has a different label.
+- "rule": the label is the same, but a different rule decided it.
+- "evidence": the same rule decided, but the evidence differs.
+- "record": the record is a different one, because the run continued.
+- "new", "gone": only the new diagnosis, or only the stored one, contains the trial.
 """
 
 _SAME_TIME = 1e-6
-"""Maximum difference of two equal times [s]. A control step is 0.05 s."""
+"""Largest difference between two times that still counts as none [s]. A control step is 0.05 s."""
 
 
 @dataclass(frozen=True, slots=True)
 class ThresholdChange:
-    """Threshold that differs."""
+    """Threshold whose value differs between two diagnoses.
+
+    The value of a diagnosis that lacks the threshold is None.
+    """
 
     name: str
     before: float | None
@@ -39,9 +44,11 @@ class TrialChange:
     """Trial whose diagnosis has changed.
 
     Attributes:
-        before: Stored diagnosis, or None for a new trial.
-        now: New diagnosis, or None for a trial that is gone.
-        reasons: Reasons for the change that the two diagnoses show, as sentences without a period.
+        key: Key of the trial ("fast_food/T1/3").
+        sort: Kind of the difference.
+        before: Stored diagnosis, or None if the trial is new.
+        now: New diagnosis, or None if the trial is gone.
+        reasons: Reasons for the change that can be seen from the two diagnoses, each as a sentence without a period.
     """
 
     key: str
@@ -52,7 +59,7 @@ class TrialChange:
 
     @property
     def labels(self) -> tuple[str, str]:
-        """Stored and new label, "none" for a missing trial."""
+        """Stored label and new label of the trial. If a diagnosis does not contain the trial, its label is "none"."""
         return ("none" if self.before is None else self.before.label, "none" if self.now is None else self.now.label)
 
     def to_json(self) -> dict[str, Any]:
@@ -65,7 +72,7 @@ class TrialChange:
 
 @dataclass(frozen=True, slots=True)
 class MetricChange:
-    """Metric that differs."""
+    """Metric that differs between two diagnoses. The value of a diagnosis that lacks the metric is None."""
 
     name: str
     scope: str
@@ -75,7 +82,7 @@ class MetricChange:
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisChanges:
-    """Differences in thresholds, trials and metrics between a new and a stored diagnosis of a run."""
+    """Differences between a new and a stored diagnosis of the same run, in thresholds, trials and metrics."""
 
     version_before: str
     version_now: str
@@ -85,7 +92,7 @@ class DiagnosisChanges:
 
     @property
     def other_rules(self) -> bool:
-        """Whether the stored diagnosis was made by another betterbench version or with other thresholds."""
+        """Whether the stored diagnosis was made by a different betterbench version or with different thresholds."""
         return self.version_before != self.version_now or bool(self.thresholds)
 
     @property
@@ -95,12 +102,12 @@ class DiagnosisChanges:
 
     @property
     def counts(self) -> dict[tuple[str, str], int]:
-        """Number of trials per label change (before, now) of the same record, the most frequent first."""
+        """Number of trials for each label change (stored, new) of the same record, most frequent change first."""
         changed = Counter(t.labels for t in self.of_sort("label"))
         return dict(sorted(changed.items(), key=lambda item: (-item[1], item[0])))
 
     def of_sort(self, *sorts: Sort) -> tuple[TrialChange, ...]:
-        """Return the changes of the given kinds."""
+        """Return the trials whose difference is of one of the given kinds."""
         return tuple(t for t in self.trials if t.sort in sorts)
 
     def to_json(self) -> dict[str, Any]:
@@ -116,7 +123,7 @@ class DiagnosisChanges:
 
 
 def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChanges:
-    """Compare two diagnoses of a run."""
+    """Compare a new diagnosis of a run with the stored diagnosis."""
     thresholds = tuple(ThresholdChange(n, a, b) for n, a, b in _differences(before.thresholds, now.thresholds))
     names = tuple(t.name for t in thresholds)
     trials = tuple(_trial(key, a, b, names) for key, a, b in _differences(before.trials, now.trials))
@@ -127,7 +134,10 @@ def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChan
 def _differences(
     before: Mapping[_Key, _Value], now: Mapping[_Key, _Value]
 ) -> Iterator[tuple[_Key, _Value | None, _Value | None]]:
-    """Yield the keys whose values differ, with both values, in the order of the new mapping."""
+    """Yield each key for which two mappings have different values, with both values.
+
+    The keys are in the order of the new mapping.
+    """
     for key in (*now, *(k for k in before if k not in now)):
         a, b = before.get(key), now.get(key)
         if a != b:
@@ -147,7 +157,7 @@ def _trial(key: str, before: StoredTrial | None, now: StoredTrial | None, thresh
 
 
 def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
-    """Return a clause about a change of the judged record, or None if no change is visible."""
+    """Describe in a clause how the record of a trial was replaced, or return None if no replacement is visible."""
     if before.has_record != now.has_record:
         return "the trial has a record now" if now.has_record else "its record is missing"
     if (before.steps, before.success) != (now.steps, now.success):
@@ -156,7 +166,7 @@ def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
 
 
 def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...]) -> Iterator[str]:
-    """Yield the possible causes of a change between two diagnoses of the same record."""
+    """Yield the possible causes of a difference between two diagnoses of the same record."""
     if thresholds:
         yield f"{'threshold' if len(thresholds) == 1 else 'thresholds'} {', '.join(thresholds)} changed"
     same_attempts = before.attempts == now.attempts
@@ -171,7 +181,7 @@ def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...])
 
 
 def _of_rules(before: StoredTrial, now: StoredTrial) -> str:
-    """Return a clause about a change of the deciding rule."""
+    """Describe in a clause how the rule that decided the label has changed."""
     same = before.rule == now.rule
     later = now.start_s - before.start_s
     if later < -_SAME_TIME:

@@ -1,4 +1,4 @@
-"""Cues that a policy may use instead of the instruction, such as the slot, kind, color or distance of an object."""
+"""Cues that a policy may follow instead of the instruction, such as an object's slot, kind, color or distance."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ class Decider:
     """Cues that explain the first targets of a policy that ignores the instruction.
 
     Attributes:
-        names: Cues that each explain the first attempts; empty if no known cue does.
+        names: Cues, each of which explains the first attempts on its own. Empty if no known cue explains them.
     """
 
     names: tuple[str, ...]
 
     @property
     def may_be_place(self) -> bool:
-        """Whether an object's slot can be the cue."""
+        """Whether the policy may have chosen objects by their slot."""
         return _BY_PLACE in self.names
 
     def __str__(self) -> str:
-        """Return the cues as a phrase."""
+        """Describe in a phrase the cues that explain the first attempts."""
         if not self.names:
             return (
                 "not a slot, a kind, a color or the nearest object, but another cue that is constant within a seed, "
@@ -40,8 +40,11 @@ class Decider:
 def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
     """Return the cues that explain the choices of a policy that does not use the instruction.
 
-    ``choices`` contains the first attempts in each task. The favored slot or kind may differ between tasks. The
-    favored slot may also differ between layouts, if it is empty in some of them.
+    The favored slot or kind of object may differ between tasks. The favored slot may also differ between layouts if it
+    is empty in some of them.
+
+    Args:
+        choices: The first attempts in each task, by task.
     """
     every = [choice for mine in choices.values() for choice in mine if choice.slot is not None]
     things = [choice for choice in every if choice.thing]
@@ -56,12 +59,15 @@ def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
 
 
 def _by_place(attempts: Sequence[Choice]) -> bool:
-    """Return whether nearly all attempts are at the favorite slot, or at the next favorite slot where it is empty."""
+    """Return whether nearly all attempts are at the policy's favorite slot.
+
+    In trials in which the favorite slot is empty, attempts at the second favorite slot count.
+    """
     rest, followed = list(attempts), 0
     while rest:
         slots = [c.slot for c in rest]
         favorite = max(sorted({str(slot) for slot in slots}), key=slots.count)
-        # slots at the same position have one name in `slot`, but not in `stocked`
+        # Slots at the same position share one name in `slot`, but not in `stocked`.
         named = any(favorite in c.stocked for c in rest if c.slot == favorite)
         followed += slots.count(favorite)
         rest = [c for c in rest if named and c.slot != favorite and favorite not in c.stocked]
@@ -69,6 +75,6 @@ def _by_place(attempts: Sequence[Choice]) -> bool:
 
 
 def _usual(names: Sequence[str]) -> str | None:
-    """Return the most frequent name if nearly all choices have it, otherwise None."""
+    """Return the name that nearly all choices have in common, or None if there is no such name."""
     most = max(sorted(set(names)), key=names.count, default=None)
     return most if most is not None and names.count(most) >= NEARLY_ALL * len(names) else None

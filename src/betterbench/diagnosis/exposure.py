@@ -1,7 +1,7 @@
-"""Exposure of a variation: the failure modes that its test condition can reveal, given the training distribution.
+"""Exposure of failure modes: which modes the test condition of a variation can reveal, given the training distribution.
 
-Each failure mode has a function that takes an :class:`Exposure` and returns whether the variation can reveal this mode.
-A variation may only claim failure modes for which the function returns True.
+Each failure mode has a function that takes an :class:`Exposure` and returns whether the variation can reveal this
+failure mode. A variation may only claim to reveal failure modes for which the function returns True.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.tasks.interventions import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """Test condition, its training condition, and the regularities of training.
+    """Test condition of a variation, with the condition from which it is derived and the task's training distribution.
 
     Attributes:
         task: The task.
@@ -38,7 +38,7 @@ class Exposure:
 
     @classmethod
     def of(cls, task_id: str, variation: str) -> Exposure:
-        """Return the exposure of a variation.
+        """Look up a variation of a task, and return what its test condition can reveal.
 
         Raises:
             UnknownNameError: If the task or variation does not exist.
@@ -53,50 +53,53 @@ class Exposure:
         return self.test.instruction.subgoals
 
     def slots(self, goal: Subgoal) -> set[str]:
-        """Return the initial slots of the objects that a subgoal refers to."""
+        """Return the starting slots of the objects to which a subgoal refers."""
         return {self.test.layout[n] for n in self.test.resolve(goal.reference) if n in self.test.layout}
 
     @property
     def open_goals(self) -> tuple[Subgoal, ...]:
-        """Subgoals, in order, that are not done in the initial state and have an object in the scene."""
+        """Subgoals, in the instruction's order, that are not done at the start and whose object is in the scene."""
         return tuple(goal for goal in self.goals if self.slots(goal))
 
     @property
     def due(self) -> tuple[Subgoal, ...]:
-        """Subgoals that may be done first."""
+        """Open subgoals that may correctly be done first."""
         return self.open_goals[:1] if self.test.instruction.ordered else self.open_goals
 
     @property
     def right_slots(self) -> set[str]:
-        """Slots of the objects that may be picked first."""
+        """Slots that contain an object which may correctly be picked first."""
         return {slot for goal in self.due for slot in self.slots(goal)}
 
     def movable_in(self, slot: str) -> str | None:
-        """Return the kind of the movable object that is in a slot in the initial state, or None."""
+        """Return the kind of the movable object that starts in a slot, or None if the slot has no movable object."""
         name = self.test.occupant(slot)
         if name is None or self.test.object(name).role not in ("item", "distractor"):
             return None
         return self.test.object(name).kind
 
     def known(self, kind: str) -> bool:
-        """Return whether an instruction of the task refers to an object kind."""
+        """Return whether any instruction of the task refers to a kind of object."""
         return kind in self.trained.known_kinds(self.test)
 
     def kinds(self, goal: Subgoal) -> set[str]:
-        """Return the object kinds to which a subgoal refers."""
+        """Return the kinds of the objects to which a subgoal refers."""
         return {self.test.object(n).kind for n in self.test.resolve(goal.reference)}
 
     @property
     def lacks_later_step(self) -> bool:
-        """Whether a later step of training with this instruction has no object in the scene.
+        """Whether training has a later step for this instruction whose object is missing from the scene.
 
-        False if the condition is ambiguous, because no behavior is a failure then.
+        This is False if the condition is ambiguous, because then no behavior counts as a failure.
         """
         return self.test.expected is not Expected.AMBIGUOUS and max(absent_steps(self.task, self.test), default=0) > 0
 
 
 def absent_steps(task: Task, condition: Condition) -> set[int]:
-    """Return the indices of the steps of training with the same instruction whose object is not in the scene."""
+    """Return the indices of the steps whose object is missing from the scene.
+
+    The steps are those of the training instructions that have the same text as the instruction of the condition.
+    """
     here = {o.kind for o in condition.objects}
     return {
         number

@@ -1,4 +1,4 @@
-"""Failure modes: the class that each file in ``modes`` registers, and the input of its detector."""
+"""Failure modes: the class with which each file in ``modes`` registers its mode, and the input that a detector gets."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from betterbench.tasks.user_files import registered
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialView:
-    """Input of a detector: a record and its analysis.
+    """Input of a detector: the record of a trial and the analysis of the record.
 
     Attributes:
-        record: The trial record, with its outcome.
-        episode: Analysis of the record, with every grasp attempt and placement.
-        unexplained: True in the second round of detectors. It follows if no detector found evidence in the first round.
+        record: Record of the trial, with its outcome.
+        episode: Analysis of the record, including every grasp attempt and placement.
+        unexplained: Whether the detectors are called for the second time, because no detector found evidence the first
+            time.
     """
 
     record: Record
@@ -33,7 +34,7 @@ class TrialView:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the episode reached its step limit with a subgoal that was not done, or only in the last rows."""
+        """Whether the episode reached its step limit while a subgoal was open, or just as the last subgoal was done."""
         done = self.episode.trace.done
         all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
         just_reached = bool(self.record.goal[self.episode.trace.rows - 1])
@@ -41,26 +42,29 @@ class TrialView:
 
 
 Finder = Callable[[TrialView], Evidence | None]
-"""Function that returns the first evidence of a mode in a trial, or None."""
+"""Function that returns the first evidence of a failure mode in a trial, or None if there is none."""
 
 
 @dataclass(frozen=True, slots=True)
 class FailureMode:
-    """Outcome label, with its detector and its texts for tables and reports.
+    """Failure mode or other outcome label, with its detector and its texts for tables and reports.
 
-    Use an instance as a decorator of its detector to register both.
+    An instance is used as the decorator of its detector. This registers the label and the detector together.
 
     Attributes:
+        label: Label of the mode.
         short: Name of one or two words, for bar charts.
-        definition: Condition on the record in one sentence (suite, section 5).
-        conclusion: Conclusion about a policy with mostly this kind of failure, in one sentence.
-        sharper: Function that returns a more specific conclusion for the trials with this mode, or an empty string.
-        finding: Beginning of the sentence that counts the trials with this mode; empty if the mode yields no finding.
-        detail: Function that returns the end of that sentence, with the common properties of these trials.
-        rule: Kind of rule that explains the mode in the second pass (see ``ruling``), or None.
-        needs_rule: Whether an upheld rule must prove the mode. Without proof, the trial is labeled ``wrong_object``.
-        title: Full name if it differs from the label.
-        exposed_by: Function that returns whether a variation can reveal this mode; None if every variation can.
+        definition: Condition that the record must meet, in one sentence (suite, section 5).
+        conclusion: Conclusion about a policy whose failures are mostly of this mode, in one sentence.
+        sharper: Function that returns a more specific conclusion from the trials with this mode, or an empty string.
+        finding: Beginning of the sentence that counts the trials with this mode. Empty if the mode yields no finding.
+        detail: Function that returns the end of that sentence, with the properties that these trials have in common.
+        rule: Kind of decision rule that explains the mode in the second pass (see ``ruling``). None if no rule does.
+        needs_rule: Whether the second pass must confirm the rule before the mode is assigned. Without this
+            confirmation, the trial is labeled ``wrong_object``.
+        exposed_by: Function that returns whether a variation can reveal this mode. None if every variation can.
+        title: Full name, if it differs from the label.
+        find: The detector.
     """
 
     label: Label
@@ -77,13 +81,15 @@ class FailureMode:
     find: Finder = field(default=lambda _: None, repr=False)
 
     def __call__(self, find: Finder) -> Finder:
-        """Register the mode with its detector.
+        """Register the failure mode with its detector.
 
         Raises:
-            InvalidInputError: If the label already has a mode.
+            InvalidInputError: If the label already has a failure mode.
         """
         if self.label in _MODES:
-            raise InvalidInputError("failure mode", f"{self.label} is already registered", "Use a new label")
+            raise InvalidInputError(
+                "failure mode", f"{self.label} is already registered", "Register the failure mode with a new label"
+            )
         find = registered("failure mode", self.label.value, find, _MODES)
         known = {**_MODES, self.label: replace(self, find=find)}
         _MODES.clear()
@@ -92,23 +98,24 @@ class FailureMode:
 
     @property
     def name(self) -> str:
-        """Full name."""
+        """Full name of the failure mode."""
         return self.title or self.label.value.replace("_", " ").capitalize()
 
     def conclude(self, trials: Sequence[TrialDiagnosis]) -> str:
-        """Return the conclusion about a policy from its trials of this mode."""
+        """Return the conclusion about a policy from the trials in which it has this failure mode."""
         return (self.sharper(trials) if self.sharper is not None and trials else "") or self.conclusion
 
     @property
     def family(self) -> str:
-        """Color group in figures: "right", "reasoning", "execution" or "system"."""
+        """Group of the label, which determines its color in figures: "right", "reasoning", "execution" or "system"."""
         return "right" if self.label.kind is Kind.NONE else self.label.kind.value
 
 
 def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDiagnosis]], str]:
-    """Return a function from trials to a sentence.
+    """Return a function that chooses a sentence for a list of trials.
 
-    It returns the sentence for the evidence rule of nearly all trials, or "".
+    The sentence belongs to the evidence rule that decided the label in nearly all of the trials. The function returns
+    an empty string if there is no such rule, or if the rule has no sentence.
     """
 
     def sharper(trials: Sequence[TrialDiagnosis]) -> str:
@@ -121,16 +128,16 @@ def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDia
 _MODES: dict[Label, FailureMode] = {}
 
 MODES: Mapping[Label, FailureMode] = MappingProxyType(_MODES)
-"""All modes by label, in label order. Importing ``diagnosis.modes`` registers them."""
+"""All failure modes by label, in label order. Importing ``diagnosis.modes`` registers them."""
 
 
 def remove_mode(label: Label) -> None:
-    """Remove a mode, for tests."""
+    """Remove a registered failure mode. This is meant for tests."""
     del _MODES[label]
 
 
 def labels_of_second_pass() -> tuple[Label, ...]:
-    """Return the labels that only the second pass assigns."""
+    """Return the labels that only the second pass assigns, because it considers all trials of a policy together."""
     return tuple(mode.label for mode in MODES.values() if mode.needs_rule)
 
 

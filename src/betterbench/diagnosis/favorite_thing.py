@@ -1,9 +1,9 @@
-"""Favorite object kind of a policy, in worlds whose tasks do not share scenes.
+"""Favorite kind of object of a policy, determined in worlds in which every task has its own scene.
 
-In betterbench's own scenes, trials that differ only in the instruction show whether it is used
-(:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO, every task has its own scene, so no such pairs exist.
-However, the same kinds of objects occur in many scenes of a suite. A policy that goes for the milk in every scene with
-milk does not use the instruction.
+In betterbench's own scenes, trials that differ only in the instruction show whether the policy uses it
+(:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO, every task has its own scene, so there are no such pairs
+of trials. However, the same kinds of objects occur in many scenes of a suite. A policy that goes for the milk in every
+scene with milk does not use the instruction.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from betterbench.statistics.unpaired import binomial_probabilities
 
 @dataclass(frozen=True, slots=True)
 class FavoriteThing:
-    """Object kind that a policy goes for in every scene that contains it.
+    """Kind of object that a policy goes for in every scene that contains it.
 
     Attributes:
-        kind: Object kind.
-        rate: Share of trials that begin with an attempt at this kind. Only trials count whose scene contains it and
+        kind: The favorite kind of object.
+        rate: Fraction of trials that begin with an attempt at this kind, among the trials whose scene contains it and
             whose instruction names another kind.
-        asked: Number of other kinds that were requested in these trials.
+        asked: Number of different kinds that the instructions of these trials name.
     """
 
     kind: str
@@ -34,14 +34,14 @@ class FavoriteThing:
     asked: int
 
     def words(self) -> str:
-        """Sentence that counts the trials."""
+        """Return a sentence that states in how many trials the policy attempts its favorite kind of object first."""
         return (
             f"In scenes with an object of kind {self.kind!r} and a request for another kind ({self.asked} kinds in "
             f"total), the first attempt is at the {self.kind} in {self.rate.k} of {self.rate.n} trials."
         )
 
     def finding(self, suite: str) -> str:
-        """Return the finding for a suite."""
+        """Return the sentence that reports the favorite kind of object for a suite."""
         low, high = 100 * self.rate.low, 100 * self.rate.high
         return (
             f"{suite}: It goes for the {self.kind} in every scene that contains it, regardless of the instruction: in "
@@ -51,12 +51,12 @@ class FavoriteThing:
 
 
 def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
-    """Return the object kind that a policy provably goes for in every scene that contains it, or None.
+    """Return the kind of object that a policy provably goes for in every scene that contains it, or None.
 
-    The instructions of at least :data:`LEAST_PAIRS` trials with such an object must name another kind,
-    :data:`LEAST_ASKED` kinds in total. The policy must attempt this kind more often than a policy that picks one of two
-    objects at random (exact binomial test, one-sided, corrected for the number of kinds that the policy wrongly
-    attempted).
+    At least :data:`LEAST_PAIRS` trials must have such an object in the scene while their instruction names another
+    kind. These instructions must name at least :data:`LEAST_ASKED` kinds in total. The policy must attempt its favorite
+    kind more often than a policy that picks one of two objects at random. This is tested with an exact one-sided
+    binomial test, whose p-value is corrected for the number of kinds that the policy wrongly attempted.
     """
     wrong = Counter(c.thing for c in choices.values() if c.thing and not c.correct)
     if not wrong:
@@ -72,6 +72,6 @@ def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
 
 
 def _asks_for_another(choice: Choice, kind: str) -> bool:
-    """Return whether a trial's scene contains an object of a kind while the instruction names another kind."""
+    """Return whether a trial's scene contains an object of the given kind while its instruction names another kind."""
     standing = {slot for slot, k in choice.layout if k == kind}
     return bool(standing) and bool(choice.right) and not standing & choice.right

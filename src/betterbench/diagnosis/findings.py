@@ -1,4 +1,4 @@
-"""Sentences that state findings from several trials of a policy, and notes on the limits of the run."""
+"""Sentences on what several trials of a policy show together, and notes on what a run cannot show."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from betterbench.statistics.wording import p_text, plural
 from betterbench.tasks.labels import Kind, Label
 
 _SHOWN = 5
-"""Maximum number of trials listed in a note before "and more"."""
+"""Number of trials that a note lists before it ends with "…"."""
 
 
 def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules]) -> tuple[str, ...]:
-    """Return one sentence per task and failure mode.
+    """Return one sentence for each combination of a task and a failure mode that occurs.
 
-    Reasoning failures come before execution failures, frequent modes first.
+    Reasoning failures come before execution failures, and frequent failure modes come first.
     """
     groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
     planned: dict[tuple[str, str], int] = defaultdict(int)
@@ -56,10 +56,16 @@ def find_notes(
     even_pairs: int | None = None,
     cure: str = "run their training conditions with the same seeds",
 ) -> tuple[str, ...]:
-    """Return one sentence for each limit of the run.
+    """Return one sentence for each limit on what the run can show, such as missing trials.
 
-    ``missing`` contains the trials without a record because of an error. ``even_pairs`` is the number of pairs in the
-    first round of a run with ``--until-decided``. ``cure`` is the advice if twins are missing.
+    Args:
+        trials: The trials of the run.
+        rules: Rules that explain the first attempts, by task.
+        missing: Keys of the trials that have no record because of an error.
+        pairs: Number of pairs of a variation trial and its counterfactual twin.
+        pending: Number of planned trials that are not done yet.
+        even_pairs: Number of pairs in the first round of a run with ``--until-decided``. None for other runs.
+        cure: Advice for trials whose twin is missing.
     """
     notes = []
     if pending:
@@ -122,11 +128,14 @@ def _first_few(keys: Sequence[str]) -> str:
 
 
 def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRules | None) -> str:
-    """Return a clause with the statistical evidence for a rule, or an empty string for labels without a rule."""
+    """Return a clause with the statistical evidence for the decision rule that explains a failure mode.
+
+    The clause is empty for failure modes that no rule explains.
+    """
     if found is None or mode.rule is None:
         return ""
     slot = next((t.first_slot for t in members if t.first_slot is not None), None)
-    if mode.rule == PLACE:  # slots at the same position share one name
+    if mode.rule == PLACE:  # Slots at the same position share one name.
         rule = _rule(found, place_rule(slot or "")) or next(
             (r for r in found.rules if r.family == PLACE and r.name in found.upheld), None
         )

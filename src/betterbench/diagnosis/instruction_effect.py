@@ -1,9 +1,9 @@
-"""Instruction effect: fraction of trial pairs in which the first target depends on the instruction (suite, section 4).
+"""Instruction effect: how often a different instruction changes the policy's first target (suite, section 4).
 
 Random streams do not depend on the condition. Trials with the same seed therefore begin with the same scene if their
 conditions have the same objects in the same slots. A run thus contains pairs of trials that differ only in the
 instruction. If the two instructions name different first objects, a policy that uses the instruction goes to different
-objects, correctly or not. A policy that ignores the instruction goes to the same object in both trials.
+objects, whether these are correct or not. A policy that ignores the instruction goes to the same object in both trials.
 """
 
 from __future__ import annotations
@@ -25,19 +25,20 @@ from betterbench.tasks.labels import Kind
 Pair = tuple[TrialDiagnosis, TrialDiagnosis]
 
 SAME_TARGET = "same_target_whatever_the_instruction"
-"""Evidence rule for a wrong first attempt by a policy that does not use the instruction."""
+"""Evidence rule for a wrong first attempt by a policy that provably does not use the instruction."""
 
 SAME_THING = "same_thing_whatever_the_instruction"
-"""Evidence rule for a wrong first attempt at a policy's favorite object kind
-(:mod:`betterbench.diagnosis.favorite_thing`).
+"""Evidence rule for a wrong first attempt at the policy's favorite kind of object.
+
+See :mod:`betterbench.diagnosis.favorite_thing`.
 """
 
 _PLACE_DIGITS = 4
-"""Number of decimals of positions [m] and rotations when initial states are compared (0.1 mm)."""
+"""Number of decimals to which positions [m] and rotations are rounded to compare initial states (0.1 mm)."""
 
 
 def scene_of(record: Record) -> str:
-    """Return a digest of the initial state, which covers the objects with their poses and the pose of the arm."""
+    """Return a digest of an episode's initial state, i.e. of all objects with their poses and of the arm's pose."""
     things = sorted(
         (thing.asset, thing.kind, np.round([*position, *quaternion], _PLACE_DIGITS).tolist())
         for thing, position, quaternion in zip(
@@ -51,11 +52,12 @@ def scene_of(record: Record) -> str:
 
 
 def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
-    """Return pairs of trials that differ only in the instruction and have different first targets.
+    """Return pairs of trials that differ only in the instruction, and whose instructions have different first targets.
 
-    Each trial is in at most one pair, so that pairs are independent. A variation is paired with its counterfactual twin
-    if possible, otherwise with the first remaining trial of the same scene. Trials without a first grasp attempt, and
-    trials in which no object should be grasped first, are excluded.
+    Each trial is in at most one pair, so that the pairs are independent. A variation trial is paired with its
+    counterfactual twin (the training trial with the same seed) if possible, otherwise with the first remaining trial
+    that has the same scene. Trials without a first grasp attempt are left out, and so are trials in which no object
+    should be grasped first.
     """
     groups: dict[tuple[int, str], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:
@@ -76,18 +78,18 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 
 
 def first_target(trial: TrialDiagnosis) -> str | None:
-    """Return the name of the object or empty slot that is the first target of a trial, or None.
+    """Return the name of the object or empty slot at which the first attempt of a trial is made, or None.
 
-    A drawer moved for an object is not a first target.
+    A drawer that is moved to reach an object does not count as a first target.
     """
     return trial.first_attempt or trial.first_slot
 
 
 def changes_target(pair: Pair) -> bool:
-    """Return whether the first target changes with the instruction.
+    """Return whether the policy's first target changes with the instruction.
 
-    Both trials begin with the same scene. If one of the two grasps missed its object, only its slot is known, so the
-    slots of both attempts are compared.
+    The two trials begin with the same scene. If one of the two first grasps missed its object, only the slot of this
+    grasp is known. In this case, the slots of both grasps are compared.
     """
     one, other = pair
     if one.first_attempt and other.first_attempt:
@@ -96,12 +98,10 @@ def changes_target(pair: Pair) -> bool:
 
 
 def instruction_effects(trials: Sequence[TrialDiagnosis]) -> Iterator[Metric]:
-    """Yield the instruction effect over all trials and per task.
+    """Yield the instruction effect over all trials, and then the instruction effect in each task.
 
-    Training conditions and variations are treated alike.
-
-    The p-value is the exact probability of at most this many changes for a policy that picks one of two objects at
-    random.
+    Training trials and variation trials are treated alike. The p-value is the exact probability that a policy which
+    picks one of two objects at random changes its first target in at most the observed number of pairs.
     """
     ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
     pairs = instruction_pairs(ended)
@@ -120,10 +120,10 @@ def instruction_effects(trials: Sequence[TrialDiagnosis]) -> Iterator[Metric]:
 
 
 def is_unused(effect: Metric | None, *, tests: int = 1) -> bool:
-    """Return whether an instruction effect proves that the instruction is not used.
+    """Return whether an instruction effect proves that the policy does not use the instruction.
 
-    The proof requires :data:`LEAST_PAIRS` pairs and a p-value below 2.5 %, corrected for the number of tests. For a
-    single test, this means that the interval is below :data:`USED`.
+    The proof requires at least :data:`LEAST_PAIRS` pairs and a p-value below 2.5 %, corrected for the number of tests.
+    For a single test, this means that the confidence interval lies below :data:`USED`.
     """
     if effect is None or effect.p_value is None:
         return False
@@ -133,8 +133,8 @@ def is_unused(effect: Metric | None, *, tests: int = 1) -> bool:
 def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:
     """Return the tasks in which a policy provably ignores the instruction, each with the metric that proves it.
 
-    A proof over all tasks applies to each task whose own pairs do not contradict it. All other tasks need their own
-    proof.
+    If the pairs of all tasks together prove it, this applies to each task whose own pairs do not contradict it.
+    Otherwise, it must be proven separately in each task.
     """
     effects = {m.scope: m for m in instruction_effects(trials)}
     overall = effects.pop("overall", None)
@@ -145,17 +145,17 @@ def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:
 
 
 def effect_words(effect: Metric) -> str:
-    """Return the sentence that counts the pairs of an instruction effect."""
+    """Return a sentence that states in how many pairs of trials the policy has the same first target."""
     return f"In {_counted(effect)} the first target is the same."
 
 
 def unused_sentence(effect: Metric) -> str:
-    """Return the conclusion that the instruction is not used, or an empty string without proof."""
+    """Return the conclusion that the policy does not use the instruction, with the number of pairs that prove it."""
     return f"It does not use the instruction: the first target is the same in {_counted(effect)}."
 
 
 def effect_sentence(effect: Metric | None) -> str:
-    """Return the conclusion from an instruction effect, that the instruction is used, not used, or undecided."""
+    """Return the conclusion from an instruction effect: the instruction is used, is not used, or this is undecided."""
     if effect is None or not effect.n:
         return (
             "This run has no two trials that differ only in the instruction and have different first targets, so "
@@ -173,7 +173,7 @@ def effect_sentence(effect: Metric | None) -> str:
 
 
 def effect_findings(unused: Mapping[str, Metric], decider: str) -> Iterator[str]:
-    """Yield one sentence for each proof that the instruction is not used."""
+    """Yield one sentence for each proof that the policy does not use the instruction."""
     for effect in dict.fromkeys(unused.values()):
         where = "" if effect.scope == "overall" else f"{effect.scope}: "
         percent = (

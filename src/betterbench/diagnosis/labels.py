@@ -1,4 +1,4 @@
-"""Choice of the label of a trial from all evidence (suite, section 5)."""
+"""Choice of a trial's label from all the evidence in the trial (suite, section 5)."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from betterbench.records import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
 
 FIRST_STEP = "most_frequent_first_step"
-"""Evidence rule for behavioral inertia that the second pass may reject."""
+"""Evidence rule for behavioral inertia. The second pass may reject this evidence."""
 
 
 class LabelEvidence(NamedTuple):
-    """Evidence for a label."""
+    """Evidence in a trial, with the label that it supports."""
 
     label: Label
     evidence: Evidence
@@ -28,8 +28,8 @@ class LabelEvidence(NamedTuple):
 def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...]:
     """Return all evidence in a trial, in label order.
 
-    For a success, or an end that the policy's reasoning did not cause, there is no other evidence. Otherwise, labels
-    that need the second pass are included.
+    If the trial succeeded, or if it ended for a reason other than the policy's decisions, only the evidence of this is
+    returned. Otherwise, the evidence includes labels that the second pass must confirm.
 
     Returns:
         At least one piece of evidence.
@@ -43,7 +43,7 @@ def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...
 
 
 def _with_harm(view: TrialView, findings: tuple[LabelEvidence, ...]) -> tuple[LabelEvidence, ...]:
-    """Append a sentence about harm to the evidence, unless it mentions the harm already."""
+    """Append a sentence about harm to the text of the evidence, unless the text already mentions this harm."""
     said = []
     for label, evidence in findings:
         clauses = [words for words in view.episode.harm_words() if words not in evidence.text]
@@ -59,16 +59,17 @@ def _found(view: TrialView, *kinds: Kind) -> tuple[LabelEvidence, ...]:
 
 
 _OF_ORDER = ("attempted_in_wrong_order", "required_step_skipped")
-"""Evidence rules for attempts that a favorite slot could also explain."""
+"""Evidence rules for attempts that a policy's favorite slot could explain as well."""
 
 
 def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEvidence:
     """Return the evidence that decides the label of a trial.
 
-    The earliest evidence decides. For the same attempt, label order decides. If the second pass cannot decide between
-    rules for an attempt, the label is ``wrong_object`` with the remaining candidates, unless the object's appearance or
-    a training habit explains the attempt. A wrong order is not such an explanation. Otherwise, the same favorite slot
-    would be an order violation in ordered tasks and a wrong object in all other tasks.
+    The earliest evidence decides. If several pieces of evidence concern the same attempt, the one whose label comes
+    first in label order decides. If the second pass cannot decide between rules for an attempt, the label is
+    ``wrong_object`` with the remaining candidates, unless the object's appearance or a training habit explains the
+    attempt. A wrong order does not count as an explanation here, since the same favorite slot would then be labeled as
+    an order violation in ordered tasks and as a wrong object in all other tasks.
     """
     order, waiting = all_labels(), labels_of_second_pass()
     undecided: dict[float, tuple[Label, ...]] = {}
@@ -80,7 +81,7 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
     for finding in findings:
         (label, evidence), status = finding, _status(finding, ruling)
         if status == "rejected" or (status == "open" and evidence.start_s in known):
-            continue  # any other evidence about the same attempt takes precedence over an unproven label
+            continue  # other evidence about the same attempt takes precedence over an unproven label
         if status == "open":
             possible = undecided[evidence.start_s]
             label, evidence = Label.WRONG_OBJECT, replace(evidence, rule="undecided", candidates=_values(possible))
@@ -89,7 +90,7 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
             evidence = replace(evidence, candidates=_values(possible))
             label = Label.WRONG_OBJECT if evidence.rule in _OF_ORDER else label
         kept.append((evidence.start_s, order.index(label), LabelEvidence(label, evidence)))
-    if not kept:  # only a rejected rule explained the trial
+    if not kept:  # the only explanation of the trial was a rule that the second pass rejected
         return LabelEvidence(Label.WRONG_OBJECT, findings[0].evidence)
     return min(kept, key=lambda entry: entry[:2])[2]
 

@@ -1,9 +1,9 @@
-"""Diagnosis of LIBERO trials: conversion of records for the detectors, and notes on LIBERO's suites.
+"""Diagnosis of LIBERO trials: conversion of their records for the detectors, and notes on LIBERO's suites.
 
-LIBERO's tasks have no conditions. The instructed objects are read from the goal in the task file, the training
-distribution from the files of the base suite (:mod:`betterbench.tasks.worlds.libero_training`), and the initial
-positions from the record. Table regions are those of LIBERO. Heights are measured from the table, as in betterbench's
-own scenes.
+LIBERO's tasks have no conditions. The requested objects are read from the goal in the task file, and the initial
+positions from the record. The training distribution is read from the files of the base suite
+(:mod:`betterbench.tasks.worlds.libero_training`). The regions on the table are the ones that LIBERO defines. Heights
+are measured from the table top, as in betterbench's own scenes.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ AXES = {
     "task": Axis.PRIMITIVE_RECOMPOSITION,
     "object": Axis.ADVERSARIAL_OBJECT_PERTURBATION,
 }
-"""Axis of each LIBERO-PRO change. Paraphrases of the instruction have no axis."""
+"""Variation axis of each change that LIBERO-PRO makes to a task. Paraphrases of the instruction have no axis."""
 
 NOTE = (
     "LIBERO's tasks have one training condition each, and most instructions name one object: habits of order, "
@@ -57,7 +57,7 @@ NOTE = (
     "objects is not judged. Each LIBERO-PRO suite has its own initial states: a trial and its twin share the task and "
     "the state number, but the robot and object poses differ slightly."
 )
-"""Note added to every diagnosis of a run in LIBERO."""
+"""Note that is added to every diagnosis of a run in LIBERO."""
 
 
 PLUS_NOTE = (
@@ -65,7 +65,7 @@ PLUS_NOTE = (
     "share one twin. The interval of a gap therefore resamples each twin together with all its variants, and its "
     "p-value exchanges a twin with its variants. Give both runs more initial states (--trials) for more twins."
 )
-"""Note added to every diagnosis of a run in LIBERO-Plus."""
+"""Note that is added to every diagnosis of a run in LIBERO-Plus."""
 
 TWINS_CURE = "run the base suite with initial states of the same numbers, and name that run with --twins"
 
@@ -75,11 +75,11 @@ BASE = "base"
 
 @dataclass(frozen=True, slots=True)
 class LiberoRun:
-    """Training distribution and instructions for the diagnosis of a LIBERO run.
+    """Data that the diagnosis of a LIBERO run needs in addition to the records.
 
     Attributes:
         trained: Training distribution of the base suite.
-        instructions: Instruction by "TASK/CONDITION".
+        instructions: Instructions of the run, by "TASK/CONDITION".
     """
 
     trained: TrainingDistribution
@@ -87,11 +87,15 @@ class LiberoRun:
 
     @classmethod
     def of(cls, regime: Sequence[TrainedTask], instructions: Mapping[str, str]) -> Self:
-        """Read the data from the stored plan of a run."""
+        """Compute the training distribution, and return it with the instructions of the run."""
         return cls(trained_in(regime), instructions)
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the first pass over a record. Raises RecordError if a field of a LIBERO record is missing."""
+        """Diagnose a record on its own, without other trials of the policy (first pass).
+
+        Raises:
+            RecordError: If the record lacks a field that LIBERO records have.
+        """
         here = on_our_table(record)
         goals = _goals(here.metadata)
         if goals is None:
@@ -124,9 +128,9 @@ class LiberoRun:
 
 
 def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return advice on LIBERO-PRO suites that would add information to runs of base suites.
+    """Return advice on which LIBERO-PRO suites to run for a diagnosis that base suites alone cannot give.
 
-    The result is empty if such a suite was run.
+    The text is empty if the run already contains such a suite.
     """
     if any(trial.variation is not None for trial in trials):
         return ""
@@ -138,12 +142,12 @@ def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def suite_of(task: str) -> str:
-    """Return the base suite of a LIBERO task ("libero_object-03"). The tasks of a suite are judged together."""
+    """Return the base suite of a LIBERO task ("libero_object-03"). All tasks of a base suite are judged together."""
     return task.rpartition("-")[0]
 
 
 def on_our_table(record: Record) -> Record:
-    """Convert the heights above the table and the names of target regions in a LIBERO record to those of betterbench.
+    """Convert a LIBERO record to betterbench's convention for heights and for names of target regions.
 
     Raises:
         RecordError: If the record does not name any region on a table.
@@ -151,7 +155,7 @@ def on_our_table(record: Record) -> Record:
     m = record.metadata
     if not m.scene.slots:
         raise RecordError(
-            f"{m.task}/{m.condition} seed {m.seed}: the record names no regions on the table; record the trial again."
+            f"{m.task}/{m.condition} seed {m.seed}: the record names no regions on the table. Record the trial again."
         )
     height = m.scene.slots[0].position[2]
     lower = np.array([0.0, 0.0, height])
@@ -173,14 +177,14 @@ def on_our_table(record: Record) -> Record:
 
 
 def _with_regions(thing: ObjectInfo) -> ObjectInfo:
-    """Return an object with the regions for the relations "in" and "on"."""
+    """Add the target regions for the relations "in" and "on" to an object."""
     inside = [replace(r, name="inside") for r in thing.regions if r.name == "contain_region"]
     half = (0.5 * thing.size_m[0], 0.5 * thing.size_m[1], 0.5 * thing.size_m[2])
     return replace(thing, regions=(*inside, Region("floor", (0.0, 0.0, 0.0), half)))
 
 
 def _goals(m: RecordMetadata) -> tuple[Subgoal, ...] | None:
-    """Return the subgoals of a goal, or None if a part of the goal moves a joint."""
+    """Return the subgoals of a LIBERO goal, or None if a part of the goal moves a joint, such as a drawer's joint."""
     found = []
     known = {o.name: o for o in m.scene.objects}
     for name in m.subgoal_names:
@@ -202,7 +206,7 @@ def _condition(m: RecordMetadata, goals: tuple[Subgoal, ...]) -> Condition:
 
 
 def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistribution:
-    """Return the training distribution restricted to the regions of a scene."""
+    """Return a copy of the training distribution that contains only the regions that exist in a scene."""
     here = {slot.name for slot in info.slots}
 
     def only(places: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
@@ -215,7 +219,7 @@ def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistr
 
 
 def _trace(record: Record, condition: Condition, trained: TrainingDistribution) -> Trace:
-    """Return the trace of a record, with LIBERO's own verdict on the requested relations."""
+    """Return the trace of a record. Whether a requested relation holds is taken from LIBERO's own verdict."""
     info, rows = record.metadata.scene, len(record)
     goals = condition.instruction.subgoals
     asked = [name.partition("(")[2].partition(",")[0] for name in record.metadata.subgoal_names]
@@ -242,14 +246,17 @@ def _trace(record: Record, condition: Condition, trained: TrainingDistribution) 
 
 
 def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[PickedSlot, ...]:
-    """Return the regions from which objects are picked in the base suite. Their closing points are unknown."""
+    """Return the regions from which the base suite picks objects, without the points at which the gripper closes there.
+
+    LIBERO's files do not state these points.
+    """
     names = {slot for slots in trained.kind_slots.values() for slot in slots}
     at = {slot.name: (slot.position[0], slot.position[1]) for slot in info.slots if slot.name in names}
     return tuple(PickedSlot(name, (x, y), ((x, y, 0.0),)) for name, (x, y) in at.items())
 
 
 def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int]) -> tuple[Whereabout, ...]:
-    """Return the rows in which each object was in or on a target of the instruction."""
+    """Return the rows of the trace in which each object was in or on a target of the instruction."""
     info = record.metadata.scene
     found = []
     for goal, t in dict.fromkeys((g.relation, t) for g, t in zip(goals, targets, strict=True)):
@@ -270,7 +277,7 @@ def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int
 
 
 def _joint_unmet(record: Record) -> tuple[Label, Evidence]:
-    """Return the label for a failed task whose goal moves a joint."""
+    """Return the label and the evidence of a failed trial whose goal requires that a joint is moved."""
     end = float(record.time[-1])
     text = (
         f"The goal {', '.join(record.metadata.subgoal_names)} is not met at the step limit. Part of the goal moves a "
@@ -287,7 +294,15 @@ def by_outcome(
     axis: str | None,
     condition: str = BASE,
 ) -> TrialDiagnosis:
-    """Return a diagnosis based only on the outcome of a trial. ``unmet`` is its label without success."""
+    """Return a diagnosis that uses only the outcome of a trial.
+
+    Args:
+        record: Record of the trial.
+        path: Path of the record, as it is stored in the diagnosis.
+        unmet: Label and evidence to use if the trial did not succeed.
+        axis: Variation axis of the trial, or None.
+        condition: Name of the training condition.
+    """
     m, outcome, end = record.metadata, record.outcome, float(record.time[-1])
     if outcome.success:
         label, evidence = Label.SUCCESS, Evidence("goal", "The goal is met.", end, end)

@@ -1,4 +1,4 @@
-"""Readers of run records, one per kind of world."""
+"""Readers of the records of a run, one for each kind of world."""
 
 from __future__ import annotations
 
@@ -25,44 +25,47 @@ from betterbench.tasks.worlds.libero_training import TrainedTask
 
 
 class Reader(Protocol):
-    """Reader of the records of a run."""
+    """Reader of the records of a run, which knows how trials in the world of the run are judged."""
 
     @property
     def twins_elsewhere(self) -> bool:
-        """Whether a run's twins may come from another run."""
+        """Whether the twins (training trials with the same seeds) of variation trials may come from a different run."""
 
     @property
     def finds_favorites(self) -> bool:
-        """Whether the diagnosis looks for the policy's favorite object kind."""
+        """Whether the diagnosis looks for the policy's favorite kind of object."""
 
     @property
     def twins_cure(self) -> str:
-        """Advice on how to get missing twins, for notes."""
+        """Advice for notes on how to obtain missing twins (training trials with the same seeds)."""
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the first pass over a record."""
+        """Diagnose a record on its own, without other trials of the policy (first pass)."""
 
     def without_record(self, trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
         """Return the diagnosis of a planned trial that has no record."""
 
     def group(self, task: str) -> str:
-        """Return the group for judging rules: the task, or the suite if each of its tasks has one instruction."""
+        """Return the name of the group in which a trial's rules are judged together with those of other trials.
+
+        This is the task, or the suite if each task of the suite has only one instruction.
+        """
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
         """Return notes about the world of a run."""
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return notes on other runs that would add information."""
+        """Return advice on further runs that would make the diagnosis more informative."""
 
 
 class OwnReader:
-    """Reader of runs in betterbench's own scenes. Their tasks define conditions and training distributions."""
+    """Reader of runs in betterbench's own scenes, whose tasks define conditions and training distributions."""
 
     twins_elsewhere = finds_favorites = False
     twins_cure = "run their training conditions with the same seeds"
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the first pass over a record."""
+        """Diagnose a record on its own, without other trials of the policy (first pass)."""
         return read_trial(record, path=path)
 
     def without_record(self, trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
@@ -79,36 +82,42 @@ class OwnReader:
         )  # fmt: skip
 
     def group(self, task: str) -> str:
-        """Return the task, because a policy's rules are judged per task."""
+        """Return the task itself, because a policy's rules are judged separately in each task."""
         return task
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
-        """Return no notes."""
+        """Return an empty tuple, because runs in betterbench's own scenes need no notes."""
         del run, found
         return ()
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return no notes."""
+        """Return an empty tuple, because runs in betterbench's own scenes need no advice on other runs."""
         del trials
         return ()
 
 
 class LiberoReader(libero.LiberoRun):
-    """Reader of runs in LIBERO and LIBERO-Plus, with goals from task files and training data from the base suite."""
+    """Reader of runs in LIBERO and LIBERO-Plus.
+
+    It reads the goals from task files, and the training data from the base suite.
+    """
 
     twins_elsewhere = finds_favorites = True
     twins_cure = libero.TWINS_CURE
 
     def group(self, task: str) -> str:
-        """Return the suite of a task, because each LIBERO task has only one instruction."""
+        """Return the suite of a task.
+
+        A policy's rules are judged per suite, because each LIBERO task has only one instruction.
+        """
         return libero.suite_of(task)
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
-        """Return the limits of LIBERO's suites, and the variants that were not run."""
+        """Return notes on the limits of LIBERO's suites and on the variants that were not run."""
         return (libero.NOTE, *_plus_notes(run, found))
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return a note on suites that would add information to a run of base suites."""
+        """Return a note on the suites that would make the diagnosis of a run of base suites more informative."""
         untold = libero.untold_by(trials)
         if not untold:
             return ()
@@ -117,10 +126,13 @@ class LiberoReader(libero.LiberoRun):
 
 @dataclass(frozen=True, slots=True)
 class OutcomeReader:
-    """Reader of runs in a world for which only the outcome of each trial is judged.
+    """Reader of runs in a world in which only the outcome of each trial is judged.
 
     Attributes:
-        title: World name in messages.
+        title: Name of the world in messages.
+        twins_elsewhere: Whether the twins of a run's variation trials may come from another run.
+        finds_favorites: Whether the diagnosis looks for the policy's favorite kind of object.
+        twins_cure: Advice for notes on how to obtain missing twins.
     """
 
     title: str
@@ -129,7 +141,10 @@ class OutcomeReader:
     twins_cure: str = OwnReader.twins_cure
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the result of the first pass over a record, which is success, an early end, or the step limit."""
+        """Diagnose a record on its own, by its outcome alone (first pass).
+
+        The label is success, policy error if the episode ended early, or timeout.
+        """
         m = record.metadata
         text = (
             f"The goal {', '.join(m.subgoal_names)} is not met at the end. betterbench does not judge the cause of "
@@ -150,16 +165,16 @@ class OutcomeReader:
         )  # fmt: skip
 
     def group(self, task: str) -> str:
-        """Return the task."""
+        """Return the task itself, because a policy's rules are judged separately in each task."""
         return task
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
-        """Return a note that only outcomes are judged."""
+        """Return a note that only the outcome of each trial is judged."""
         del run, found
         return (f"In {self.title}, only the end of each trial is judged, not the cause of a failure.",)
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return no notes."""
+        """Return an empty tuple, because there is no advice on other runs."""
         del trials
         return ()
 
@@ -185,7 +200,11 @@ _WORLD = TypeAdapter(_WorldForm)
 
 
 def reader_of(run: RunFolder) -> Reader:
-    """Return the reader for the world of a run. Raises RecordError if data for it are missing in the plan."""
+    """Return the reader for the world of a run.
+
+    Raises:
+        RecordError: If the plan of the run lacks data that the reader needs.
+    """
     return _READERS[run.world.reading](run)
 
 
@@ -195,7 +214,7 @@ def _own(run: RunFolder) -> Reader:
 
 
 def _libero(run: RunFolder) -> Reader:
-    """Return the reader of a run in LIBERO, with its training distribution and its instructions."""
+    """Return the reader of a run in LIBERO, with the training distribution and the instructions of the run."""
     where, cure = f"{run.path / 'run.json'}: plan.world", "Restore the file, or start the run again"
     form = read_form(_WORLD, run.plan["world"], where=where, cure=cure, raises=RecordError)
     return LiberoReader.of(form.regime, {name: task.instruction for name, task in form.tasks.items()})
@@ -222,7 +241,7 @@ _READERS: Mapping[facts.Reading, Callable[[RunFolder], Reader]] = {
 
 
 def _plus_notes(run: RunFolder, found: RunDiagnosis) -> Iterator[str]:
-    """Yield notes on a run in LIBERO-Plus and on the variants that were not run."""
+    """Yield notes for runs in LIBERO-Plus, including a note on the variants that were not run."""
     if not any(axis_of(trial.variation) for trial in found.trials):
         return
     yield libero.PLUS_NOTE

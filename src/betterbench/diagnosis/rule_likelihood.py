@@ -1,9 +1,9 @@
-"""Likelihood of a policy's first attempts under each candidate rule.
+"""Likelihood of a policy's first attempts under each decision rule that the policy may follow.
 
-A policy that follows a rule with strength ``q`` goes to a slot predicted by the rule with probability ``q``. Otherwise,
-it goes to a correct slot, except for occasional slips. The null hypothesis, "confusion", is a policy with a constant
-error rate and no preferred slot. Each hypothesis has one parameter. Its cost is the negative log-likelihood at the best
-value of this parameter [nats]. See docs/second-pass.md for the formulas and an example.
+A policy that follows a rule with strength ``q`` goes, with probability ``q``, to a slot that the rule predicts.
+Otherwise, it goes to a correct slot, apart from occasional slips. The null hypothesis, "confusion", is a policy with a
+constant error rate and no preferred slot. Each hypothesis has one parameter. The cost of a hypothesis is its negative
+log-likelihood at the best value of this parameter [nats]. See docs/second-pass.md for the formulas and an example.
 """
 
 from __future__ import annotations
@@ -21,28 +21,29 @@ from betterbench.diagnosis.trial import Choice
 from betterbench.tasks import THRESHOLDS
 
 LATER_NEXT, LATER_LAST = f"{LATER}:next", f"{LATER}:last"
-"""Names of the rules that begin with a later step: the step after the current one, or the last step."""
+"""Names of the rules that begin with a later step: with the step after the current one, or with the last step."""
 
 ROUNDING = 1e-9
-"""Maximum difference of two costs that count as equal [nats]."""
+"""Largest difference between two costs that still count as equal [nats]."""
 
 _GRID_POINTS = 100
 _STRENGTHS = np.linspace(0.0, HIGHEST_STRENGTH, _GRID_POINTS)
-"""Grid of strengths to try, shape (100,)."""
+"""Strengths of a rule that are tried, shape (100,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyRule:
-    """Rule fitted to all first attempts in a task.
+    """Decision rule, fitted to all first attempts of a policy in a task.
 
     Attributes:
-        name: "word", "habit", "later", "place:SLOT", or "place" for one slot per set of occupied slots.
-        cost: Negative log-likelihood at the best strength, plus the prior costs of the rule and its kind [nats].
+        name: "word", "habit", "later", "place:SLOT", or "place" if the preferred slot depends on which slots are
+            occupied.
+        cost: Negative log-likelihood at the best strength, plus the prior costs of the rule and of its kind [nats].
         strength: Best strength, from 0 to 1.
         explained: Number of wrong first attempts that the rule explains.
         opportunities: Number of trials in which the rule predicts a wrong first attempt.
-        errors_elsewhere: Number of wrong first attempts in trials for which the rule predicts a correct attempt.
-        elsewhere: Number of trials in which the rule predicts a correct first attempt.
+        errors_elsewhere: Number of wrong first attempts in trials for which the rule predicts a correct one.
+        elsewhere: Number of trials for which the rule predicts a correct first attempt.
     """
 
     name: str
@@ -55,7 +56,7 @@ class PolicyRule:
 
     @property
     def slot(self) -> str | None:
-        """Slot of a place rule."""
+        """Slot that a "place" rule prefers, or None for other rules."""
         return self.name.removeprefix("place:") if self.name.startswith("place:") else None
 
     @property
@@ -65,17 +66,20 @@ class PolicyRule:
 
 
 def place_rule(slot: str) -> str:
-    """Return the name of the rule "always this slot"."""
+    """Return the name of the rule "always go to this slot" for a given slot."""
     return f"{PLACE}:{slot}"
 
 
 def family_of(rule: str) -> str:
-    """Return the kind of a rule."""
+    """Return the kind of a rule, given the rule's name."""
     return rule.partition(":")[0]
 
 
 def predicted_slots(rule: str, choice: Choice) -> frozenset[str]:
-    """Return the slots that a rule predicts in a trial, or an empty set if it makes no prediction."""
+    """Return the slots that a rule predicts in a trial.
+
+    The set is empty if the rule predicts nothing for this trial.
+    """
     steps = choice.step_slots or (choice.later_slots,)
     predictions = {
         WORD: choice.word_slots,
@@ -89,7 +93,7 @@ def predicted_slots(rule: str, choice: Choice) -> frozenset[str]:
 
 
 def fits(rule: str, choice: Choice) -> bool:
-    """Return whether a first attempt went to a predicted slot."""
+    """Return whether a first attempt went to a slot that the rule predicts."""
     return choice.slot is not None and choice.slot in predicted_slots(rule, choice)
 
 
@@ -121,25 +125,31 @@ def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
 
 
 def _log_likelihoods(rule: str, choice: Choice) -> npt.NDArray[np.float64]:
-    """Return the log-likelihood of a first attempt at each strength of the grid, shape (100,)."""
+    """Return the log-likelihood of a first attempt for each strength in the grid of 100 strengths, shape (100,)."""
     predicted = predicted_slots(rule, choice)
     unguided = undirected_probability(choice, THRESHOLDS.slip)
     if not predicted:
         return np.full_like(_STRENGTHS, math.log(unguided))
-    # "A later step" does not specify the step, so the probability is divided among the later steps. For other rules
-    # with several slots, any slot fits.
+    # "A later step" does not say which step, so the probability is divided among the later steps. For other rules with
+    # several slots, each of the slots fits the rule equally well.
     guided = 1.0 / len(predicted) if rule == LATER else 1.0
     found: npt.NDArray[np.float64] = np.log(_STRENGTHS * fits(rule, choice) * guided + (1.0 - _STRENGTHS) * unguided)
     return found
 
 
 def undirected_probability(choice: Choice, error_rate: float) -> float:
-    """Return the probability of a first attempt under a given error rate and uniformly random wrong slots."""
+    """Return the probability of a first attempt for a policy that errs at a given rate and prefers no wrong slot.
+
+    Each wrong slot is equally likely.
+    """
     return 1.0 - error_rate if choice.correct else error_rate / max(1, choice.places - len(choice.right))
 
 
 def confusion_cost(choices: Sequence[Choice]) -> float:
-    """Return the negative log-likelihood of confusion at the best error rate up to that of guessing [nats]."""
+    """Return the cost of confusion (undirected errors): the negative log-likelihood at the best error rate [nats].
+
+    The error rate is at most that of a policy that guesses.
+    """
     if not choices:
         return 0.0
     guessing = float(np.mean([1.0 - min(1, len(c.right)) / c.places for c in choices]))

@@ -1,4 +1,4 @@
-"""Rulings of the second pass: conclusions about a trial from all trials of the policy."""
+"""Rulings of the second pass, i.e. conclusions about one trial that are drawn from all trials of the policy."""
 
 from __future__ import annotations
 
@@ -6,24 +6,26 @@ from dataclasses import dataclass
 from typing import Literal
 
 WORD, HABIT, LATER, PLACE, CONFUSION = "word", "habit", "later", "place", "confusion"
-"""Kinds of rule that can explain a wrong first attempt. Confusion is the absence of a rule."""
+"""Kinds of rule that can explain a wrong first attempt. Confusion means that there is no rule."""
 
 RuleStatus = Literal["upheld", "rejected", "open"]
-"""Status of a rule for a trial: the rule explains the trial, does not explain it, or cannot be distinguished from
-another rule.
+"""Status of a rule for a trial.
+
+"upheld": the rule explains the trial. "rejected": it does not. "open": the trials cannot distinguish it from another
+rule.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Ruling:
-    """Result of the second pass for a trial, with the status of each kind of rule.
+    """Result of the second pass for one trial: for each kind of decision rule, whether it explains the trial.
 
     Attributes:
-        shortcut: Whether "the word leads there" explains this trial.
-        place: Whether "always the same slot" explains this trial. It is "open" if the run is too small to prove this
-            rule for any policy.
-        habit: Whether "the most frequent first step" may explain this trial. A single trial is enough evidence, unless
-            the policy is known to begin with later steps.
+        shortcut: Whether the rule "go to the slot to which the word led in training" explains this trial.
+        place: Whether the rule "always go to the same slot" explains this trial. The status is "open" if the run is too
+            small to prove this rule for any policy.
+        habit: Whether the rule "begin with the most frequent first step" may explain this trial. A single trial is
+            enough evidence, unless the policy is known to begin with later steps.
     """
 
     shortcut: RuleStatus = "open"
@@ -31,10 +33,10 @@ class Ruling:
     habit: RuleStatus = "upheld"
 
     def status(self, rule: str) -> RuleStatus:
-        """Return the status of one kind of rule."""
+        """Return whether a kind of rule explains the trial, does not explain it, or whether this cannot be decided."""
         known = {WORD: self.shortcut, PLACE: self.place, HABIT: self.habit}
         return known.get(rule, "upheld")
 
 
 ALONE = Ruling("open", "open")
-"""Ruling for a trial that cannot be compared with other trials."""
+"""Ruling for a trial that cannot be compared with other trials of the policy."""

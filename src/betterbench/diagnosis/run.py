@@ -1,4 +1,4 @@
-"""Diagnosis of a run: first pass over each planned trial, second pass over all trials, and findings."""
+"""Diagnosis of a run: a first pass over each single trial, a second pass over all trials together, and the findings."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ class _Trials:
     """Planned trials of a run, with the results of the first pass.
 
     Attributes:
-        plan: Counted trials, in plan order.
+        plan: Trials that count, in the order of the plan.
         readings: Results of the first pass, by trial.
-        missing: Reason for a missing record by trial, or None if unknown.
-        pending: Trials that an ongoing run has not reached yet. They are not counted.
-        until_decided: Rule and decisions, or None for a run of all planned trials.
+        missing: Reason why a trial has no record, by trial. None if the reason is unknown.
+        pending: Trials that a run in progress has not reached yet. They do not count.
+        until_decided: Stopping rule and decisions, or None for a run that executes all planned trials.
     """
 
     plan: list[TrialId] = field(default_factory=list)
@@ -59,7 +59,7 @@ class _Trials:
     until_decided: UntilDecided | None = None
 
     def outcome(self, trial: TrialId) -> bool | None:
-        """Return whether a trial succeeded. The result is None if the trial has no record."""
+        """Return whether a trial succeeded, or None if the trial has no record."""
         return self.readings[trial].diagnosis.success if trial in self.readings else None
 
 
@@ -73,30 +73,30 @@ def diagnose_run(
 ) -> RunDiagnosis:
     """Diagnose a run. The result contains every planned trial, finished or not.
 
-    While a process is writing to the run, the trials that it has not reached are pending and not counted. After the
-    process has ended, they are unfinished: they are in the denominator of every rate over planned trials, but do not
-    count as failures. In a run with ``--until-decided``, this applies to the current round. Trials that verdicts made
-    unnecessary are excluded.
+    While a process is still writing to the run, the trials that it has not reached yet are pending and are not counted.
+    After the process has ended, trials that it did not reach are unfinished: they are in the denominator of every rate
+    over planned trials, but are not failures. In a run with ``--until-decided``, this applies to the trials of the
+    current round. Trials that are no longer needed because a verdict was reached are left out.
 
     Args:
         folder: The run, or its folder.
         allow_mixed: Whether to accept records with different versions, engines or policies.
-        whole: Whether to count trials that an ongoing run has not reached as trials without a record.
-        twins_in: For a run in LIBERO-PRO, a run of its base suite. Its trials with the same numbers are the twins.
+        whole: Whether to count the trials that a run in progress has not reached yet as trials without a record.
+        twins_in: For a run in LIBERO-PRO, a run of the base suite. The twin of a trial is the trial of the base run
+            with the same number.
         on_progress: Called with the number of processed trials and the number of planned trials.
 
     Raises:
         RecordError: If the plan or a record cannot be read.
-        RunConflictError: If versions, engines or policies are mixed and that is not allowed.
+        RunConflictError: If versions, engines or policies are mixed and ``allow_mixed`` is False.
         InvalidInputError: If ``twins_in`` contains no twin of a planned trial.
         UnknownNameError: If the plan names an unknown task, variation or training condition.
     """
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
     policy, plan, rule = read_plan(run)
     reader = reader_of(run)
-    running = (
-        run.is_running and not whole
-    )  # check before reading the journal, so that a run that ends in the meantime is complete
+    # Checked before the journal is read, so that a run that ends in the meantime counts as complete.
+    running = run.is_running and not whole
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
     for number, trial in enumerate(plan):
@@ -127,7 +127,7 @@ def diagnose_run(
 
 
 def _read_one(run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
-    """Read the record of a finished trial, if it exists."""
+    """Read the record of a finished trial, if the record exists."""
     path = run.record_path(trial.task, trial.condition, trial.seed)
     if path.exists():
         record = run.read_record(trial.task, trial.condition, trial.seed)
@@ -137,15 +137,18 @@ def _read_one(run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordV
 
 
 def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
-    """Add the twins of the planned trials from ``run``, a run of the base suite."""
+    """Add the counterfactual twins of the planned trials.
+
+    They are read from ``run``, which is a run of the base suite.
+    """
     wanted = {TrialId(t.task, BASE, t.seed) for t in trials.plan if t.condition != BASE}
     found = [TrialId(e.task, e.variation or e.condition, e.seed) for e in run.entries() if e.status == "done"]
     shared = [trial for trial in found if trial in wanted and trial not in trials.plan]
     if not reader.twins_elsewhere or not shared:
         raise InvalidInputError(
             str(run.path),
-            "it contains no twin of these trials",
-            "Give a run of their base suite in LIBERO with the same --seed",
+            "it contains no counterfactual twin of the planned trials",
+            "Name a run of the LIBERO base suite that was made with the same --seed",
         )
     for trial in shared:
         record = run.read_record(trial.task, trial.condition, trial.seed)
@@ -158,11 +161,11 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
     """Diagnose records of one policy without a run folder.
 
     Raises:
-        RunConflictError: If versions, engines or policies are mixed and that is not allowed.
-        RecordError: If no record is given, or a predicate of its task is missing in a record.
+        RunConflictError: If versions, engines or policies are mixed and ``allow_mixed`` is False.
+        RecordError: If no record is given, or if a record lacks a predicate of its task.
     """
     if not records:
-        raise RecordError("There are no records to diagnose. Give at least one.")
+        raise RecordError("There are no records to diagnose. Pass at least one record.")
     trials, versions, reader = _Trials(), RecordVersions(allow_mixed=allow_mixed), OwnReader()
     for record in records:
         versions.add(record.metadata)
@@ -173,7 +176,7 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
 
 
 def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a note for each time the run was resumed with a changed policy."""
+    """Yield a note for each time the run was continued with a changed policy."""
     changes = context.get("policy_changes", [])
     for change in changes if isinstance(changes, list) else []:
         if isinstance(change, dict):
@@ -186,7 +189,7 @@ def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _PlannedForm:
-    """Trial in a plan file."""
+    """Planned trial, as it is stored in a plan file."""
 
     task: str
     seed: Annotated[int, Field(ge=0)]
@@ -208,10 +211,12 @@ _PLAN = TypeAdapter(_PlanForm)
 
 
 def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | None]:
-    """Return the policy, the planned trials and, for a run with ``--until-decided``, the stopping rule.
+    """Return the policy, the planned trials and the stopping rule in the plan of a run.
+
+    The stopping rule is None unless the run was started with ``--until-decided``.
 
     Raises:
-        RecordError: If the plan lacks them or they are malformed.
+        RecordError: If the plan lacks these fields or they are malformed.
     """
     where = f"{run.path / 'run.json'}: plan"
     plan = read_form(_PLAN, run.plan, where=where, cure="Restore the file, or start a new run", raises=RecordError)
@@ -223,9 +228,10 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | 
 
 
 def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Reader) -> RunDiagnosis:
-    """Compute the second pass, metrics, findings and notes from the first pass over all records.
+    """Compute the second pass, the metrics, the findings and the notes from the results of the first pass.
 
-    Rules are judged per task, or in LIBERO per suite, because each task has only one instruction.
+    Decision rules are judged in each task separately. In LIBERO, they are judged in each suite, because each task has
+    only one instruction.
     """
     group = {t.task: reader.group(t.task) for t in trials.plan}
     choices: dict[str, dict[str, Choice]] = {}
@@ -277,7 +283,7 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Re
 
 
 def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -> TrialDiagnosis:
-    """Return the diagnosis of a trial after the ruling of the second pass."""
+    """Return the diagnosis of a trial after the ruling of the second pass has been applied to it."""
     found = rules.get(trial.task)
     ruling = None if found is None else found.rulings.get(str(trial))
     if ruling is None:
@@ -287,10 +293,11 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 
 
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
-    """Return the diagnosis of a trial of a policy that does not use the instruction.
+    """Return the diagnosis of a trial of a policy that has been found not to use the instruction.
 
-    A wrong first attempt that no rule explains is labeled as independent of the instruction. An attempt at the favorite
-    slot of a task is labeled in the same way, unless a favorite slot explains the attempts in all tasks.
+    If no rule explains a wrong first attempt, it is labeled as independent of the instruction. An attempt at the
+    policy's favorite slot in this task is labeled in the same way, unless a favorite slot explains the attempts in all
+    tasks.
     """
     if reading.choice is None or reading.choice.correct:
         return trial
@@ -302,7 +309,10 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
 def _favorites(
     found: Sequence[TrialDiagnosis], choices: Mapping[str, Mapping[str, Choice]], group: Mapping[str, str]
 ) -> dict[str, FavoriteThing]:
-    """Return the favorite object kind of a policy for each suite in which no rule explains the attempts."""
+    """Return the policy's favorite kind of object in each suite that has one.
+
+    Suites are left out if a decision rule explains all attempts at this kind of object.
+    """
     favorites = {suite: favorite_thing(mine) for suite, mine in choices.items()}
     unexplained = {
         (group[t.task], choices[group[t.task]][str(t.trial_id)].thing)
@@ -321,7 +331,7 @@ def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: Favor
 
 
 def _not_by_instruction(trial: TrialDiagnosis, reading: Reading, rule: str, why: str) -> TrialDiagnosis:
-    """Relabel an unexplained wrong first attempt as independent of the instruction."""
+    """If no rule explains a wrong first attempt, label the attempt as independent of the instruction."""
     if trial.label not in (Label.WRONG_OBJECT, Label.VISUAL_LAYOUT_BIAS):
         return trial
     label, evidence = decide(reading.findings, Ruling("rejected", place="upheld"))

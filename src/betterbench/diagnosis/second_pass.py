@@ -1,22 +1,27 @@
-"""Second pass: search for a rule that explains a policy's wrong first attempts in all tasks.
+"""Second pass: the search for a decision rule that explains a policy's wrong first attempts in all tasks.
 
-Four kinds of rule predict the slot of a first attempt: *word* goes to the slot to which a word of the instruction led
-in training. *habit* begins with the most frequent first step. *later* begins with the object of a later step. *place*
-always goes to the same slot, or to a fixed slot for each set of occupied slots, as a policy that takes the nearest
-object does. All rules compete with undirected confusion. :mod:`betterbench.diagnosis.rule_likelihood` computes the
-likelihood of the attempts under each rule, and :mod:`betterbench.diagnosis.task_rules` the ruling within a task. See
+Four kinds of rule predict the slot of a first attempt:
+
+- *word* goes to the slot to which a word of the instruction led in training.
+- *habit* begins with the most frequent first step.
+- *later* begins with the object of a later step.
+- *place* always goes to the same slot, or to a fixed slot for each set of occupied slots. A policy that takes the
+  nearest object follows such a rule.
+
+All rules compete with undirected confusion. :mod:`betterbench.diagnosis.rule_likelihood` computes the likelihood of the
+attempts under each rule, and :mod:`betterbench.diagnosis.task_rules` makes the ruling within a task. See
 docs/second-pass.md for the complete model.
 
-A single trial can show a wrong order, but only several trials with different instructions can show a favorite place. An
-attempt at the object of a later step therefore counts as a wrong order if "later" explains the first attempts in all
-tasks together at least as well as the other rules (:func:`mistakes_order`).
+A single trial can show a wrong order, but several trials with different instructions are needed to show a favorite
+place. Attempts at objects of later steps therefore count as a wrong order if "later" explains the first attempts in all
+tasks at least as well as the other rules do (:func:`mistakes_order`).
 
-Evidence is pooled over a policy's tasks, so findings in one task have some weight in the others. The prior cost of each
-kind of rule depends on the fraction of tasks with wrong attempts that it explains (:func:`pooled_prior_costs`). A kind
-that explains all these tasks clearly better than any other kind is the policy's rule (:func:`rule_of_all_tasks`). If
-two rules both predict a wrong attempt, the other tasks decide between them. The prior costs are at most 3.0 nats over
-ten tasks. An attempt that only one of two rules predicts has the same weight, so the attempts in a task can outweigh
-the prior costs.
+Evidence is pooled over the tasks of a policy, so that findings in one task have some weight in the others. The prior
+cost of each kind of rule depends on the fraction of tasks with wrong attempts that it explains
+(:func:`pooled_prior_costs`). A kind that explains all these tasks clearly better than any other kind is the policy's
+rule (:func:`rule_of_all_tasks`). If two rules both predict a wrong attempt, the other tasks decide between them. The
+prior costs are at most 3.0 nats over ten tasks. A single attempt that only one of two rules predicts has as much
+weight, so that the attempts in a task can outweigh the prior costs.
 """
 
 from __future__ import annotations
@@ -42,18 +47,18 @@ from betterbench.diagnosis.thresholds import CLEARLY, ONE_ATTEMPT, ORDER_TRIALS,
 from betterbench.diagnosis.trial import Choice
 
 _ORDER_RULES = (LATER, LATER_NEXT, LATER_LAST)
-"""Variants of a confused order: begin with any later step, with the next step, or with the last step."""
+"""Variants of a confused order: the policy begins with any later step, with the next step, or with the last step."""
 
 _PSEUDOCOUNT = 0.5
-"""Prior count of tasks for each kind of rule (Jeffreys' prior of a multinomial)."""
+"""Count of tasks that each kind of rule has before any task is seen (Jeffreys' prior of a multinomial)."""
 _EM_STEPS = 200
 
 _Attempts = Mapping[str, Mapping[str, Choice]]
-"""First attempts by task and trial key."""
+"""First attempts by task and by trial key."""
 
 
 def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
-    """Judge the rules for the first attempts of a policy in all tasks."""
+    """Judge which decision rules explain the first attempts of a policy, considering all tasks together."""
     alone = {task: judge_rules(mine) for task, mine in choices.items()}
     prior_costs = pooled_prior_costs([alone[task] for task in sorted(alone)])
     usual = rule_of_all_tasks(choices, alone)
@@ -69,7 +74,7 @@ def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
 
 
 def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, float]:
-    """Return prior costs by which ambiguous attempts are assigned to the rule of the policy."""
+    """Return prior costs that assign ambiguous attempts to the rule that the policy follows in all tasks together."""
     others = {name: max(cost, ONE_ATTEMPT) for name, cost in prior_costs.items() if name != CONFUSION}
     return {**prior_costs, **others, usual: 0.0}
 
@@ -77,9 +82,10 @@ def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, floa
 def _proven_elsewhere(
     task: str, choices: _Attempts, alone: Mapping[str, TaskRules], prior_costs: Mapping[str, float]
 ) -> list[str]:
-    """Return the kinds of rule that the other tasks prove for the policy.
+    """Return the kinds of rule that are proven for the policy by the tasks other than the given one.
 
-    Favorite places and wrong orders must be proven in enough other tasks. "word" must explain all other tasks together.
+    A favorite place or a wrong order must be proven in enough other tasks. The rule "go to the slot to which the word
+    led in training" must explain all other tasks together.
     """
     others = [found for name, found in alone.items() if name != task]
     here = {name: mine for name, mine in choices.items() if name != task}
@@ -95,8 +101,8 @@ def _proven_elsewhere(
 def rule_of_all_tasks(choices: _Attempts, alone: Mapping[str, TaskRules]) -> str | None:
     """Return the kind of rule that explains a policy in all tasks clearly better than any other kind, or None.
 
-    A kind that explains fewer wrong attempts than another kind is rejected, even if its cost is lower because it
-    contains fewer rules.
+    A kind of rule that explains fewer wrong attempts than another kind is rejected, because its cost may be lower only
+    because it contains fewer rules.
     """
     tasks = [alone[task] for task in _with_errors(choices)]
     (least, best), (second, _), *_ = sorted((_total_cost(family, tasks), family) for family in FAMILIES)
@@ -107,23 +113,23 @@ def rule_of_all_tasks(choices: _Attempts, alone: Mapping[str, TaskRules]) -> str
 
 
 def mistakes_order(choices: _Attempts, alone: Mapping[str, TaskRules]) -> bool:
-    """Return whether "begins with a later step" explains a policy at least as well as any other rule.
+    """Return whether the rule "begin with a later step" explains a policy at least as well as any other rule.
 
-    All tasks with wrong attempts are judged together. The variants "any later step", "the next" and "the last" compete
-    with the word, a favorite place per task, and confusion.
+    All tasks with wrong attempts are judged together. The rule has the variants "any later step", "the next step" and
+    "the last step". They compete with the rule "word", with a favorite place in each task, and with confusion.
     """
     wrong_tasks = _with_errors(choices)
     too_early = sum(not c.correct and fits(LATER, c) for attempts in wrong_tasks.values() for c in attempts)
     if too_early < ORDER_TRIALS:
         return False
     costs = (sum(fit_rule(rule, attempts, 0.0).cost for attempts in wrong_tasks.values()) for rule in _ORDER_RULES)
-    order = min(costs) + math.log(len(_ORDER_RULES))  # prior cost of choosing among the variants
+    order = min(costs) + math.log(len(_ORDER_RULES))  # prior cost of choosing one of the variants
     tasks = [alone[task] for task in wrong_tasks]
     return order <= min(_total_cost(family, tasks) for family in (WORD, PLACE, CONFUSION)) + ROUNDING
 
 
 def _with_errors(choices: _Attempts) -> dict[str, list[Choice]]:
-    """Return the first attempts of the tasks with at least one wrong attempt."""
+    """Return the first attempts in those tasks in which at least one first attempt was wrong."""
     return {
         task: list(attempts.values())
         for task, attempts in choices.items()
@@ -132,14 +138,14 @@ def _with_errors(choices: _Attempts) -> dict[str, list[Choice]]:
 
 
 def _explained(family: str, tasks: Iterable[TaskRules]) -> int:
-    """Return the number of wrong first attempts that the best rules of one kind explain in several tasks."""
+    """Return how many wrong first attempts in the given tasks are explained by the best rules of one kind."""
     return sum(max((rule.explained for rule in _rules_of(family, task)), default=0) for task in tasks)
 
 
 def _total_cost(family: str, tasks: Iterable[TaskRules]) -> float:
-    """Return the summed cost of the best rules of one kind in several tasks.
+    """Return the sum of the costs of the best rules of one kind over the given tasks [nats].
 
-    A task without such a rule has the cost of confusion.
+    A task without a rule of this kind contributes the cost of confusion.
     """
     return sum(_least_cost(family, task, otherwise=task.confusion) for task in tasks)
 
@@ -155,8 +161,9 @@ def _rules_of(family: str, task: TaskRules) -> list[PolicyRule]:
 def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
     """Return the prior cost of each kind of rule [nats], estimated from all tasks. The most frequent kind has cost 0.
 
-    One kind explains each task with wrong attempts. The shares of the kinds are estimated over all tasks (empirical
-    Bayes). The cost of a kind is log(largest share / share of this kind).
+    The model assumes that each task with wrong attempts is explained by one kind of rule. The fraction of tasks that
+    each kind explains is estimated from all tasks (empirical Bayes). The cost of a kind is log(largest fraction /
+    fraction of this kind).
     """
     costs = [
         [
@@ -171,7 +178,9 @@ def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
 
 
 def _mixture_shares(costs: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the share of each mixture component, estimated by expectation maximization (Dempster, Laird & Rubin 1977).
+    """Return the weight of each component of a mixture, estimated by expectation maximization.
+
+    The algorithm is that of Dempster, Laird & Rubin (1977).
 
     Args:
         costs: (tasks, components) negative log-likelihood of each task under each component [nats].

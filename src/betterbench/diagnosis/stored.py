@@ -1,4 +1,4 @@
-"""Stored diagnosis of a run, ``RUN/diagnosis.json``, for comparison with a later diagnosis."""
+"""Stored diagnosis of a run, ``RUN/diagnosis.json``. A later diagnosis of the same run can be compared with it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.records import RunFolder
 from betterbench.version import __version__
 
 STORED_SCHEMA_VERSION = 2
-"""Version of ``diagnosis.json``. Version 2 has a checksum. Version 1 is read with a warning."""
+"""Version of the form of ``diagnosis.json``. Version 2 has a checksum. Version 1 is read with a warning."""
 
 _MAX_BYTES = 256 * 1024 * 1024
 _CURE = "Restore the file, or move it elsewhere and store a new diagnosis"
@@ -28,7 +28,7 @@ _CURE = "Restore the file, or move it elsewhere and store a new diagnosis"
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredAttempt:
-    """Stored grasp attempt: its start [s], object and result."""
+    """Stored grasp attempt, with its start time [s], its object and its result."""
 
     start_s: float
     object: str | None
@@ -45,8 +45,16 @@ class StoredTrial:
     """Stored diagnosis of one trial.
 
     Attributes:
-        label: Outcome label, with the name used by the version that wrote the file.
-        candidates: Labels that this trial alone cannot distinguish.
+        key: Key of the trial ("fast_food/T1/3").
+        label: Outcome label, as named by the version of betterbench that wrote the file.
+        success: Whether the trial succeeded.
+        rule: Evidence rule that decided the label.
+        text: Explanation of the label.
+        start_s: Beginning of the evidence [s].
+        end_s: End of the evidence [s].
+        candidates: Labels that remain possible if only this trial is considered.
+        attempts: Grasp attempts in the trial.
+        steps: Number of control steps of the trial.
         has_record: Whether the trial had a record.
     """
 
@@ -66,7 +74,7 @@ class StoredTrial:
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredMetric:
-    """Stored metric."""
+    """Stored metric, with its name, scope, numerator, denominator and value."""
 
     name: str
     scope: str
@@ -78,7 +86,7 @@ class StoredMetric:
 def _readable(version: object) -> object:
     if isinstance(version, int) and not isinstance(version, bool) and version not in (1, STORED_SCHEMA_VERSION):
         raise ValueError(
-            f"expected {STORED_SCHEMA_VERSION}, got {version}: another version of betterbench wrote the file"
+            f"expected {STORED_SCHEMA_VERSION}, got {version}; a different version of betterbench wrote the file"
         )
     return version
 
@@ -98,7 +106,7 @@ _FILE = TypeAdapter(_File)
 
 @dataclass(frozen=True, slots=True)
 class StoredDiagnosis:
-    """Stored diagnosis of a run, for comparison with a later diagnosis of the same run."""
+    """Stored diagnosis of a run. It is compared with a later diagnosis of the same run."""
 
     package_version: str
     thresholds: Mapping[str, float]
@@ -112,11 +120,15 @@ class StoredDiagnosis:
 
     @classmethod
     def from_json(cls, raw: bytes, *, where: str) -> StoredDiagnosis:
-        """Read the JSON document. ``where`` is its name in error messages.
+        """Read a stored diagnosis from a JSON document.
+
+        Args:
+            raw: Content of the document.
+            where: Name of the document in error messages.
 
         Raises:
-            RecordError: If the file was changed after it was written, its schema version is not supported, or a field
-                is missing or of the wrong type.
+            RecordError: If the document was changed after it was written, has a schema version that is not supported,
+                or has a field that is missing or of the wrong type.
         """
         form = open_seal(raw, where=where, cure=_CURE, raises=RecordError, since=("schema_version", 2))
         file = read_form(_FILE, form, where=where, cure=_CURE, raises=RecordError)
@@ -145,7 +157,7 @@ def stored_path(run: RunFolder) -> Path:
 
 
 def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
-    """Write a run's diagnosis into its folder, replacing an earlier one, and return the path.
+    """Write the diagnosis of a run into the run's folder, replacing any earlier diagnosis, and return the file's path.
 
     Raises:
         OSError: If the folder cannot be written.
@@ -161,7 +173,7 @@ def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
 
 
 def read_stored(run: RunFolder) -> StoredDiagnosis | None:
-    """Return the stored diagnosis of a run, or None if it has none.
+    """Return the stored diagnosis of a run, or None if the run has none.
 
     Raises:
         RecordError: If the file cannot be read or is malformed.

@@ -1,8 +1,8 @@
-"""Rules of a policy in one task: fit, comparison with confusion, and ruling for each trial.
+"""Decision rules of a policy in one task: their fit, their comparison with confusion, and the ruling on each trial.
 
-A rule is upheld if it costs less than confusion, the null hypothesis of undirected errors. This is a likelihood-ratio
-test with a penalty for choosing the rule. A favorite place also requires a pair of trials with different instructions
-that both go there (:func:`has_pair`).
+A rule is upheld if it costs less than confusion, which is the null hypothesis of undirected errors. This is a
+likelihood-ratio test with a penalty for choosing the rule. A favorite place must also be shown by a pair of trials that
+have different instructions, but both begin with an attempt at this place (:func:`has_pair`).
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from betterbench.diagnosis.thresholds import CLEARLY
 from betterbench.diagnosis.trial import Choice
 
 FAMILIES = (WORD, HABIT, LATER, PLACE, CONFUSION)
-"""Kinds of rule, including the null hypothesis."""
+"""Kinds of rule, including confusion as the null hypothesis."""
 
 _DECIMALS = 9
-"""Number of decimals of a cost [nats] when rules are sorted."""
+"""Number of decimals to which costs [nats] are rounded when rules are sorted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,12 +29,13 @@ class TaskRules:
     """Result of the second pass for a policy in one task.
 
     Attributes:
-        rules: All rules, lowest cost first. Ties are in the order word, habit, later, place.
+        rules: All rules, lowest cost first. Rules with equal costs are in the order word, habit, later, place.
         confusion: Cost of confusion [nats].
-        upheld: Names of the rules that are better than confusion and distinguishable from similar rules.
-        rulings: Ruling for each trial, by key.
-        undecided: Number of wrong trials for which the run is too small to prove a rule or to distinguish it from
-            another rule.
+        upheld: Names of the rules that explain the attempts better than confusion does and can be told from similar
+            rules.
+        rulings: Ruling on each trial, by trial key.
+        undecided: Number of trials with a wrong first attempt for which the run is too small to prove a rule, or to
+            tell it from another rule.
     """
 
     rules: tuple[PolicyRule, ...]
@@ -51,16 +52,16 @@ def judge_rules(
     known: Sequence[str] | None = None,
     ordered: bool = False,
 ) -> TaskRules:
-    """Judge the rules for the first attempts of a policy in one task.
+    """Judge which rules explain the first attempts of a policy in one task.
 
     Args:
-        choices: First attempt per trial key.
-        prior_costs: Prior cost of each kind of rule [nats], by default zero.
-        known: Kinds of rule that other tasks prove for the policy. A known "place" does not need a pair of trials in
-            this task. A known "word" does not need trials that distinguish it from a place. "later" is only judged by
-            other tasks, because in a single task it may look like a favorite place. If None, all rules are judged by
-            the trials of this task.
-        ordered: Whether the policy is known to do steps in the wrong order. An attempt at a later step then proves
+        choices: First attempt of each trial, by trial key.
+        prior_costs: Prior cost of each kind of rule [nats]. By default, all are zero.
+        known: Kinds of rule that other tasks prove for the policy. If "place" is known, no pair of trials is needed in
+            this task. If "word" is known, no trials are needed that tell it from a place. "later" is only judged by
+            other tasks, because in a single task it may look like a favorite place. If ``known`` is None, all rules are
+            judged by the trials of this task.
+        ordered: Whether the policy is known to do steps in the wrong order. If so, an attempt at a later step proves
             neither "word" nor "place".
     """
     prior = dict.fromkeys(FAMILIES, 0.0) | dict(prior_costs or {})
@@ -92,7 +93,10 @@ def judge_rules(
 
 
 def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[PolicyRule]:
-    """Fit the rules that explain any wrong first attempt, and sort them by cost and then by name."""
+    """Fit the rules that explain at least one wrong first attempt, and sort them by cost.
+
+    Rules with equal costs are in the order word, habit, later, place.
+    """
     slots = sorted({c.slot for c in attempts if c.slot is not None})
     favorites = {(c.stocked, slot) for c in attempts for slot in c.favorite_slots}
     several = [PLACE] if len({slot for _, slot in favorites}) > 1 else []
@@ -105,8 +109,8 @@ def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[P
 def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mapping[str, float]) -> float:
     """Return the prior cost of a rule [nats].
 
-    The slots of a place rule are fitted to the trials, so each adds the cost of choosing among all slots. Training
-    determines the other rules completely.
+    The slots of a place rule are fitted to the trials, so each slot adds the cost of choosing it among all slots. The
+    other rules are completely determined by training.
     """
     if name in (WORD, HABIT, LATER):
         return prior[name]
@@ -114,14 +118,14 @@ def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mappi
 
 
 def _choice_of_slot(attempts: Sequence[Choice]) -> float:
-    """Return the cost of choosing one slot under a uniform prior [nats]."""
+    """Return the cost of choosing one slot if all slots are equally likely a priori [nats]."""
     return math.log(max((c.places for c in attempts), default=2))
 
 
 def _proven(
     attempts: Sequence[Choice], rules: Sequence[PolicyRule], confusion: float, known: Sequence[str] | None
 ) -> frozenset[str]:
-    """Return the names of the rules that cost less than confusion and are distinguishable from similar rules."""
+    """Return the rules that cost less than confusion (undirected errors) and can be told from similar rules."""
 
     def told_apart(rule: PolicyRule) -> bool:
         if rule.family == LATER:
@@ -132,10 +136,11 @@ def _proven(
 
 
 def has_pair(choices: Iterable[Choice], slot: str) -> bool:
-    """Return whether two trials of a scene with different correct slots went to a given slot, at least one wrongly.
+    """Return whether a pair of trials shows that the policy goes to a slot regardless of what is requested.
 
-    The trials must have the same scene and different instructions, or different objects in the same slots. Only such
-    trials exclude a favorite object.
+    In both trials of the pair, the first attempt is at the slot, and at least one of the two attempts is wrong. The
+    trials have the same scene and different correct slots, or different objects in the same slots. Only such pairs rule
+    out that the policy prefers an object rather than a slot.
     """
     went = [c for c in choices if c.slot == slot and c.right]
     same_layout = _grouped(went, lambda c: c.layout)
@@ -154,10 +159,10 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 
 
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
-    """Add the possible favorite slot to each choice, which is the most frequent one for each set of occupied slots.
+    """In each first attempt, set the slot that the policy may prefer.
 
-    With ``paired``, a slot only counts if a pair of trials shows that the policy prefers it regardless of the
-    instruction.
+    This is the slot of most first attempts in trials with the same occupied slots. If ``paired`` is True, a slot only
+    counts if a pair of trials shows that the policy prefers it regardless of the instruction.
     """
     favorites: dict[frozenset[str], frozenset[str]] = {}
     for group in _grouped(trials.values(), lambda c: c.stocked):
@@ -176,10 +181,10 @@ def _open_slots(
     *,
     place_known: bool,
 ) -> frozenset[str]:
-    """Return the slots that may be favorites, although the trials do not prove it.
+    """Return the slots that may be favorites of the policy, although the trials do not prove it.
 
-    Without its prior cost, the rule for such a slot is more likely than confusion. However, with so few trials it could
-    not be proven even for a policy that always goes there.
+    If the prior cost is left out, the rule for such a slot is more likely than confusion. However, there are so few
+    trials that the rule could not be proven even if the policy always went to this slot.
     """
     price = _choice_of_slot(attempts) + prior[PLACE]
     found = {rule.slot for rule in rules if rule.slot is not None and rule.cost - price < confusion}
@@ -189,16 +194,17 @@ def _open_slots(
 
 
 def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_confusion: float) -> bool:
-    """Return whether these trials would be sufficient to prove the rule for a policy that always goes to a slot."""
+    """Return whether these trials would be enough to prove that a policy always goes to a slot, if it did so."""
     certain = [replace(c, slot=slot, correct=slot in c.right) for c in attempts]
     rule = fit_rule(place_rule(slot), certain, price)
     return has_pair(certain, slot) and rule.cost < confusion_cost(certain) + prior_of_confusion - ROUNDING
 
 
 def _avoids_habit(rules: Sequence[PolicyRule], confusion: float) -> bool:
-    """Return whether habit is clearly worse than confusion, because the policy errs when the habit is correct.
+    """Return whether the trials clearly contradict a habit, because the policy errs where the habit is correct.
 
-    One trial is enough to show a habit. Rejecting it therefore requires two contrary trials that are the majority.
+    A single trial is enough to show a habit. To reject it, at least two trials must contradict it, and they must be the
+    majority.
     """
     habit = next((rule for rule in rules if rule.name == HABIT), None)
     if habit is None or habit.cost - confusion < CLEARLY:
@@ -208,16 +214,17 @@ def _avoids_habit(rules: Sequence[PolicyRule], confusion: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """Rules of a task, with the evidence from its trials.
+    """Rules of a task, with the evidence from the trials of the task.
 
     Attributes:
         attempts: First attempt of each trial.
-        rules: Candidate rules, in order of their cost [nats], lowest first.
+        rules: Rules that may explain the attempts, lowest cost first.
         proven: Names of the rules that the trials prove.
-        open_slots: Slots that may be favorites, but cannot be proven with so few trials.
+        open_slots: Slots that may be favorites of the policy, but cannot be proven with so few trials.
         ordered: Whether the policy is known to do steps in the wrong order.
-        word_known: Whether other tasks prove that the policy follows a word of the instruction to its trained slot.
-        avoids_habit: Whether the trials clearly reject the habit.
+        word_known: Whether other tasks prove that the policy follows a word of the instruction to the word's training
+            slot.
+        avoids_habit: Whether the trials clearly contradict the habit.
     """
 
     attempts: Sequence[Choice]
@@ -229,14 +236,14 @@ class _Judged:
     avoids_habit: bool
 
     def ruling(self, choice: Choice) -> Ruling:
-        """Return the ruling on one trial."""
+        """Return the ruling of the second pass on one trial."""
         found = self._by_cheapest_rule(choice)
         if self.ordered and fits(LATER, choice):
             return replace(found, shortcut="rejected", place="rejected")
         return found
 
     def _by_cheapest_rule(self, choice: Choice) -> Ruling:
-        """Return the ruling of the proven rule with the lowest cost that fits a trial."""
+        """Return the ruling on a trial by the cheapest proven rule that predicts the trial's first attempt."""
         if choice.correct or choice.slot is None:
             return Ruling("rejected")
         open_place: RuleStatus = "open" if choice.slot in self.open_slots else "rejected"
@@ -252,10 +259,10 @@ class _Judged:
             return Ruling("rejected", place="upheld")
         if rule == LATER:
             return Ruling("rejected", habit="rejected")
-        return Ruling("rejected", place=open_place if choice.replaced else "rejected")  # the habit
+        return Ruling("rejected", place=open_place if choice.replaced else "rejected")  # the proven rule is the habit
 
     def _word_is_told_from(self, slot: str) -> bool:
-        """Return whether the trials can distinguish "the word leads there" from "always this slot"."""
+        """Return whether the trials can distinguish the rule "go where the word led" from "always go to this slot"."""
         if self.word_known:
             return True
         place = place_rule(slot)

@@ -1,4 +1,7 @@
-"""First pass: diagnosis of a trial only from its record, and input for the second pass."""
+"""First pass of the diagnosis, in which each trial is diagnosed from its record alone.
+
+It also prepares the input of the second pass.
+"""
 
 from __future__ import annotations
 
@@ -35,24 +38,26 @@ from betterbench.tasks.labels import Label
 class Choice:
     """First attempt of a trial, with its slot and the slots that each rule predicts.
 
-    Slots of different layouts at the same position share the name of the first of them.
+    If two layouts have a slot at the same position, both slots get the name of the first.
 
     Attributes:
-        layout: Objects by slot at the start, for comparing trials of the same layout.
-        right: Slots at which the first attempt would be correct; empty if no object should be grasped.
-        slot: Slot of the first attempt, or None without an attempt.
-        correct: Whether the first attempt (or its absence) was correct.
-        word_slots: Slots from which the word's object was picked in training.
-        habit_slots: Slots of the most frequent first step; empty if training has none.
-        later_slots: Slots of later steps' objects; empty if the order is free.
-        step_slots: Slots of the objects of each later step, in order.
+        layout: Slots with the kind of object that each contained at the start. Trials with the same layout are
+            compared.
+        right: Slots at which the first attempt would be correct. Empty if no object should be grasped.
+        slot: Slot of the first attempt, or None if there was no attempt.
+        correct: Whether the first attempt was correct, or whether the policy correctly made no attempt.
+        word_slots: Slots from which training picked the object of the relevant word of the instruction.
+        habit_slots: Slots of the most frequent first step. Empty if training has no such step.
+        later_slots: Slots of the objects of later steps. Empty if the instruction leaves the order free.
         places: Number of slots with a graspable object.
-        thing: Kind of the object in the slot of the first attempt, or empty.
+        thing: Kind of the object in the slot of the first attempt, or "" if there is none.
         color: Color of that object.
-        nearest: Slot of the object nearest to the gripper at the start; empty if no slot held an object.
-        favorite_slots: Slot that the policy may prefer in trials with the same occupied slots, set by the second pass.
-        replaced: Whether the habit leads to the slot of the first attempt, but the slot contained another object. A
-            single trial then does not show the habit.
+        nearest: Slot of the object that was nearest to the gripper at the start. Empty if no slot contained an object.
+        favorite_slots: Slot that the policy may prefer in trials in which the same slots are occupied. The second pass
+            sets it.
+        step_slots: For each later step, in order, the slots of its objects.
+        replaced: Whether the habit leads to the slot of the first attempt, but this slot contained a different object.
+            If so, a single trial does not show the habit.
     """
 
     layout: frozenset[tuple[str, str]]
@@ -72,16 +77,18 @@ class Choice:
 
     @property
     def stocked(self) -> frozenset[str]:
-        """Slots that contained an object at the start."""
+        """Slots that contained an object at the start of the trial."""
         return frozenset(slot for slot, _ in self.layout)
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Result of the first pass for a record, with the diagnosis, all evidence, and the input for the second pass.
+    """Diagnosis of a record on its own (first pass), with the input for the second pass.
 
     Attributes:
-        choice: First attempt for the second pass, or None if it is not evidence for any rule.
+        diagnosis: Diagnosis of the trial on its own.
+        findings: All evidence in the trial.
+        choice: First attempt, as input for the second pass. None if the attempt is not evidence for any rule.
     """
 
     diagnosis: TrialDiagnosis
@@ -95,10 +102,10 @@ def _trained(task: str) -> TrainingDistribution:
 
 
 def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosis:
-    """Diagnose a record without other trials.
+    """Diagnose a record on its own, without other trials of the policy.
 
-    Labels that need other trials of the policy (``visual_layout_bias``, ``lexical_kinematic_shortcut``) are not
-    assigned. The label is then ``wrong_object``, and the evidence names the candidates.
+    Labels that need other trials (``visual_layout_bias``, ``lexical_kinematic_shortcut``) are not assigned. The label
+    is then ``wrong_object``, and the evidence names the labels that remain possible.
     :func:`~betterbench.diagnosis.diagnose_run` decides between them.
 
     Raises:
@@ -109,13 +116,13 @@ def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosi
 
 
 def read_trial(record: Record, *, path: str | None = None) -> Reading:
-    """Return the complete result of the first pass for a record (see :func:`diagnose_record`)."""
+    """Diagnose a record on its own (first pass), and collect the input for the second pass."""
     m = record.metadata
     resolved = resolved_of(m)
     task, condition = resolved.task, resolved.condition
     missing = {s.name for s in task.slots} - {s.name for s in m.scene.slots}
     if missing:
-        text = f"{m.task}/{m.condition} seed {m.seed}: the record has no slot {min(missing)}; record the trial again."
+        text = f"{m.task}/{m.condition} seed {m.seed}: the record has no slot {min(missing)}. Record the trial again."
         raise RecordError(text)
     trace = trace_of(record, condition, step_limit=task.step_limit(condition))
     harm = () if record.outcome.success else find_harm(record, trace, condition)
@@ -143,7 +150,7 @@ def trial_diagnosis(
     evidence: Evidence,
     path: str | None,
 ) -> TrialDiagnosis:
-    """Return the diagnosis of an analyzed trial of any world. It does not include harm and needless steps."""
+    """Return the diagnosis of an analyzed trial of any world. Harm and needless steps are not filled in."""
     m, trace, first, intended = record.metadata, episode.trace, episode.first_attempt, episode.intended()
     at = None if first is None else first.grasp.object
     return TrialDiagnosis(
@@ -165,7 +172,8 @@ def offline_truth(record: Record) -> list[Truth]:
     """Judge all states of a record again with the goal tracker that is used live.
 
     Returns:
-        One goal state per row. Its subgoal, goal and forbidden flags are identical to the recorded flags.
+        One goal state for each row of the record. Its flags for subgoals, goal and forbidden events are identical to
+        the recorded flags.
     """
     m = record.metadata
     resolved = resolved_of(m)
@@ -175,12 +183,15 @@ def offline_truth(record: Record) -> list[Truth]:
 
 
 def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
-    """Return the condition of a record."""
+    """Return the condition under which a record was made."""
     return resolve_condition(metadata.task, metadata.variation or metadata.condition)
 
 
 def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
-    """Return the grasp attempts of an episode, including air grasps far from all objects, in order of time."""
+    """Return the grasp attempts of an episode in time order.
+
+    They include the attempts in which the gripper closed far from all objects.
+    """
     time = episode.trace.time
     far = (
         Attempt(float(time[g.start]), float(time[g.end]), None, None, "null", secured=False) for g in episode.on_nothing
@@ -189,9 +200,10 @@ def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
 
 
 def choice_of(episode: EpisodeAnalysis) -> Choice | None:
-    """Return the first attempt as input for the second pass.
+    """Return the first attempt as input for the second pass, or None.
 
-    Returns None without an attempt, or for look-alikes, which have their own label.
+    The result is None if there was no attempt although one was expected, or if the attempt does not show a preference
+    for a slot. It is also None if the attempt was at a look-alike, because such an attempt has its own label.
     """
     trace, trained = episode.trace, episode.trained
     standing = dict(_standing_at_start(episode))
@@ -228,12 +240,15 @@ def choice_of(episode: EpisodeAnalysis) -> Choice | None:
 
 
 def _distance_at_start(trace: Trace, item: int) -> float:
-    """Return the horizontal distance of an object from the gripper in the initial state [m]."""
+    """Return the horizontal distance between an object and the gripper in the initial state [m]."""
     return horizontal_distance(trace.positions[0, item].tolist(), trace.tool[0].tolist())
 
 
 def _slots_of_later_steps(episode: EpisodeAnalysis, standing: Mapping[str, int]) -> Iterator[set[str]]:
-    """Yield the slots of the objects of each later step, if the order is fixed."""
+    """Yield the slots of the objects of each later step.
+
+    Nothing is yielded if the instruction leaves the order free.
+    """
     for g in episode.open_goals(0)[1:] if episode.instruction.ordered else ():
         yield {slot for slot, i in standing.items() if i in episode.meant[g]}
 

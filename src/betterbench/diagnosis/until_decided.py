@@ -1,4 +1,4 @@
-"""Verdicts of runs with ``--until-decided``, and the trials that were selected independently of the outcomes."""
+"""Verdicts of runs with ``--until-decided``, and the selection of trials that does not depend on the outcomes."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class UntilDecided:
-    """Stopping rule of a run with ``--until-decided``, and the decisions so far.
+    """Stopping rule of a run with ``--until-decided``, and the decisions that have been made so far.
 
     Attributes:
-        rule: Rule by which a variation is decided.
-        first_seeds: Seeds in the first round, which every variation gets regardless of the outcomes.
+        rule: Rule that determines when a variation is decided.
+        first_seeds: Seeds of the first round, which is played for every variation regardless of the outcomes.
         decisions: Decisions after the last complete round.
     """
 
@@ -27,17 +27,20 @@ class UntilDecided:
     decisions: Decisions
 
     def answer(self, condition: str) -> Answer | None:
-        """Return the state of a variation by its full name ("fast_food/T1"), or None if it is not in the run."""
+        """Return how a variation ("fast_food/T1") was decided, or that it is undecided.
+
+        None if it is not in the run.
+        """
         return next((a for a in self.decisions.answers if a.question.condition == condition), None)
 
     @property
     def waiting(self) -> frozenset[TrialId]:
-        """Trials of the current round without a record; empty if the run is complete."""
+        """Trials of the current round that have no record yet. The set is empty if the run is complete."""
         return frozenset(_trial(name, seed) for name, seed in self.decisions.waiting)
 
     @property
     def summary(self) -> str:
-        """Verdicts in one sentence."""
+        """Sentence that states for how many variations each verdict was reached."""
         found = self.decisions
         counts = {verdict: found.count(verdict) for verdict in Verdict}
         points = f"{100 * self.rule.margin:.0f} points"
@@ -53,7 +56,7 @@ class UntilDecided:
         )
 
     def notes(self) -> tuple[str, ...]:
-        """Notes that explain the verdicts and rates."""
+        """Return notes that explain the verdicts and the rates of the run."""
         points, level = f"{100 * self.rule.margin:.0f} points", f"{100 * self.rule.level:.0f} %"
         seeds = plural(len(self.first_seeds), "seed")
         verdicts = (
@@ -81,12 +84,12 @@ class UntilDecided:
 
 
 def decided_of(rule: StoppingRule, plan: Sequence[TrialId], outcome: Callable[[TrialId], bool | None]) -> UntilDecided:
-    """Return the rule and the decisions of a run with ``--until-decided``.
+    """Return the stopping rule and the decisions of a run with ``--until-decided``.
 
     Args:
-        rule: Rule by which a variation is decided.
+        rule: Rule that determines when a variation is decided.
         plan: All trials that the run may need.
-        outcome: Function that returns whether a trial succeeded, or None if it has no record.
+        outcome: Function that returns whether a trial succeeded, or None if the trial has no record.
 
     Raises:
         UnknownNameError: If the plan names an unknown task, variation or training condition.

@@ -1,4 +1,4 @@
-"""Results of the diagnosis of a trial and of a run, as JSON-serializable values."""
+"""Results of the diagnosis, for a trial and for a run, as values that can be converted to JSON."""
 
 from __future__ import annotations
 
@@ -15,13 +15,18 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Reason for a label, with its time span in the episode.
+    """Reason for a label, with the part of the episode in which it was found.
 
     Attributes:
-        start_s: Beginning of the time span [s].
+        rule: Name of the evidence rule.
+        text: Explanation in one or more sentences.
+        start_s: Beginning of the part of the episode [s].
+        end_s: End of the part of the episode [s].
+        objects: Names of the objects concerned.
         shared: Properties that the grasped object shares with the requested object ("color", "shape"; for a look-alike
             also "slot").
-        candidates: Labels that this trial alone cannot distinguish. The second pass may distinguish them.
+        candidates: Labels that remain possible if only this trial is considered. The second pass may decide between
+            them.
     """
 
     rule: str
@@ -35,12 +40,17 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """Grasp attempt, or an air grasp far from all objects. An air grasp has neither object nor slot.
+    """Grasp attempt of a trial.
+
+    Closing the gripper far from all objects also counts as an attempt, which then has neither an object nor a slot.
 
     Attributes:
-        object: Object at which the grasp was aimed, or None for an air grasp.
+        start_s: Time at which the gripper begins to close [s].
+        end_s: Time at which the gripper is closed [s].
+        object: Name of the grasped object, or None if the gripper closed without an object.
         slot: Nearest slot, or None if no slot is near.
-        result: "target" (an object requested at that time), "distractor" (any other object) or "null".
+        result: "target" (an object that was requested at that time), "distractor" (any other object) or "null" (no
+            object).
         secured: Whether the object was lifted.
     """
 
@@ -57,29 +67,42 @@ class TrialDiagnosis:
     """Diagnosis of a single trial.
 
     Attributes:
-        variation: Variation name, or None for a training condition.
-        condition: Name of the training condition. For a variation, it is the training condition of its twin.
+        task: Name of the task.
+        variation: Name of the variation, or None for a trial of a training condition.
+        condition: Name of the training condition. For a variation, this is the training condition of the trial's twin
+            (the training trial with the same seed).
         axis: Variation axis, or None.
-        expected: "succeed", "refuse", "stay_still" or "ambiguous".
-        first_attempt: Object of the first grasp attempt, or None without an attempt or for an air grasp. A drawer only
-            counts if the drawer itself is requested first.
+        seed: Seed of the trial.
+        policy: Name of the policy.
+        instruction: Text of the instruction.
+        success: Whether the trial succeeded.
+        expected: Expected behavior: "succeed", "refuse", "stay_still" or "ambiguous".
+        label: Outcome label.
+        first_attempt: Name of the object of the first grasp attempt. None if there was no attempt, or if the gripper
+            closed without an object. A drawer only counts if the first step of the instruction is about the drawer
+            itself.
         first_attempt_kind: Kind of that object.
         first_slot: Slot of the first grasp attempt, or None.
-        intended: Object that should be attempted first, or None if no attempt would be correct. If the attempt was
-            correct, this is its object, otherwise the first of ``intended_any``.
+        intended: Name of the object that should be attempted first, or None if no attempt would be correct. If the
+            first attempt was correct, this is the attempted object, otherwise the first of ``intended_any``.
         intended_kind: Kind of that object.
-        intended_any: All objects for which the first attempt would be correct, ordered by subgoal and slot.
-        intention_correct: Whether the first attempt was at an instructed object (suite, section 4). None without a
+        intended_any: Names of all objects at which a first attempt would be correct, ordered by subgoal and slot.
+        intention_correct: Whether the first attempt was at a requested object (suite, section 4). None if there is no
             record.
         progress: Fraction of the requested subgoals that were completed in a valid order.
+        attempts: All grasp attempts, in time order.
+        evidence: Evidence that decided the label.
+        collisions: Number of collisions of the robot or a held object with fixtures. None if there is no record.
+        steps: Number of control steps.
+        duration_s: Duration of the episode [s].
+        record: Path of the record relative to the run, or None if there is no record.
         harm: One clause for each harm to an object that is not part of the instruction ("the mouse lies on the floor").
-            Harm rules out success.
-        needless: For a success, steps of training that the policy executed although they were not requested, such as a
-            grasp at an emptied slot. They are evidence of inertia that did not prevent the goal. Empty for failures.
-        collisions: Number of collisions of the robot or a held object with fixtures; None without a record.
-        record: Path of the record relative to the run, or None if there is none.
-        scene: Digest of the initial state. Trials of one seed with the same digest differ only in the instruction.
-            Empty without a record, and if first attempts are not judged.
+            A trial with harm is not a success.
+        needless: For a success, the steps of training that the policy executed although they were not requested, such
+            as a grasp at an emptied slot. They are evidence of inertia that did not prevent the goal. Empty for
+            failures.
+        scene: Digest of the initial state. Trials with the same seed and digest differ only in the instruction. Empty
+            if there is no record, or if first attempts are not judged.
     """
 
     task: str
@@ -112,35 +135,38 @@ class TrialDiagnosis:
 
     @property
     def ambiguous(self) -> bool:
-        """Whether the premise is broken, so that the trial is labeled but excluded from all rates."""
+        """Whether a premise of the instruction is false in this trial.
+
+        The trial then gets a label but is not part of any rate.
+        """
         return self.expected == Expected.AMBIGUOUS.value
 
     @property
     def kind(self) -> Kind:
-        """Failure kind of the label."""
+        """Kind of outcome to which the label belongs, such as a reasoning failure."""
         return self.label.kind
 
     @property
     def trial_id(self) -> TrialId:
-        """Task, variation or training condition, and seed of the trial."""
+        """Identifier of the trial, made of its task, its variation or training condition, and its seed."""
         return TrialId(self.task, self.variation or self.condition, self.seed)
 
     @property
     def pool(self) -> str:
-        """Name of the variation or training condition under which the trial is counted.
+        """Name of the condition under which the trial is counted: the variation or the training condition.
 
-        In LIBERO-Plus it is the axis, because each variant is run once.
+        In LIBERO-Plus, this is the axis, because each variant is run only once.
         """
         return axis_of(self.variation) or self.variation or self.condition
 
     @property
     def key(self) -> str:
-        """Text key of the trial ("fast_food/T1/3", "fast_food/train1/3")."""
+        """Key of the trial as text ("fast_food/T1/3", "fast_food/train1/3")."""
         return str(self.trial_id)
 
     @property
     def twin_key(self) -> str | None:
-        """Text key of the counterfactual twin, or None for a training condition."""
+        """Key of the counterfactual twin (the training trial with the same seed), or None for a training trial."""
         return None if self.variation is None else str(TrialId(self.task, self.condition, self.seed))
 
     def to_json(self) -> dict[str, Any]:
@@ -156,15 +182,17 @@ class Metric:
         name: Name of the measure ("success_rate", "success_with_a_needless_step", "intention_accuracy",
             "instruction_effect", "delta_sr", "distractor_grasp_rate", "illusion_gap", "reasoning_failure_rate",
             "execution_failure_rate", "system_failure_rate", "collision_rate", "progress"). If trials are unfinished,
-            there is also "unfinished_rate". The two sides of "illusion_gap", over its pairs, are "twin_success_rate"
-            and "paired_success_rate".
-        scope: Set of trials: "overall" (all trials of variations), "training" (all trials of training conditions),
-            "axis:temporal_extrapolation", "fast_food" (its variations), "fast_food/training", "fast_food/T1",
-            "fast_food/train1".
+            there is also "unfinished_rate". For each "illusion_gap", the success rate of the twins is
+            "twin_success_rate", and that of the paired variation trials is "paired_success_rate".
+        scope: Set of trials that the measure covers: "overall" (all trials of variations), "training" (all trials of
+            training conditions), "axis:temporal_extrapolation", "fast_food" (the variations of this task),
+            "fast_food/training", "fast_food/T1", "fast_food/train1".
         k: Numerator, or None if the measure is not a single rate.
-        n: Denominator (number of pairs for paired measures).
+        n: Denominator. For paired measures, this is the number of pairs.
         value: Value of the measure, a fraction in [-1, 1], or None for n = 0.
-        p_value: p-value of the test, or None without a test.
+        low: Lower end of the 95 % confidence interval, or None.
+        high: Upper end of the interval, or None.
+        p_value: p-value of the test, or None if there is no test.
         method: Method of the interval ("wilson", "newcombe", "paired bootstrap", "anytime-valid").
     """
 
@@ -180,7 +208,7 @@ class Metric:
 
     @classmethod
     def of_rate(cls, name: str, scope: str, rate: Rate) -> Metric:
-        """Create a metric from a rate, ``k`` of ``n``."""
+        """Return a metric for a rate of ``k`` out of ``n``."""
         return cls(name, scope, rate.k, rate.n, rate.value, rate.low, rate.high)
 
     def to_json(self) -> dict[str, Any]:
@@ -190,17 +218,21 @@ class Metric:
 
 @dataclass(frozen=True, slots=True)
 class RunDiagnosis:
-    """Diagnosis of a run, with trials, metrics and findings.
+    """Diagnosis of a run, with its trials, metrics and findings.
 
     Attributes:
-        trials: One entry per counted trial, finished or not, in plan order.
+        policy: Name of the policy.
+        trials: One entry for each trial that counts, finished or not, in the order of the plan.
+        metrics: All metrics of the run.
         findings: Conclusions about the policy from several trials, one sentence each, most important first.
-        notes: Limits of the run, one sentence each (missing pairs, smallest detectable difference).
-        waiting: Planned trials that an ongoing run has not reached yet, which are not counted. If no process is writing
-            to the run, it is empty, and missing trials are unfinished ``trials``.
-        until_decided: Verdict on each variation of a run with ``--until-decided``, or None. Trials that verdicts made
-            unnecessary are left out.
-        address: Policy address for commands, by default ``policy``.
+        notes: Limits on what the run can show, one sentence each (missing pairs, smallest detectable difference).
+        thresholds: Values of the thresholds, by name.
+        versions: Versions found in the records, by name.
+        waiting: Planned trials that a run in progress has not reached yet and that do not count. Empty if no process is
+            writing to the run, because missing trials are then unfinished ``trials``.
+        until_decided: Verdict on each variation of a run with ``--until-decided``, or None for other runs. Trials that
+            were made unnecessary by a verdict are left out.
+        address: Policy address used in suggested commands. By default, it is ``policy``.
     """
 
     policy: str
@@ -215,43 +247,43 @@ class RunDiagnosis:
     address: str = ""
 
     def __post_init__(self) -> None:
-        """Use the policy name as its default address."""
+        """If no address is given, use the policy's name as the address."""
         if not self.address:
             object.__setattr__(self, "address", self.policy)
 
     @property
     def pending(self) -> tuple[str, ...]:
-        """Keys of the trials in ``waiting``."""
+        """Keys of the planned trials that a run in progress has not reached yet."""
         return tuple(t.key for t in self.waiting)
 
     @property
     def unfinished(self) -> tuple[TrialDiagnosis, ...]:
-        """Counted trials that had not ended when the run was stopped."""
+        """Trials that had not ended when the run was stopped."""
         return tuple(t for t in self.trials if t.kind is Kind.UNFINISHED)
 
     @property
     def counted_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """Trials with a correct or wrong outcome, without ambiguous trials."""
+        """Trials that count in the rates, i.e. all trials that are not ambiguous."""
         return tuple(t for t in self.trials if not t.ambiguous)
 
     @property
     def even_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """Counted trials that were selected independently of the outcomes, without ambiguous trials."""
+        """Trials that were chosen independently of the outcomes and are not ambiguous."""
         return tuple(t for t in self.shown_trials if not t.ambiguous)
 
     @property
     def shown_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """Trials that were selected independently of the outcomes, including ambiguous trials."""
+        """Trials that were chosen independently of the outcomes, including ambiguous trials."""
         if self.until_decided is None:
             return self.trials
         return tuple(t for t in self.trials if t.seed in self.until_decided.first_seeds)
 
     def even(self) -> RunDiagnosis:
-        """Return the diagnosis with only ``even_trials``, for measures over several variations."""
+        """Return a diagnosis that contains only ``even_trials``, for measures over several variations."""
         return replace(self, trials=self.even_trials)
 
     def named(self, name: str) -> RunDiagnosis:
-        """Return the diagnosis with another policy name, including all trials."""
+        """Return a copy of the diagnosis in which the policy has a different name, in all trials."""
         trials, waiting = (tuple(replace(t, policy=name) for t in part) for part in (self.trials, self.waiting))
         return replace(self, policy=name, trials=trials, waiting=waiting)
 
@@ -261,14 +293,14 @@ class RunDiagnosis:
         return len(self.trials) + len(self.pending)
 
     def metric(self, name: str, scope: str) -> Metric | None:
-        """Return a metric, or None if it does not exist."""
+        """Return a metric by its name and scope, or None if it does not exist."""
         for metric in self.metrics:
             if metric.name == name and metric.scope == scope:
                 return metric
         return None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the dict that ``better diagnose --json`` prints: "trials" contains all planned trials."""
+        """Return the dict that ``better diagnose --json`` prints. Its "trials" contain all planned trials."""
         return {
             "policy": self.policy,
             "trials": [t.to_json() for t in (*self.trials, *self.waiting)],

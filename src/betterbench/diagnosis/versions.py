@@ -1,4 +1,4 @@
-"""Versions in the records of a run. Mixed versions are an error by default."""
+"""Versions in the records of a run. Records with different versions raise an error unless this is allowed."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from betterbench.errors import RunConflictError
 from betterbench.records import RecordMetadata
 
 _SCENE_KEYS = ("model", "scene", "hash")
-"""Words in the names of fingerprint parts that may differ between scenes."""
+"""Words in the names of those parts of the engine's fingerprint that may differ between scenes."""
 
 
 class RecordVersions:
-    """The versions found in a run's records."""
+    """Collection of all versions found in the records of a run."""
 
     def __init__(self, *, allow_mixed: bool) -> None:
         self._allow_mixed = allow_mixed
@@ -21,7 +21,10 @@ class RecordVersions:
 
     @property
     def found(self) -> dict[str, str]:
-        """All versions by name, without the policy. Several values of a name are joined by " | "."""
+        """All versions by name. If a name has several values, they are joined by " | ".
+
+        The policy is only included if it has several values.
+        """
         return {
             name: " | ".join(values)
             for name, values in sorted(self._seen.items())
@@ -29,10 +32,14 @@ class RecordVersions:
         }
 
     def add(self, metadata: RecordMetadata, *, but: str = "") -> None:
-        """Add the versions of a record, optionally except one.
+        """Add the versions in a record.
+
+        Args:
+            metadata: Metadata of the record.
+            but: Name of a version that is not added, or "" to add all versions.
 
         Raises:
-            RunConflictError: If a version differs from an earlier record and mixing is not allowed.
+            RunConflictError: If a version differs from that of an earlier record and mixed versions are not allowed.
         """
         trial = f"{metadata.task}/{metadata.condition} seed {metadata.seed}"
         for name, value in _versions(metadata):
@@ -43,16 +50,16 @@ class RecordVersions:
                 other, at = next(iter(known.items()))
                 raise RunConflictError(
                     f"{name} is {value!r} in the record of {trial} and {other!r} in the record of {at}. "
-                    "Run one of the two again, or allow mixed versions and interpret the results with care."
+                    "Repeat one of the two trials, or allow mixed versions and interpret the results with care."
                 )
             known.setdefault(value, trial)
-        if "simulator" in metadata.engine:  # in another world, the record contains the fingerprint of the task
+        if "simulator" in metadata.engine:  # in other worlds, the fingerprint of the task is part of the record
             return
         wanted = resolved_of(metadata).task.version
         if metadata.task_version != wanted and not self._allow_mixed:
             raise RunConflictError(
-                f"{trial} was recorded with version {metadata.task_version} of its task and is judged with version "
-                f"{wanted}. Judge it with the betterbench that recorded it, or record it again."
+                f"{trial} was recorded with version {metadata.task_version} of its task; this installation has version "
+                f"{wanted}. Judge it with the version of betterbench that recorded it, or record it again."
             )
 
 

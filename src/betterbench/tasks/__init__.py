@@ -1,13 +1,13 @@
 """Tasks as values and pure functions: setup, instruction and success condition.
 
-- ``condition``, ``axes``, ``subgoal``, ``thresholds``: the values that make up conditions.
-- ``relations``: one file per relation ("inside", "beside"), with its check and placements.
-- ``authoring``: templates, variations and the registry, for writing tasks.
-- ``suite``: the tasks of better60, with one file each.
-- ``regimes``: the listed regimes of these tasks, which are further sets of training conditions.
-- ``judging``: goals, grasp attempts, restraint, harm and premises, judged from states.
-- ``interventions``: look-up of conditions by name or by regime.
-- ``worlds``: suites and protocols of LIBERO, LIBERO-Plus and CALVIN as data.
+- ``condition``, ``axes``, ``subgoal``, ``thresholds``: the values from which conditions are made.
+- ``relations``: one file per relation ("inside", "beside"), with its check and its placements.
+- ``authoring``: templates, variations and the task registry, for writing tasks.
+- ``suite``: the tasks of better60, with one file per task.
+- ``regimes``: further sets of training conditions for these tasks (called listed regimes).
+- ``judging``: goals, grasp attempts, restraint, harm and premises, judged from world states.
+- ``interventions``: functions that find conditions by name or by regime.
+- ``worlds``: suites and protocols of LIBERO, LIBERO-Plus and CALVIN, as data.
 """
 
 from betterbench.tasks import regimes as regimes  # adds the regimes of the suite to its tasks

@@ -1,4 +1,4 @@
-"""The four axes of variation for a task, and the behavior expected from a policy."""
+"""The four axes along which a task is varied, and the behavior expected from a policy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Axis(StrEnum):
-    """Axis of causal intervention, one of four (paper, section 4)."""
+    """Axis of causal intervention (paper, section 4). There are four axes."""
 
     SPATIAL_LAYOUT_SHIFT = "spatial_layout_shift"
     PRIMITIVE_RECOMPOSITION = "primitive_recomposition"
@@ -15,15 +15,15 @@ class Axis(StrEnum):
 
     @property
     def letter(self) -> str:
-        """First letter of the names of this axis's variations: L, R, O or T."""
+        """First letter of the names of the variations on this axis: L, R, O or T."""
         return {"s": "L", "p": "R", "a": "O", "t": "T"}[self.value[0]]
 
     @classmethod
     def of(cls, variation: str) -> Axis:
-        """Return the axis denoted by the first letter of a variation's name.
+        """Return the axis to which a variation belongs, given by the first letter of its name.
 
         Raises:
-            ValueError: If it begins with a letter other than L, R, O or T.
+            ValueError: If the name does not begin with L, R, O or T.
         """
         for axis in cls:
             if variation[:1] == axis.letter:
@@ -33,10 +33,10 @@ class Axis(StrEnum):
 
 
 class Expected(StrEnum):
-    """Expected behavior of a policy that understands the instruction.
+    """Behavior that is expected from a policy that understands the instruction.
 
-    If it is "ambiguous", the premise is broken. The trial is then judged like a refusal and labeled, but excluded from
-    all rates.
+    "Ambiguous" means that a premise of the instruction is false. A trial with this value is judged like a refusal and
+    gets a label, but is not part of any rate.
     """
 
     SUCCEED = "succeed"
@@ -46,12 +46,12 @@ class Expected(StrEnum):
 
     @property
     def lacks_target(self) -> bool:
-        """Whether a requested object is absent, so that no other object may be taken instead."""
+        """Whether the policy should notice that a requested object is absent, and take no other object instead."""
         return self in (Expected.REFUSE, Expected.AMBIGUOUS)
 
 
 class Support(StrEnum):
-    """Support of a variation: ``seen`` if all pick and place poses are inside the training distribution."""
+    """Whether all pick and place poses of a variation occur in training (``seen``), or some do not (``novel``)."""
 
     SEEN = "seen"
     NOVEL = "novel"

@@ -1,4 +1,4 @@
-"""Conditions: fully specified settings of a task, with their objects and slots."""
+"""Conditions: fully specified settings of a task, with objects, slots and instruction."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ Role = Literal["item", "distractor", "container", "fixture", "drawer"]
 
 @dataclass(frozen=True, slots=True)
 class TargetRegion:
-    """Target region, such as a container, rack hole, stack layer or drawer mount.
+    """Target region, such as a container, a hole in a rack, a layer of a stack or a drawer's mount.
 
-    ``target`` is a name in the scene. ``region`` is "" if the target has only one region.
+    Attributes:
+        target: Name of the target in the scene.
+        region: Region of the target, or "" if the target has only one region.
     """
 
     target: str
@@ -26,14 +28,15 @@ class TargetRegion:
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """A named start position on the table.
+    """Named start position on the table.
 
     Attributes:
-        x: Center [m], world frame.
-        y: Center [m], world frame.
-        yaw: Nominal heading of the object [rad].
-        jitter_m: Half width of the uniform position jitter [m].
-        yaw_jitter: Half width of the uniform heading jitter [rad].
+        name: Name of the slot.
+        x: x coordinate of the center in the world frame [m].
+        y: y coordinate of the center in the world frame [m].
+        yaw: Heading of the object without jitter [rad].
+        jitter_m: Half the width of the uniform jitter of the position [m].
+        yaw_jitter: Half the width of the uniform jitter of the heading [rad].
     """
 
     name: str
@@ -49,11 +52,13 @@ class ObjectSpec:
     """Specification of an object in a condition.
 
     Attributes:
-        name: Name in the scene. Names have no meaning, so renaming all objects does not change verdicts.
-        kind: Object noun in instructions ("red mug").
-        category: Its asset's category ("mug").
-        color: Its asset's color, or None to let the generator choose.
-        mount: For a drawer, its mount in the cabinet.
+        name: Name in the scene. It can be chosen freely, because renaming objects does not change any verdict.
+        kind: Noun for the object in instructions ("red mug").
+        category: Category of the object's asset ("mug").
+        color: Color of the asset, or None to let the scene generator choose.
+        role: Role of the object in the scene.
+        fixed: Whether the object cannot be moved.
+        mount: For a drawer, the mount in the cabinet.
     """
 
     name: str
@@ -67,19 +72,23 @@ class ObjectSpec:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """Fully specified setting of a task, with layout, object identities, initial state, instruction and subgoals.
+    """Fully specified setting of a task: layout, identity of the objects, initial state, instruction and subgoals.
 
     Attributes:
+        task: Name of the task.
         name: Name within the task ("train1", "L3").
-        layout: Slot name by object name, for every object that starts on the table.
-        preplaced: Target region by object name, for objects that start at a target.
-        opened: Opening at the start [m] by drawer name. Other drawers are closed.
+        objects: All objects in the scene.
+        layout: Slot of each object that starts on the table, by the object's name.
+        instruction: Instruction with its subgoals.
+        preplaced: Target region of each object that starts at a target, by the object's name.
+        opened: Width by which each drawer is open at the start [m], by the drawer's name. Drawers that are not listed
+            are closed.
         expected: Behavior of a policy that understands the instruction.
         mid_task_look: Whether the initial state looks like the middle of a demonstration.
         premise_broken: Whether a premise of the instruction is deliberately false.
-        cloth: Color of the tablecloth, or None for the table top of the room.
-        watch_steps: Control steps for which the episode continues after the goal is met. A grasp attempt in this time
-            is a failure.
+        cloth: Color of the tablecloth, or None for the bare table top of the room.
+        watch_steps: Control steps for which the episode continues after the goal is met. A grasp attempt during these
+            steps is a failure.
     """
 
     task: str
@@ -97,11 +106,11 @@ class Condition:
 
     @property
     def id(self) -> str:
-        """Identifier across tasks ("fast_food/train1")."""
+        """Identifier that is unique across tasks ("fast_food/train1")."""
         return f"{self.task}/{self.name}"
 
     def object(self, name: str) -> ObjectSpec:
-        """Return an object by name.
+        """Return an object by its name.
 
         Raises:
             UnknownNameError: If the condition has no such object.
@@ -112,21 +121,21 @@ class Condition:
         return find_named(f"object of {self.id}", name, self.objects)
 
     def occupant(self, slot: str) -> str | None:
-        """Return the name of the object that starts in a slot, or None."""
+        """Return the name of the object that starts in a slot, or None if the slot is empty."""
         for name, place in self.layout.items():
             if place == slot:
                 return name
         return None
 
     def resolve(self, reference: Reference) -> tuple[str, ...]:
-        """Return the names of a reference's possible objects, in a stable order."""
+        """Return the names of the objects to which a reference may refer, in a stable order."""
         if reference.slot is not None:
             occupant = self.occupant(reference.slot)
             return () if occupant is None else (occupant,)
         return tuple(sorted(o.name for o in self.objects if o.kind == reference.kind))
 
     def with_(self, **changes: Any) -> Condition:  # noqa: ANN401 - the fields' own types, checked by the constructor
-        """Return a copy with some fields changed."""
+        """Return a copy of the condition with some fields changed."""
         return replace(self, **changes)
 
     def to_json(self) -> dict[str, Any]:
@@ -135,7 +144,7 @@ class Condition:
         form["layout"] = dict(self.layout)
         form["preplaced"] = {name: asdict(place) for name, place in self.preplaced.items()}
         form["opened"] = dict(self.opened)
-        if self.cloth is None:  # conditions without a cloth or watch keep the form of earlier versions
+        if self.cloth is None:  # conditions without a cloth or a watch keep the JSON form of earlier versions
             del form["cloth"]
         if not self.watch_steps:
             del form["watch_steps"]

@@ -1,8 +1,8 @@
 """Release points and final poses that were measured in expert demonstrations, and the file that contains them.
 
-``better certify --demonstrations`` writes the file. Scenes draw the poses of pre-placed objects from the final poses,
-and clause (b) of the certificate compares releases with the release points. The suite's file is part of the package.
-The file for user tasks is stored next to the task file.
+``better certify --demonstrations`` writes the file. If an object starts at a target, its pose is drawn from the final
+poses. Clause (b) of the certificate compares releases with the release points. The file of the suite is part of the
+package. The file for a user's tasks is stored next to the task file.
 """
 
 from __future__ import annotations
@@ -27,18 +27,26 @@ from betterbench.tasks.randomness import SUITE_VERSION, stream
 from betterbench.tasks.user_files import companion_of, options_for
 
 HEIGHT_MM = 5.0
-"""Maximum vertical distance of a release from a trained release height [mm]."""
+"""Largest vertical distance between a release and a release height in training [mm]."""
 REACH_MM = 15.0
-"""Maximum horizontal distance of a release in a container from a trained release [mm]: the jitter of a slot."""
+"""Largest horizontal distance between a release in a container and a release in training [mm].
+
+This is the jitter of a slot.
+"""
 
 PACKAGED = "demonstrations.json"
 FORM: Literal["betterbench demonstrations"] = "betterbench demonstrations"
 
 
 class FlatPose(NamedTuple):
-    """Planar pose of an object at its target, with the position relative to the region's center [mm] and heading [deg].
+    """Planar pose of an object at its target, in the frame of the target.
 
-    Both are in the target's frame.
+    The position is relative to the center of the target region.
+
+    Attributes:
+        x_mm: x coordinate of the object [mm].
+        y_mm: y coordinate of the object [mm].
+        yaw_deg: Heading [deg].
     """
 
     x_mm: float
@@ -49,15 +57,16 @@ class FlatPose(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Releases:
-    """Release points in the demonstrations at one target region.
+    """Points at which demonstrations released objects at one target region.
 
     Attributes:
         slot: Slot of the target, or of the object that carries the target.
         relation: Relation that the release establishes.
-        region: Region of the target, "" if it has only one.
-        level: Number of objects below, down to the slot.
-        heights_mm: Heights of the released object's foot above the table [mm], sorted.
-        points_mm: Base positions in the target's frame, relative to the region's center, x and y [mm].
+        region: Region of the target, or "" if the target has only one region.
+        level: Number of objects between the released object and the table at the slot.
+        heights_mm: Heights above the table at which the lower end of the object was released [mm], sorted.
+        points_mm: Positions (x, y) of the object's base in the frame of the target, relative to the center of the
+            region [mm].
     """
 
     slot: str
@@ -69,18 +78,21 @@ class Releases:
 
     @property
     def place(self) -> tuple[str, str, str, int]:
-        """Slot, relation, region and level."""
+        """Place of these releases, given by slot, relation, region and level."""
         return self.slot, self.relation, self.region, self.level
 
     def off_mm(self, height_mm: float) -> float:
-        """Return the distance from a height to the nearest trained height [mm].
+        """Return the difference between a height and the nearest release height in training [mm].
 
-        The value is negative below the trained height.
+        The difference is negative if the given height is below the release height.
         """
         return min((height_mm - h for h in self.heights_mm), key=abs)
 
     def aside_mm(self, x_mm: float, y_mm: float) -> float:
-        """Return the distance from a point, in the frame of ``points_mm``, to the nearest trained point [mm]."""
+        """Return the distance from a point to the nearest release point [mm].
+
+        Both are in the frame of ``points_mm``.
+        """
         return min(math.dist((x_mm, y_mm), point) for point in self.points_mm)
 
 
@@ -91,12 +103,12 @@ class FinalPoses:
 
     Attributes:
         kind: Kind of the object.
-        asset: Identity of its asset, because objects with other shapes rest in other poses.
+        asset: Identity of the object's asset. It matters because objects with different shapes rest in different poses.
         target_kind: Kind of the target.
         target_asset: Identity of the target's asset.
-        relation: Relation between the two.
-        region: Region of the target, "" if it has only one.
-        poses: Object poses at rest.
+        relation: Relation between the object and the target.
+        region: Region of the target, or "" if the target has only one region.
+        poses: Poses of the object at rest.
     """
 
     kind: str
@@ -109,9 +121,11 @@ class FinalPoses:
 
 
 class LeaningPose(NamedTuple):
-    """Pose of an object that may lean on others, relative to the target region's center and in the target's frame.
+    """Pose of an object that may lean on other objects, in the frame of the target.
 
-    The position is in millimeters, the rotation a quaternion.
+    Attributes:
+        position_mm: Position relative to the center of the target region [mm].
+        quaternion: Rotation as a quaternion (w, x, y, z).
     """
 
     position_mm: tuple[float, float, float]
@@ -119,20 +133,23 @@ class LeaningPose(NamedTuple):
 
     @classmethod
     def of(cls, pose: Pose) -> LeaningPose:
-        """Return a pose ``T_middle_object``, rounded to 0.01 mm and about 0.01 degrees."""
+        """Convert a pose relative to the center of the target region to its stored form.
+
+        It is rounded to 0.01 mm and about 0.01 degrees.
+        """
         x, y, z = (round(1000.0 * value, 2) for value in pose.position)
         qw, qx, qy, qz = (round(value, 4) for value in pose.quaternion)
         return cls((x, y, z), (qw, qx, qy, qz))
 
     @property
     def pose(self) -> Pose:
-        """The pose ``T_middle_object`` [m]."""
+        """Pose ``T_middle_object`` of the object relative to the center of the target region [m]."""
         x, y, z = (0.001 * value for value in self.position_mm)
         return Pose((x, y, z), normalize(self.quaternion))
 
 
 class FinalPose(NamedTuple):
-    """Final pose of one object among several at a target, with its kind and the identity of its asset."""
+    """Final pose of one of several objects at a target, with the kind of the object and the identity of its asset."""
 
     kind: str
     asset: str
@@ -144,14 +161,14 @@ class FinalPose(NamedTuple):
 class JointPoses:
     """Final poses of several objects that one demonstration left in the same place, such as a container.
 
-    Objects in a container lean on each other and on its walls, so that their poses belong together.
+    Objects in a container lean on each other and on the walls, so that their poses belong together.
 
     Attributes:
         target_kind: Kind of the target.
         target_asset: Identity of the target's asset.
         relation: Relation of each object to the target.
-        region: Region of the target, "" if it has only one.
-        objects: The objects, sorted.
+        region: Region of the target, or "" if the target has only one region.
+        objects: The objects with their poses, sorted.
     """
 
     target_kind: str
@@ -161,9 +178,9 @@ class JointPoses:
     objects: tuple[FinalPose, ...]
 
     def posed(self, objects: Sequence[tuple[str, str]]) -> tuple[Pose, ...] | None:
-        """Return the poses ``T_middle_object`` of objects given by kind and asset, in their order.
+        """Return the poses ``T_middle_object`` of objects specified by kind and asset, in the given order.
 
-        Returns None if there are other objects there too.
+        Return None if the demonstration left other objects there, or not all of these.
         """
         left, found = list(self.objects), []
         for wanted in objects:
@@ -178,14 +195,16 @@ class JointPoses:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstrated:
-    """Release points and final poses of one task's demonstrations, with the versions of the measurement.
+    """Release points and final poses in the demonstrations of one task, with the versions used to measure them.
 
     Attributes:
-        suite: Suite version.
+        suite: Version of the suite.
         engine: Version of the physics engine.
-        version: Task version.
-        solved: Number of measured demonstrations.
-        together: Final poses of demonstrations that left several objects in one place, with one entry per
+        version: Version of the task.
+        solved: Number of demonstrations that were measured.
+        releases: Release points, by target region.
+        final_poses: Final poses, by object and target.
+        together: Final poses of demonstrations that left several objects in one place, with one entry for each
             demonstration.
     """
 
@@ -198,16 +217,17 @@ class Demonstrated:
     together: tuple[JointPoses, ...] = ()
 
     def releases_at(self, place: tuple[str | None, str | None, str, int]) -> Releases | None:
-        """Return the releases at a place, given as slot, relation, region and level, or None if there are none."""
+        """Return the releases at a place (slot, relation, region and level), or None if there are none."""
         return next((r for r in self.releases if r.place == place), None)
 
     def final_poses_at(
         self, target_kind: str, relation: str, region: str, *, kind: str, assets: tuple[str, str]
     ) -> tuple[FlatPose, ...]:
-        """Return the demonstrated final poses of the most similar object at a target.
+        """Return the final poses at a target from demonstrations with the same object, or with the most similar one.
 
-        The poses come from the same object and target assets. If there are none, they come from the same object asset,
-        then from the same object kind, and then from any object at that target.
+        Poses of the same object asset at the same target asset come first. If there are none, the poses of the same
+        object asset are returned. If there are none either, those of the same kind of object are returned, and
+        otherwise those of any object at this target.
         """
         there = self._poses_at(target_kind, relation, region)
         of_kind = [p for p in there if p.kind == kind]
@@ -216,12 +236,12 @@ class Demonstrated:
         return tuple(pose for found in alike or same or of_kind or there for pose in found.poses)
 
     def joint_poses_at(self, target_asset: str, relation: str, region: str) -> tuple[JointPoses, ...]:
-        """Return the final poses of demonstrations that left several objects at a target with this asset."""
+        """Return the final poses from demonstrations that left several objects at a target with the given asset."""
         place = (target_asset, relation, region)
         return tuple(j for j in self.together if (j.target_asset, j.relation, j.region) == place)
 
     def shows(self, target_kind: str, relation: str, region: str, *, assets: tuple[str, str]) -> bool:
-        """Return whether a demonstration brought exactly this object asset to this target asset."""
+        """Return whether any demonstration brought the given object asset to the given target asset."""
         there = self._poses_at(target_kind, relation, region)
         return any((p.asset, p.target_asset) == assets for p in there)
 
@@ -232,13 +252,13 @@ class Demonstrated:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DemonstrationsFile:
-    """A file of measured demonstrations, by task."""
+    """File with the measured demonstrations of several tasks, by task."""
 
     tasks: Mapping[str, Demonstrated]
     form: Literal["betterbench demonstrations"] = FORM
 
     def to_text(self) -> str:
-        """Return the JSON string, with one line per place and per pair of object and target."""
+        """Return the file as a JSON string, with one line for each place and for each pair of object and target."""
         tasks = [f" {json.dumps(name)}: {_task_text(self.tasks[name])}" for name in sorted(self.tasks)]
         seal = seal_of(json.loads(json.dumps({"form": self.form, "version": 2, **_tasks_form(self.tasks)})))
         head = f'{{"form": {json.dumps(self.form)}, "version": 2, "{SEAL}": "{seal}",\n "tasks": {{\n'
@@ -268,7 +288,10 @@ _measured: dict[str, Demonstrated] = {}
 
 @contextmanager
 def measured_so_far(task: str, found: Demonstrated | None) -> Iterator[None]:
-    """Temporarily set a task's measurements, because earlier demonstrations determine the starts of later ones."""
+    """Context in which a task has the given measurements.
+
+    This is needed while demonstrations are measured, because earlier demonstrations determine the start of later ones.
+    """
     before = _measured.get(task)
     if found is not None:
         _measured[task] = found
@@ -281,15 +304,16 @@ def measured_so_far(task: str, found: Demonstrated | None) -> Iterator[None]:
 
 
 def demonstrated(task: Task, *, engine: str) -> Demonstrated:
-    """Return the measurements from a task's demonstrations.
+    """Return the measurements from the demonstrations of a task.
 
     Args:
         task: The task.
-        engine: Version of the physics engine in use. Its minor version must be the same.
+        engine: Version of the physics engine in use. Its minor version must be the same as when the demonstrations were
+            measured.
 
     Raises:
-        InvalidInputError: If the task was never measured, or was measured under other versions. The message names the
-            remedy.
+        InvalidInputError: If the task was never measured, or was measured with different versions. The message names
+            the command that measures it.
     """
     if task.id in _measured:
         return _measured[task.id]
@@ -308,12 +332,14 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
         (f"version of {task.id}", found.version, task.version),
     ):
         if there != here:
-            raise InvalidInputError(where, f"{task.id} was measured with {what} {there}; this is {here}", cure)
+            raise InvalidInputError(
+                where, f"{task.id} was measured with {what} {there}, but this installation has {here}", cure
+            )
     return found
 
 
 def demonstrated_if_measured(task: Task, *, engine: str) -> Demonstrated | None:
-    """Return the measurements from a task's demonstrations, or None if there are none for the versions in use."""
+    """Return the measurements from the demonstrations of a task, or None if there are none for the versions in use."""
     try:
         return demonstrated(task, engine=engine)
     except InvalidInputError:
@@ -321,20 +347,20 @@ def demonstrated_if_measured(task: Task, *, engine: str) -> Demonstrated | None:
 
 
 def final_pose(task: Task, seed: int, *, kind: str, region: str, poses: Sequence[FlatPose]) -> FlatPose:
-    """Return the final pose of a pre-placed object in a trial, drawn from the trial's random stream."""
+    """Draw the final pose of an object that starts at a target, from the random stream of the trial."""
     return poses[int(stream(task.id, seed, f"preplaced:{kind}:{region}").integers(len(poses)))]
 
 
 def joint_index(task: Task, seed: int, *, kinds: Sequence[str], region: str, count: int) -> int:
-    """Return the index, out of ``count``, of the demonstration from which pre-placed objects are taken.
+    """Return the index of the demonstration from which objects that start together at a target take their poses.
 
-    It is drawn from the trial's random stream.
+    The index is below ``count`` and is drawn from the random stream of the trial.
     """
     return int(stream(task.id, seed, f"preplaced:{' '.join(sorted(kinds))}:{region}").integers(count))
 
 
 def cure_for(task: str) -> str:
-    """Return the command that measures a task's demonstrations, as a sentence without a full stop."""
+    """Return a sentence without a period that names the command for measuring the demonstrations of a task."""
     own = companion_of(task)
     package = " --write-package" if own is None else ""
     return f"Run better certify{options_for([task])} --tasks {task} --demonstrations 120{package}"
@@ -342,7 +368,11 @@ def cure_for(task: str) -> str:
 
 @functools.lru_cache(maxsize=8)
 def read_demonstrations(text: str, where: str) -> DemonstrationsFile:
-    """Read a file of measured demonstrations. Raises InvalidInputError if it is invalid."""
+    """Read a file of measured demonstrations.
+
+    Raises:
+        InvalidInputError: If the file is invalid.
+    """
     cure = "Measure again with better certify --demonstrations"
     form = open_seal(text, where=where, cure=cure, since=("version", 2))
     form.pop("version", None)
@@ -351,13 +381,13 @@ def read_demonstrations(text: str, where: str) -> DemonstrationsFile:
 
 @functools.lru_cache(maxsize=1)
 def _packaged() -> DemonstrationsFile:
-    """Return the packaged measurements, or empty measurements if there is no file."""
+    """Return the measurements that come with the package, or empty measurements if the package has no such file."""
     file = resources.files("betterbench.tasks").joinpath("data", PACKAGED)
     return read_demonstrations(file.read_text(encoding="utf-8"), _PACKAGED_NAME) if file.is_file() else _NONE
 
 
 def updated_text(path: Path, found: Mapping[str, Demonstrated]) -> str:
-    """Return the file text with new measurements for some tasks and the old measurements for all others."""
+    """Return the text of the file, with new measurements for some tasks and the previous ones for all others."""
     before = read_demonstrations(path.read_text(encoding="utf-8"), str(path)).tasks if path.is_file() else {}
     _packaged.cache_clear()
     return DemonstrationsFile({**before, **found}).to_text()

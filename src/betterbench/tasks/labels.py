@@ -1,6 +1,6 @@
-"""Outcome labels, in a package that both tasks and diagnosis can import.
+"""Outcome labels, in a package that both the tasks and the diagnosis can import.
 
-The meaning of a label, its rule and its text in reports are in its file in ``diagnosis/modes``.
+The meaning of each label, its rule and its text in reports are in a file for the label in ``diagnosis/modes``.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ _LABELS: dict[str, Label] = {}
 
 
 class Label(str):
-    """Outcome label of a trial: a text with a kind. There is exactly one object per name.
+    """Outcome label of a trial: a text with a kind of outcome. There is exactly one object for each name.
 
-    The order of the labels decides between evidence from the same moment. :func:`new_label` makes further labels.
+    If several pieces of evidence concern the same moment, the one whose label comes first in the order of labels
+    decides. :func:`new_label` makes further labels.
 
     Raises:
-        UnknownNameError: If the label does not exist.
+        UnknownNameError: If there is no label with this name.
     """
 
     __slots__ = ("kind",)
@@ -55,30 +56,30 @@ class Label(str):
     UNFINISHED: ClassVar[Label]
 
     def __new__(cls, name: str) -> Label:  # noqa: PYI034 -- one object per name
-        """Return the label of a name."""
+        """Return the existing label with this name."""
         try:
             return _LABELS[name]
         except KeyError:
             raise UnknownNameError("label", name, _LABELS) from None
 
     def __reduce__(self) -> tuple[type[Label], tuple[str]]:
-        """Return the arguments of a copy, so that copies and unpickled labels are the same object."""
+        """Return how to copy the label, so that copied and unpickled labels are the same object as the original."""
         return Label, (self.value,)
 
     @property
     def value(self) -> str:
-        """The plain text."""
+        """Name of the label as plain text."""
         return str(self)
 
 
 def new_label(name: str, kind: Kind, *, after: Label | None = None) -> Label:
-    """Return a new label. In the order of labels, it comes directly after ``after``, or last.
+    """Create a label. In the order of labels, it comes directly after ``after``, or last if ``after`` is None.
 
     Raises:
-        InvalidInputError: If the name is taken.
+        InvalidInputError: If there is already a label with this name.
     """
     if name in _LABELS:
-        raise InvalidInputError("label", f"{name!r} exists already", "Choose another name")
+        raise InvalidInputError("label", f"there is already a label {name!r}", "Choose a different name")
     label = str.__new__(Label, name)
     label.kind = kind
     ordered = list(_LABELS.values())
@@ -89,12 +90,15 @@ def new_label(name: str, kind: Kind, *, after: Label | None = None) -> Label:
 
 
 def remove_label(label: Label) -> None:
-    """Remove a label, for tests."""
+    """Remove a label. This is meant for tests."""
     del _LABELS[label.value]
 
 
 def all_labels() -> tuple[Label, ...]:
-    """Return all labels in order. ``wrong_object`` is general and comes after all other reasoning labels."""
+    """Return all labels in their order.
+
+    ``wrong_object`` is the most general reasoning label, so it comes after all other reasoning labels.
+    """
     return tuple(_LABELS.values())
 
 

@@ -1,4 +1,4 @@
-"""Appearance of objects and rooms in a run: the default looks of training and tests, or held-out looks."""
+"""Appearance of the objects and rooms in a run: either the appearances of training and tests, or those held out."""
 
 from __future__ import annotations
 
@@ -7,14 +7,18 @@ from typing import Literal, get_args
 from betterbench.errors import UnknownNameError
 
 Looks = Literal["seen", "unseen"]
-"""Looks of objects and rooms in a run: "seen" in training, or "unseen" (held out)."""
+"""Appearance of objects and rooms: "seen" in training, or "unseen" (held out)."""
 
 LOOKS: tuple[Looks, ...] = get_args(Looks)
-"""The sets of looks by name."""
+"""Names of the sets of appearances."""
 
 
 def looks_named(name: str) -> Looks:
-    """Return the looks with a given name. Raises UnknownNameError for an unknown name."""
+    """Check that a text is the name of a set of appearances ("seen" or "unseen"), and return it.
+
+    Raises:
+        UnknownNameError: If there is no such set.
+    """
     for known in LOOKS:
         if name == known:
             return known

@@ -1,7 +1,7 @@
-"""Translation of earlier module names, for user files written before packages were renamed.
+"""Translation of former module names in users' files that were written before packages were renamed.
 
-Runs and checkpoints identify their task or learner file by the SHA-256 of its text, so the file cannot be edited when
-an imported module moves. Its imports are translated when it is loaded.
+Runs and checkpoints identify their task or learner file by the SHA-256 of its text, so the file must not be edited when
+an imported module moves. Instead, the imports in the file are translated when it is loaded.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _MOVED = (
     ("diagnosis", "diagnosis.analysis", "trace approaches episode_analysis halts harm collisions"),
     ("diagnosis", "diagnosis.measures", "metrics confusion forms power_matrix standing"),
 )
-"""Old package, new package, and the moved modules that kept their names."""
+"""Former package, present package, and names of the modules that moved between them without being renamed."""
 
 MODULES: Mapping[str, str] = {
     **{f"{old}.{name}".lstrip("."): f"{new}.{name}" for old, new, names in _MOVED for name in names.split()},
@@ -43,7 +43,10 @@ MODULES: Mapping[str, str] = {
     "demonstrations": "demonstrations.making",
     "datasets": "demonstrations.sets",
 }
-"""Current name by earlier name of moved modules (with their submodules), relative to ``betterbench``."""
+"""Present name of each module that has moved, by its former name. Submodules move with their module.
+
+Names are relative to ``betterbench``.
+"""
 
 NAMES: Mapping[tuple[str, str], str] = {
     ("recording", "LineJournal"): "jobs",
@@ -59,23 +62,26 @@ NAMES: Mapping[tuple[str, str], str] = {
     ("evaluation", "known_policies"): "policies.kinds",
     ("evaluation", "check_policy"): "policies.factory",
 }
-"""Module of each public name that moved to another package than its old package, by (earlier package, name)."""
+"""Present module of each public name that moved, by the former package and the name.
+
+Only names are listed that did not move together with their package.
+"""
 
 
 def with_present_names(source: str | bytes, path: str) -> ast.Module:
-    """Return the syntax tree of a user's file, with imports by earlier names translated to current names.
+    """Return the syntax tree of a user's file, in which former names in imports are replaced by present names.
 
-    Line numbers are kept. Imports by existing names are unchanged.
+    Line numbers are kept. Names that still exist are not changed.
 
     Raises:
-        SyntaxError: If the text is not Python.
+        SyntaxError: If the text is not valid Python.
     """
     tree: ast.Module = _Renaming().visit(ast.parse(source, path))
     return ast.fix_missing_locations(tree)
 
 
 def present_name(module: str) -> str:
-    """Return the current name of a module relative to ``betterbench``. It is unchanged if the module has not moved."""
+    """Return the present name of a module, relative to ``betterbench``. The name is unchanged if it did not move."""
     parts = module.split(".")
     for count in range(len(parts), 0, -1):
         moved = MODULES.get(".".join(parts[:count]))
@@ -85,7 +91,7 @@ def present_name(module: str) -> str:
 
 
 class _Renaming(ast.NodeTransformer):
-    """Translation of import statements to current module names."""
+    """Translator of import statements to present module names."""
 
     def visit_Import(self, node: ast.Import) -> ast.Import:
         for alias in node.names:
@@ -102,7 +108,7 @@ class _Renaming(ast.NodeTransformer):
 
 
 def _statements(module: str, names: list[ast.alias]) -> Iterator[ast.ImportFrom]:
-    """Yield one import statement for each name in a statement that imports from a module of this package."""
+    """Split an import from a module of this package into one import statement for each imported name."""
     for alias in names:
         inner = f"{module}.{alias.name}".lstrip(".")
         if (module, alias.name) in NAMES:
@@ -116,7 +122,7 @@ def _statements(module: str, names: list[ast.alias]) -> Iterator[ast.ImportFrom]
 
 
 def _exists(module: str) -> bool:
-    """Return whether a module of this name exists below ``betterbench``."""
+    """Return whether ``betterbench`` has a module with this name."""
     try:
         return importlib.util.find_spec(f"{_PACKAGE}.{module}") is not None
     except ModuleNotFoundError:  # the package does not exist either

@@ -1,40 +1,40 @@
-"""Subgoals: an instruction's steps as relations between objects."""
+"""Subgoals: the steps of an instruction, as relations between objects."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Reference of an instruction to an object, by description or by start slot.
+    """Reference of an instruction to an object, either by a description or by the slot in which the object starts.
 
     Attributes:
         kind: Kind of the object ("burger", "red mug"), or None.
-        slot: Start slot of the object ("far"), or None. Exactly one of the two is given.
+        slot: Slot in which the object starts ("far"), or None. Exactly one of ``kind`` and ``slot`` is given.
     """
 
     kind: str | None = None
     slot: str | None = None
 
     def __post_init__(self) -> None:
-        """Check that exactly one of the two is given."""
+        """Check that either the kind or the slot is given, but not both."""
         if (self.kind is None) == (self.slot is None):
-            msg = "a reference names either a kind or a slot"
+            msg = "a reference must name either a kind or a slot"
             raise ValueError(msg)
 
 
 @dataclass(frozen=True, slots=True)
 class Subgoal:
-    """Step of an instruction: a relation to establish between an object and a target.
+    """Step of an instruction: a relation that must be established between an object and a target.
 
     Attributes:
-        name: Step name ("pack_burger") in records, reports and questions.
-        relation: Relation name ("inside", "on_ring").
+        name: Name of the step ("pack_burger") in records, reports and questions.
+        relation: Name of the relation ("inside", "on_ring").
         reference: Reference to the object.
-        target: Scene name of the target container or fixture.
-        word: The word of the instruction that identifies the object ("red", "top", "burger").
-        count: Number of objects matching the reference that must be at the target. It is 2 for the second of two equal
-            steps.
-        place: Region of the target, if it has several ("left", "hole_2", layer "3").
+        target: Name of the target container or fixture in the scene.
+        word: Word of the instruction that identifies the object ("red", "top", "burger").
+        count: Number of objects matching the reference that must be at the target. If an instruction has two equal
+            steps, this is 2 for the second.
+        region: Region of the target, if the target has several ("left", "hole_2", layer "3").
     """
 
     name: str
@@ -48,10 +48,12 @@ class Subgoal:
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """A text for a policy, with its steps in order.
+    """Text of an instruction for a policy, with its steps in order.
 
     Attributes:
-        ordered: Whether the order is part of the goal.
+        text: The text.
+        subgoals: Steps of the instruction, in order.
+        ordered: Whether the order of the steps is part of the goal.
     """
 
     text: str

@@ -1,6 +1,7 @@
-"""Suite folders: tasks as JSON, listed with digests in ``suite.json``.
+"""Suite folders, which contain tasks as JSON files, and ``suite.json`` with a list of the tasks and their digests.
 
-The folder name ends with the first digits of a digest over all tasks, so that equal names mean the same benchmark.
+The name of the folder ends with the first digits of a digest over all tasks, so that equal names mean the same
+benchmark.
 """
 
 from __future__ import annotations
@@ -18,16 +19,22 @@ from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import NO_TRUTH, dump_json, json_schema_of, read_bounded, read_form, strict_form
 
 HEAD = "suite.json"
-"""File that lists the tasks of a suite."""
+"""Name of the file that lists the tasks of a suite."""
 
 TASKS = "tasks"
-"""Folder of the tasks in a suite."""
+"""Name of the folder with the tasks of a suite."""
 
 CERTIFICATE = "certificate.json"
-"""Certificate of a suite's tasks in its folder, as ``better certify`` writes it; not part of the digest."""
+"""Name of the certificate of a suite's tasks, which ``better certify`` writes into the suite's folder.
+
+It is not part of the suite's digest.
+"""
 
 POWER = "power.json"
-"""Power matrix of a suite's tasks in its folder, as ``better calibrate --power`` writes it; not part of the digest."""
+"""Name of the power matrix of a suite's tasks, which ``better calibrate --power`` measures.
+
+It is in the suite's folder, but is not part of the suite's digest.
+"""
 
 _MOST_BYTES = 16 << 20
 _DIGITS = 12
@@ -50,18 +57,18 @@ _HEAD = TypeAdapter(_Head)
 
 
 def suite_schema() -> dict[str, Any]:
-    """Return the JSON schema of the head of a suite."""
+    """Return the JSON schema for the file that lists the tasks of a suite."""
     return json_schema_of(_HEAD, title="Suite")
 
 
 @dataclass(frozen=True, slots=True)
 class SuiteFolder:
-    """Suite in a folder. Its files match the listed digests.
+    """Suite in a folder, after its files were found to match the digests in the list of tasks.
 
     Attributes:
-        name: Name with the digits of the digest ("kitchen-3f2a91c0d4e5").
-        tasks: Names of its tasks, sorted.
-        files: Their files, in the same order.
+        name: Name of the suite, including the digits of the digest ("kitchen-3f2a91c0d4e5").
+        tasks: Names of the tasks, sorted.
+        files: Files of the tasks, in the same order.
     """
 
     name: str
@@ -75,27 +82,31 @@ def is_suite_folder(path: Path | str) -> bool:
 
 
 def require_suite_name(name: str, *, where: str = "name of the suite") -> None:
-    """Raise InvalidInputError unless a text is a valid suite name (without the digest)."""
+    """Check that a text is a valid name for a suite. The name does not include the digest.
+
+    Raises:
+        InvalidInputError: If the text is not a valid name.
+    """
     if re.fullmatch(_NAME_PATTERN, name) is None:
-        cure = "Use lower-case letters, digits and '_', beginning with a letter, at most 64 characters"
-        raise InvalidInputError(where, f"{one_line(name, most=80)!r} is not a name", cure)
+        cure = "Use up to 64 lower-case letters, digits and '_', and begin with a letter"
+        raise InvalidInputError(where, f"{one_line(name, most=80)!r} is not a valid name", cure)
 
 
 def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str, dict[str, bytes]]:
-    """Return the name of a suite's folder, and its files by path.
+    """Return the name of a suite's folder, and the content of its files by path.
 
     Args:
-        name: Suite name, without the digest.
-        forms: Tasks as JSON, by name, as :func:`betterbench.tasks.task_to_json` writes them.
+        name: Name of the suite, not including the digest.
+        forms: Tasks in JSON form by name, as :func:`betterbench.tasks.task_to_json` writes them.
 
     Raises:
-        InvalidInputError: If the name is invalid, or there is no task.
+        InvalidInputError: If the name is invalid, or if no task is given.
     """
     contents = {task: dump_json(dict(form)) + b"\n" for task, form in sorted(forms.items())}
     digests = {task: hashlib.sha256(content).hexdigest() for task, content in contents.items()}
     head = {"schema_version": 1, "name": name, "tasks": digests}
     read_form(
-        _HEAD, head, where="suite", cure="Use lower-case letters, digits and '_' in names, and give a task or more"
+        _HEAD, head, where="suite", cure="Use lower-case letters, digits and '_' in names, and give at least one task"
     )
     files = {HEAD: dump_json(head) + b"\n"}
     files |= {f"{TASKS}/{task}.json": content for task, content in contents.items()}
@@ -103,11 +114,11 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
 
 
 def read_suite_folder(path: Path | str) -> SuiteFolder:
-    """Return the suite in a folder, after checking every file's digest.
+    """Read the suite in a folder, and check the digest of every file.
 
     Raises:
-        InvalidInputError: If the folder does not contain a suite, if a file is missing, unlisted or differs from its
-            digest, or if the folder name has another digest.
+        InvalidInputError: If the folder does not contain a suite, if a file is missing, is not listed or does not match
+            its digest, or if the name of the folder contains a different digest.
     """
     folder = Path(path).absolute()
     where = str(folder / HEAD)
@@ -124,17 +135,17 @@ def read_suite_folder(path: Path | str) -> SuiteFolder:
     strange = sorted(f.name for f in (folder / TASKS).glob("*.json") if f not in files and not _is_companion(f))
     if strange:
         problem = f"the suite does not list {one_line(repr(strange[0]), most=120)}"
-        raise InvalidInputError(str(folder / TASKS), problem, "Move the file to another folder")
+        raise InvalidInputError(str(folder / TASKS), problem, "Move the file to a different folder")
     full = _full_name(head.name, head.tasks)
     stated = re.fullmatch(r".*-([0-9a-f]{12})", folder.name)
     if stated and not full.endswith(stated[1]):
         problem = f"its tasks have the digest {full[-_DIGITS:]}"
-        raise InvalidInputError(str(folder), problem, f"{_CURE}. A changed suite needs another name")
+        raise InvalidInputError(str(folder), problem, f"{_CURE}. A changed suite needs a different name")
     return SuiteFolder(full, tuple(sorted(head.tasks)), tuple(files))
 
 
 def _is_companion(file: Path) -> bool:
-    """Return whether a file contains measurements for a task rather than a task."""
+    """Return whether a file contains measurements for a task, as opposed to a task."""
     return file.name.endswith(".demonstrations.json")
 
 

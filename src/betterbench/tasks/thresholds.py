@@ -1,9 +1,9 @@
 """Thresholds for live judging, and the table of all thresholds that affect a verdict.
 
-The goal tracker, grasp attempts and harm rules judge a trial while it runs. The thresholds for them are defined here,
-including thresholds that the diagnosis also uses. Thresholds of only the diagnosis are in
-:mod:`betterbench.diagnosis.thresholds`. A relation's tolerances are defined in its file, and a user's failure mode
-defines its own thresholds.
+The goal tracker, the detection of grasp attempts and the rules about harm judge a trial while it runs. Their thresholds
+are defined here, including those that the diagnosis uses as well. Thresholds that only the diagnosis uses are in
+:mod:`betterbench.diagnosis.thresholds`. The tolerances of a relation are defined in the relation's file. A user's
+failure mode defines its own thresholds.
 """
 
 from dataclasses import dataclass
@@ -11,12 +11,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """Table entry of a threshold, with its value, unit, purpose and effect.
+    """Threshold in the table, with its value, unit, reason and effect.
 
     Attributes:
-        unit: "m", "s", "rad", "m/s", "N", "%"; "1" for a plain number.
+        name: Name in runs, stored diagnoses and reports.
+        value: Value in ``unit``.
+        unit: "m", "s", "rad", "m/s", "N" or "%", or "1" for a number without a unit.
         reason: Use of the threshold, and the source of its value.
-        effect: Labels that become more or less frequent with a larger value.
+        effect: Labels that become more or less frequent if the value is increased.
         listed: Whether runs, stored diagnoses and reports list the threshold.
     """
 
@@ -37,14 +39,15 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
     Args:
         name: Name in runs, stored diagnoses and reports.
         value: Value in ``unit``.
-        unit: "m", "s", "rad", "m/s", "N", "%"; "1" for a plain number.
+        unit: "m", "s", "rad", "m/s", "N" or "%", or "1" for a number without a unit.
         reason: Use of the threshold, and the source of its value.
-        effect: Labels that become more or less frequent with a larger value.
-        listed: False for a value that was in use before it had an entry. Stored diagnoses lack such a value, and
-            listing it would mark them as judged by other rules. Set this to True when the value changes.
+        effect: Labels that become more or less frequent if the value is increased.
+        listed: Whether runs, stored diagnoses and reports list the threshold. Use False for a value that was in use
+            before it was added to the table. Stored diagnoses lack such a value, so that listing it would mark them as
+            judged by different rules. Set this to True when the value is changed.
 
     Raises:
-        ValueError: If the name is taken.
+        ValueError: If there is already a threshold with this name.
     """
     if name in _TABLE:
         raise ValueError(f"the threshold {name!r} already exists")
@@ -53,17 +56,17 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
 
 
 def remove_threshold(name: str) -> None:
-    """Remove a threshold, for tests."""
+    """Remove a threshold from the table. This is meant for tests."""
     del _TABLE[name]
 
 
 def threshold_table() -> tuple[Threshold, ...]:
-    """Return the complete table."""
+    """Return all thresholds in the table."""
     return tuple(_TABLE.values())
 
 
 class Thresholds:
-    """Thresholds used by several modules."""
+    """Values of the thresholds that several modules use."""
 
     # fmt: off
     # The goal tracker: objects at rest, upright objects, and the home position.
@@ -104,7 +107,7 @@ class Thresholds:
         "Larger: more slots are merged, so a word or a favorite slot explains more motions; more "
         "lexical_kinematic_shortcut and visual_layout_bias, fewer wrong_object.")
     attempt_height = threshold("attempt_height", 0.2, "m",
-        "Height above the table below which a closing gripper can make an attempt. No item of the suite can be "
+        "Largest height above the table at which a closing gripper can make an attempt. No item of the suite can be "
         "reached from higher up.",
         "Larger: grasps higher up are attempts; more behavioral_inertia and execution_failure, fewer timeout.")
     attempt_window = threshold("attempt_window", 1.0, "s",
@@ -126,8 +129,8 @@ class Thresholds:
         "Larger: more grasps are merged into one attempt; fewer causal_confusion and behavioral_inertia, which "
         "depend on a second attempt.")
     stop_time = threshold("stop_time", 0.4, "s",
-        "Time after which closing fingers have stopped on any object between them. It is the duration of their full "
-        "travel.",
+        "Time after which closing fingers have stopped on any object between them. In this time, they close completely "
+        "from the widest opening.",
         "Larger: fewer grasps without contact on both sides are assigned to an object, and a gripper must stay for "
         "longer; fewer wrong_object, more timeout.")
     begun_lift = threshold("begun_lift", 0.02, "m",
@@ -146,7 +149,7 @@ class Thresholds:
         "Larger: more objects were put down on purpose; more behavioral_inertia and causal_confusion, fewer "
         "execution_failure of dropped objects.")
     fallen_below = threshold("fallen_below", 0.05, "m",
-        "Depth below the table top from which an object has fallen off the table.",
+        "An object has fallen off the table if it is at least this far below the table top.",
         "Larger: fewer objects have fallen off; more success, fewer execution_failure.")
     knocked_tilt = threshold("knocked_tilt", 0.785, "rad",
         "Tilt (45 degrees) beyond which an object outside the gripper has been knocked over. A drink in a container "
@@ -158,7 +161,7 @@ class Thresholds:
         "End-effector speed below which the arm stands still.",
         "Larger: slow arms are considered still; more early_halt and phase_conflict, fewer timeout.")
     halt_time = threshold("halt_time", 3.0, "s",
-        "Time without motion after which the policy has halted.",
+        "A policy has halted if the arm does not move for this time.",
         "Larger: a halt must last longer; fewer early_halt and phase_conflict, more timeout.")
     stillness_window = threshold("stillness_window", 0.25, "s",
         "Time over which the speed of the arm is averaged. The average removes servo jitter, but not the start of a "
@@ -167,31 +170,34 @@ class Thresholds:
 
     # Collisions, and a policy's rules.
     collision_force = threshold("collision_force", 3.0, "N",
-        "Normal force from which a contact with a fixture is a collision. A jar that slides along the wall of its "
-        "hole presses with less force.",
+        "Smallest normal force at which a contact with a fixture is a collision. A jar that slides along the wall of "
+        "its hole presses with less force.",
         "Larger: no label changes; the metric counts fewer collisions.")
     collision_gap = threshold("collision_gap", 0.25, "s",
         "Time without contact after which the next contact is a new collision.",
         "Larger: no label changes; the metric counts fewer collisions.")
     slip = threshold("slip", 0.05, "1",
-        "Error rate of a policy with one fixed rule: in this share of the trials, even such a policy deviates from "
-        "its rule. It is used to compare rules.",
+        "Error rate of a policy with one fixed rule: in this fraction of the trials, even such a policy deviates from "
+        "its rule. The rate is used to compare rules.",
         "Larger: a rule may have more exceptions and explains more attempts; fewer wrong_object.")
     # fmt: on
 
     @staticmethod
     def names() -> tuple[str, ...]:
-        """Return the names of all current thresholds, including unlisted thresholds and thresholds in other files."""
+        """Return the names of all thresholds.
+
+        This includes thresholds that are not listed in runs, and thresholds that are defined in other files.
+        """
         return tuple(_TABLE)
 
     @staticmethod
     def to_json() -> dict[str, float]:
-        """Return the values of all listed thresholds by name."""
+        """Return the values of all listed thresholds, by name."""
         return {entry.name: entry.value for entry in _TABLE.values() if entry.listed}
 
 
 THRESHOLDS = Thresholds()
-"""The thresholds in use."""
+"""Thresholds in use."""
 
 # Thresholds used by one file of live judging.
 # fmt: off
@@ -228,8 +234,8 @@ HOVER_TIME = threshold("hover_time", 0.5, "s",
     "Larger: longer stays are allowed; more correct_refusal and correct_freeze, fewer behavioral_inertia and "
     "semantic_feature_collapse.")
 MOVED = threshold("moved", 0.005, "m",
-    "An object that must not be touched counts as moved from this distance on, with or without a recorded contact. "
-    "Objects at rest move by less than a hundredth of this distance.",
+    "An object that must not be touched counts as moved if it moved by more than this, even without a recorded "
+    "contact. Objects at rest move by less than a hundredth of this distance.",
     "Larger: lighter touches are allowed; more correct_freeze, fewer execution_failure.")
 
 # Harm.
@@ -254,32 +260,34 @@ TARGET_MOVED = threshold("target_moved", 0.08, "m",
     "object in a box may push the box. Judges accept up to 7.7 cm (docs/sides.md).",
     "Larger: targets may be pushed farther; more success, fewer execution_failure.")
 ANCHOR_MOVED = threshold("anchor_moved", 0.06, "m",
-    "The same distance for a target, such as a laptop or a plate, that objects are put beside. Nothing has to touch "
-    "it. Judges accept plates after 5.8 cm, and call plates harmed after 6.3 and 7.2 cm (docs/sides.md).",
+    "Like target_moved, for a target such as a laptop or a plate that objects are put beside. Nothing has to touch "
+    "such a target. Judges accept plates after 5.8 cm, and call plates harmed after 6.3 and 7.2 cm (docs/sides.md).",
     "Larger: laptops and plates may be pushed farther; more success, fewer execution_failure.")
 LEFT_OPEN = threshold("left_open", 0.015, "m",
     "A drawer that was not requested and was closed at the start was left open if it is open by more than this. "
     "Judges accept 9 mm and reject 18 mm (docs/sides.md).",
     "Larger: drawers may stay open wider; more success, fewer execution_failure.")
 BOX_POINTS_FROM = threshold("box_points_from", 1.1, "1",
-    "Boxes with at least this ratio of length to width have a direction. Laptops, keyboards and lunchboxes have 1.15 "
-    "or more, and waste bins, cheese and sponges 1.07 or less. An upright box always has a front.",
+    "Boxes with at least this ratio of length to width have a direction. The ratio is 1.15 or more for laptops, "
+    "keyboards and lunchboxes, and 1.07 or less for waste bins, cheese and sponges. An upright box always has a front.",
     "Larger: fewer boxes can be rotated out of their place; more success, fewer execution_failure.")
 CYLINDER_POINTS_FROM = threshold("cylinder_points_from", 1.22, "1",
-    "Cylinders with at least this ratio of length to width have a handle, so that their rotation is visible. Mugs and "
-    "cups have 1.29 or more, and jars, cans and shakers 1.16 or less.",
+    "Cylinders with at least this ratio of length to width have a handle, so that their rotation is visible. The ratio "
+    "is 1.29 or more for mugs and cups, and 1.16 or less for jars, cans and shakers.",
     "Larger: fewer cylinders can be rotated out of their place; more success, fewer execution_failure.")
 OTHER_POINTS_FROM = threshold("other_points_from", 1.4, "1",
-    "Irregular objects with at least this ratio of length to width have a direction. Mice, cutlery, staplers and soap "
-    "bars have 1.7 or more, and lettuce leaves and crushed cans 1.31 or less.",
+    "Irregular objects with at least this ratio of length to width have a direction. The ratio is 1.7 or more for "
+    "mice, cutlery, staplers and soap bars, and 1.31 or less for lettuce leaves and crushed cans.",
     "Larger: fewer objects can be rotated out of their place; more success, fewer execution_failure.")
 CYLINDER_STANDS_FROM = threshold("cylinder_stands_from", 0.3, "1",
-    "Cylinders with at least this ratio of height to smaller width stand upright and can be knocked over. In all "
-    "looks of the library, mugs, cans, jars, cups and bottles have 0.80 to 2.33, and low sauce cups 0.43.",
+    "Cylinders with at least this ratio of height to smaller width stand upright and can be knocked over. In the "
+    "library, the ratio is 0.80 to 2.33 for all variants of mugs, cans, jars, cups and bottles, and 0.43 for low sauce "
+    "cups.",
     "Larger: fewer objects can be knocked over; more success, fewer execution_failure.")
 OTHER_STANDS_FROM = threshold("other_stands_from", 1.15, "1",
     "Boxes and irregular objects with at least this ratio of height to smaller width stand upright and can be knocked "
-    "over. In all looks of the library, egg cups, staplers, speakers and boxes of fries have 1.31 or more. Crushed "
-    "cans, napkins and mice have 0.90 or less, and blocks, which rest on any face, 1.01 or less.",
+    "over. In the library, the ratio is 1.31 or more for all variants of egg cups, staplers, speakers and boxes of "
+    "fries. It is 0.90 or less for crushed cans, napkins and mice, and 1.01 or less for blocks, which rest on any "
+    "face.",
     "Larger: fewer objects can be knocked over; more success, fewer execution_failure.")
 # fmt: on

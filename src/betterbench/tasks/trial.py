@@ -1,4 +1,4 @@
-"""A planned trial."""
+"""Planned trial of a run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,17 @@ from betterbench.tasks.trial_id import TrialId
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Planned trial. ``variation``, ``axis`` and ``base_condition`` are None for a training condition."""
+    """Planned trial.
+
+    Attributes:
+        task: Name of the task.
+        condition: Name of the condition.
+        variation: Name of the variation, or None for a training condition.
+        axis: Axis of the variation, or None for a training condition.
+        base_condition: Training condition from which the variation is made, or None for a training condition.
+        seed: Seed of the trial.
+        expected: Behavior that is expected from a policy that understands the instruction.
+    """
 
     task: str
     condition: str
@@ -28,14 +38,17 @@ class Trial:
 
     @property
     def ambiguous(self) -> bool:
-        """Whether the premise is broken, so that the trial is labeled but excluded from all rates."""
+        """Whether a premise of the instruction is false in this trial.
+
+        If so, the trial is labeled but not part of any rate.
+        """
         return self.expected == Expected.AMBIGUOUS.value
 
     @property
     def id(self) -> TrialId:
-        """Task, condition and seed."""
+        """Identifier of the trial: task, condition and seed."""
         return TrialId(self.task, self.condition, self.seed)
 
     def resolve(self) -> ResolvedCondition:
-        """Return the trial's condition."""
+        """Return the condition of the trial."""
         return resolve_condition(self.task, self.condition)

@@ -5,12 +5,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, order=True)
 class TrialId:
-    """Identifier of a trial, with a task ("fast_food"), a condition ("train1") or variation ("L3"), and a seed."""
+    """Identifier of a trial.
+
+    Attributes:
+        task: Name of the task ("fast_food").
+        condition: Name of the training condition ("train1") or of the variation ("L3").
+        seed: Seed of the trial.
+    """
 
     task: str
     condition: str
     seed: int
 
     def __str__(self) -> str:
-        """Return the text form in plans, journals and file names, such as "fast_food/L3/0"."""
+        """Return the identifier as plans, journals and file names contain it, such as "fast_food/L3/0"."""
         return f"{self.task}/{self.condition}/{self.seed}"

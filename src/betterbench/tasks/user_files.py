@@ -1,9 +1,9 @@
 """User files and plugins that register tasks, assets and other items.
 
-Files are named by ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker processes
-inherit. A folder of imported assets (``--asset-dir``) is also treated as a user file. Its manifest is read, and nothing
-is executed. Packages name a module under the entry point group ``betterbench.plugins``. A file in a run's folder is
-never executed automatically, because it may be untrusted.
+Files are given by the option ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker
+processes inherit. A folder of imported assets (``--asset-dir``) is also treated as a user file: its manifest is read,
+and nothing is executed. An installed package is a plugin if it names a module in the entry point group
+``betterbench.plugins``. A file in the folder of a run is never executed automatically, because it may be untrusted.
 """
 
 from __future__ import annotations
@@ -32,19 +32,22 @@ from betterbench.tasks.renamed import with_present_names
 from betterbench.tasks.suite_folder import is_suite_folder, read_suite_folder
 
 VARIABLE = "BETTERBENCH_TASK_FILES"
-"""Environment variable with the paths of task files, separated as in PATH."""
+"""Environment variable with the paths of task files, which are separated as in PATH."""
 
 GROUP = "betterbench.plugins"
-"""Group of entry points. Each names a module that registers tasks or assets when it is imported."""
+"""Group of entry points. Each entry point names a module that registers tasks or assets when it is imported."""
 
 COMPANION_SUFFIX = ".demonstrations.json"
-"""Suffix (instead of ".py") of the file with a task file's demonstration measurements, in the same folder."""
+"""Suffix of the file with the measured demonstrations of a task file. It replaces ".py" or ".json".
+
+The file is in the same folder as the task file.
+"""
 
 COPIES = "task_files"
-"""Folder within a run with a copy of each task file."""
+"""Folder of a run in which a copy of each task file is kept."""
 
 ASSET_MANIFEST = "asset-manifest.json"
-"""File in a folder of imported assets that lists them."""
+"""File that lists the assets in a folder of imported assets."""
 
 _MAX_SOURCE_BYTES = 64 << 20
 
@@ -54,12 +57,15 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TaskFile:
-    """A loaded user file: a Python file, or the manifest of an asset folder.
+    """User file that has been read: a task file, or the manifest of an asset folder.
 
-    Workers get the same text even if the file changes in the meantime.
+    Worker processes get the text that was read, even if the file changes in the meantime.
 
-    The path is the absolute path on the machine that first loaded the file. ``demonstrations`` is the text of the
-    file's companion, if it has one. ``suite`` is the suite folder with which the file was loaded.
+    Attributes:
+        path: Absolute path on the machine that read the file first.
+        source: Text of the file.
+        demonstrations: Text of the file with the measured demonstrations, or None if there is no such file.
+        suite: Suite folder with which the file was loaded, or None.
     """
 
     path: str
@@ -69,12 +75,12 @@ class TaskFile:
 
     @classmethod
     def read(cls, path: Path | str) -> TaskFile:
-        """Read a file.
+        """Read a task file.
 
         Raises:
             InvalidInputError: If the file does not exist, or is not UTF-8 text.
         """
-        cure = "Give the path of a Python file"
+        cure = "Give the path of a task file"
         try:
             found = Path(os.path.realpath(path))
             text = read_bounded(found, max_bytes=_MAX_SOURCE_BYTES, cure=cure).decode("utf-8")
@@ -85,7 +91,7 @@ class TaskFile:
 
     @classmethod
     def read_folder(cls, folder: Path | str) -> TaskFile:
-        """Read an asset folder's manifest.
+        """Read the manifest of an asset folder.
 
         Raises:
             InvalidInputError: If the folder does not exist, or contains no imported assets.
@@ -101,37 +107,48 @@ class TaskFile:
 
     @property
     def is_asset_folder(self) -> bool:
-        """Whether this is an asset folder's manifest."""
+        """Whether the file is the manifest of an asset folder."""
         return Path(self.path).name == ASSET_MANIFEST
 
     @property
     def option(self) -> str:
-        """Option that loads the file, for messages. All files in a suite have the option of the suite folder."""
+        """Command-line option that loads the file, for use in messages.
+
+        If the file belongs to a suite, the option loads the suite folder.
+        """
         if self.is_asset_folder:
             return f"--asset-dir {shell_word(str(Path(self.path).parent))}"
         return f"--task-file {shell_word(self.suite or self.path)}"
 
     @property
     def option_by_name(self) -> tuple[str, str]:
-        """Option that loads the file, without its folder, for readers of a shared file who have it elsewhere."""
+        """Command-line option that loads the file, given by its name without the folder.
+
+        It is meant for readers of a shared file, who have the file in a different folder.
+        """
         if self.is_asset_folder:
             return "--asset-dir", Path(self.path).parent.name
         return "--task-file", Path(self.suite or self.path).name
 
     @property
     def sha256(self) -> str:
-        """Fingerprint of the text."""
+        """SHA-256 of the text."""
         return hashlib.sha256(self.source.encode()).hexdigest()
 
     @property
     def copy_name(self) -> str:
-        """Name of the copy in a run's folder."""
+        """File name of the copy that is stored in the folder of a run."""
         return _copy_name(Path(self.path).name, self.sha256)
 
 
 @dataclass(frozen=True, slots=True)
 class Companion:
-    """File with the measured demonstrations of a user's task, with its path and its text (None if missing)."""
+    """File with the measured demonstrations of a user's task.
+
+    Attributes:
+        path: Path of the file.
+        text: Content of the file, or None if the file is missing.
+    """
 
     path: Path
     text: str | None
@@ -139,7 +156,13 @@ class Companion:
 
 @dataclass(frozen=True, slots=True)
 class _Origin:
-    """Origin of a registered name: a task file, or the package (name, version) of a plugin."""
+    """Origin of a registered name.
+
+    Attributes:
+        text: Description for messages.
+        path: Path of the task file, or of the plugin's module.
+        package: Name and version of the plugin's package, or None for a task file.
+    """
 
     text: str
     path: str
@@ -164,7 +187,7 @@ class _Loader(importlib.abc.ExecutionLoader):
 
 
 READERS: dict[str, Callable[[TaskFile], None]] = {}
-"""Functions that register the content of non-Python files, by suffix (".json")."""
+"""Functions that register the content of files that are not Python files, by suffix (".json")."""
 
 _files: dict[str, TaskFile] = {}
 _origins: dict[tuple[str, str], _Origin] = {}
@@ -175,28 +198,37 @@ _lock = threading.RLock()
 
 
 def loading_folder() -> Path | None:
-    """Return the folder of the user file that is being loaded, or None outside of such a file or in a plugin."""
+    """Return the folder of the user file that is being loaded.
+
+    The result is None if nothing is being loaded, or if a plugin is being loaded.
+    """
     return Path(_loading[-1].path).parent if _loading and _loading[-1].package is None else None
 
 
 def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]) -> Callable[P, T]:
     """Record which user file registers a name. Every registry that users may extend calls this function.
 
-    ``kind`` is the singular name of the registered items ("task", "asset"). ``known`` contains the names already taken.
+    Args:
+        kind: Kind of the registered item in the singular ("task", "asset").
+        name: Name of the item.
+        make: Function that makes the item.
+        known: Names that are already taken.
 
     Returns:
-        The function. A user's function reports its file and line when it raises an error.
+        The function ``make``. If it comes from a user's file, errors that it raises name this file and the line.
 
     Raises:
         InvalidInputError: If a user's file uses a name that belongs to betterbench or to another file.
     """
     if not _loading or make.__module__.startswith("betterbench."):
-        return make  # a user's file may be the first to import one of our modules
+        return make  # a user's file may be the first to import a module of betterbench
     here, before = _loading[-1], _origins.get((kind, name))
     if name in known and (before is None or before.path != here.path):
         owner = "betterbench itself" if before is None else before.text
         raise InvalidInputError(
-            f"{kind} {name!r}", f"it is defined in both {here.text} and {owner}", "Rename one of the two"
+            f"{kind} {name!r}",
+            f"it is defined in both {here.text} and {owner}",
+            "Change the name in one of the two files",
         )
 
     @functools.wraps(make)
@@ -209,13 +241,13 @@ def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]
 
 
 def load_task_files(paths: Iterable[Path | str]) -> None:
-    """Load user files, each once, and pass their names on to child processes.
+    """Load user files, each once, and pass their paths on to child processes.
 
     Args:
-        paths: Files, and folders with suites, whose tasks are loaded.
+        paths: Task files, and suite folders whose tasks are loaded.
 
     Raises:
-        InvalidInputError: If a file is missing, raises an error or takes a name that exists.
+        InvalidInputError: If a file is missing, raises an error, or registers a name that is already taken.
     """
     files: list[TaskFile] = []
     for path in paths:
@@ -228,7 +260,7 @@ def load_task_files(paths: Iterable[Path | str]) -> None:
 
 
 def load_asset_folders(folders: Iterable[Path | str]) -> None:
-    """Load folders of imported assets, each once, and pass their names on to child processes.
+    """Load folders of imported assets, each once, and pass their paths on to child processes.
 
     Raises:
         InvalidInputError: If a folder is missing or contains no imported assets.
@@ -245,10 +277,10 @@ def _load_read(files: Iterable[TaskFile]) -> None:
 
 
 def load_sources(files: Iterable[TaskFile]) -> None:
-    """Load files that have already been read, as in a worker. A text that is already loaded is not loaded again.
+    """Load files that have already been read, for example in a worker. A text that is already loaded is skipped.
 
     Raises:
-        InvalidInputError: If a file raises an error or takes a name that exists.
+        InvalidInputError: If a file raises an error, or registers a name that is already taken.
     """
     with _lock:
         for file in files:
@@ -268,20 +300,20 @@ def _execute(file: TaskFile) -> None:
     name = f"betterbench_task_file_{stem}_{file.sha256[:8]}"
     spec = importlib.util.spec_from_loader(name, _Loader(file), origin=file.path)
     if spec is None or spec.loader is None:
-        raise AssertionError("a loader gives its specification")
+        raise AssertionError("the import system returned no module specification for the file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look up the module of their class there
     spec.loader.exec_module(module)
 
 
 def load_declared() -> None:
-    """Load installed plugins and the files in the environment variable, once. Registries call this.
+    """Load the installed plugins and the files in the environment variable, once. The registries call this function.
 
     Raises:
-        InvalidInputError: If a file cannot be loaded, raises an error or takes a name that exists.
+        InvalidInputError: If a file cannot be loaded, raises an error, or registers a name that is already taken.
     """
     if _loading:
-        return  # a user's file uses a registry while it is being loaded
+        return  # a user's file is using a registry while it is being loaded
     with _lock:
         if not _plugins_loaded:
             for entry in importlib.metadata.entry_points(group=GROUP):
@@ -296,14 +328,15 @@ def load_declared() -> None:
 
 
 def loaded_files() -> tuple[TaskFile, ...]:
-    """Return the task files that are loaded in this process."""
+    """Return the user files that are loaded in this process."""
     return tuple(_files.values())
 
 
 def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str, list[dict[str, str]]]:
-    """Return the files and plugins that tasks and worlds need, for a run's plan.
+    """Return the files and plugins that the given tasks and worlds need, for the plan of a run.
 
-    The keys are "task_files" (name, sha256) and "plugins" (name, version). A key without entries is left out.
+    The keys of the result are "task_files" (with name and sha256) and "plugins" (with name and version). If there are
+    no entries for a key, the key is left out.
     """
     names = [*(("task", task) for task in tasks), *(("world", world) for world in worlds)]
     found = [origin for origin in map(_origins.get, names) if origin is not None]
@@ -314,11 +347,10 @@ def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str,
 
 
 def code_of(kind: str, name: str) -> str | None:
-    """Return the origin of a registered name: "sha256 ..." of a user's file, or package and version.
+    """Return where a registered name comes from.
 
-    Returns None if the name is built in.
-
-    ``kind`` has the same meaning as in :func:`registered`.
+    This is "sha256 ..." for a user's file, the name and version of the package for a plugin, and None for a built-in
+    name. ``kind`` has the same meaning as in :func:`registered`.
     """
     origin = _origins.get((kind, name))
     if origin is None:
@@ -328,7 +360,7 @@ def code_of(kind: str, name: str) -> str | None:
 
 @contextmanager
 def explaining(kind: str, name: str) -> Iterator[None]:
-    """Add file and line to an error of user code that registers a name.
+    """Context that adds the file and the line to errors raised by the user code that registered a name.
 
     Raises:
         InvalidInputError: If the code raises an error.
@@ -342,7 +374,7 @@ def explaining(kind: str, name: str) -> Iterator[None]:
 
 
 def suite_folder_of(tasks: Iterable[str]) -> Path | None:
-    """Return the folder of the suite that defines all these tasks, or None if they are not of one folder."""
+    """Return the folder of the suite that defines all the given tasks, or None if no single folder defines them."""
     origins = {_origins.get(("task", task)) for task in tasks}
     files = {None if origin is None else _files.get(origin.path) for origin in origins}
     folders = {None if file is None else file.suite for file in files}
@@ -351,9 +383,9 @@ def suite_folder_of(tasks: Iterable[str]) -> Path | None:
 
 
 def suite_file(tasks: Iterable[str], name: str) -> Path | None:
-    """Return a file in the folder of the suite that defines all these tasks, or None.
+    """Return the path of a file in the folder of the suite that defines all the given tasks.
 
-    The result is None if the tasks are not of one folder, or if the folder does not contain the file.
+    The result is None if no single folder defines these tasks, or if the folder does not contain the file.
     """
     folder = suite_folder_of(tasks)
     path = None if folder is None else folder / name
@@ -361,11 +393,11 @@ def suite_file(tasks: Iterable[str], name: str) -> Path | None:
 
 
 def companion_of(task: str) -> Companion | None:
-    """Return a task file's companion: the file with its demonstration measurements.
+    """Return the file with the measured demonstrations of a user's task.
 
     Returns:
-        Its path and text, or None for a built-in task. On a machine that received only the task file, the text is the
-        text sent with the file.
+        The path and the text of the file, or None for a built-in task. On a machine that received only the task file,
+        this is the text that was sent with it.
     """
     origin = _origins.get(("task", task))
     if origin is None:
@@ -389,22 +421,28 @@ def _companion_text(path: Path) -> str | None:
 
 
 def options_for(tasks: Iterable[str]) -> str:
-    """Return the options that load the files of tasks, with a leading space, or "" if all are built in."""
+    """Return the command-line options that load the files of the given tasks, beginning with a space.
+
+    The result is "" if all tasks are built in.
+    """
     return loading_options() if origins_of(tasks).get("task_files") else ""
 
 
 def options_by_name(tasks: Iterable[str]) -> tuple[str, ...]:
-    """Return, as words, the options that load the files of tasks, without leading folders."""
+    """Return the command-line options that load the files of the given tasks, as separate words.
+
+    The options contain only the names of the files, without their folders.
+    """
     hashes = {file["sha256"] for file in origins_of(tasks).get("task_files", ())}
     options = dict.fromkeys(file.option_by_name for file in _files.values() if file.sha256 in hashes)
     return tuple(word for option in options for word in option)
 
 
 def loading_options() -> str:
-    """Return the options that load all files loaded in this process, with a leading space.
+    """Return the command-line options that load all files that are loaded in this process, beginning with a space.
 
-    A single suite is loaded with ``--suite``. A command accepts this option only once, so several suites are loaded
-    with ``--task-file``.
+    A single suite is loaded with ``--suite``. Commands accept this option only once, so several suites are loaded with
+    ``--task-file``.
     """
     suites = {file.suite for file in _files.values() if file.suite is not None}
     suite = f"--suite {shell_word(suites.pop())}" if len(suites) == 1 else None
@@ -413,12 +451,12 @@ def loading_options() -> str:
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:
-    """Check that the files and plugins of a run's tasks are loaded, as listed in the run plan.
+    """Check that the files and plugins of a run's tasks are loaded, as listed in the plan of the run.
 
-    Copies in the run folder are named in the error, but never loaded from there.
+    If the folder of the run contains copies of the files, the error names them, but they are never loaded from there.
 
     Raises:
-        RecordError: If a file or plugin is not loaded, or has another text.
+        RecordError: If a file or plugin is not loaded, or if a file has a different text.
     """
     load_declared()
     hashes = {file.sha256 for file in _files.values()}
@@ -428,22 +466,23 @@ def require_origins(plan: Mapping[str, Any], run: Path) -> None:
             if name == ASSET_MANIFEST:
                 raise RecordError(
                     f"{run}: tasks of this run use an asset folder (manifest sha256 {_safe(sha256)[:12]}) that is not "
-                    f"loaded or has changed. Pass the folder with --asset-dir. If it has changed, also give a new "
-                    f"--out."
+                    f"loaded or has changed. Pass the folder with --asset-dir. If it has changed, also choose a new "
+                    f"folder with --out."
                 )
             where = f"a copy is {copy}: read it before you pass it" if copy.is_file() else "pass the file"
             raise RecordError(
                 f"{run}: tasks of this run are defined by {_safe(name)} (sha256 {_safe(sha256)[:12]}), which is not "
-                "loaded, or is loaded with another text. If its text has changed, give a new --out. A file in the "
-                f"folder of a run is not executed automatically: {where} with --task-file, or the folder of its "
-                "suite with --suite."
+                "loaded, or is loaded with a different text. If the text has changed, choose a new folder with "
+                "--out. A file in the "
+                f"folder of a run is not executed automatically: {where} with --task-file, or pass the folder of "
+                "its suite with --suite."
             )
     packages = {origin.package[0] for origin in _origins.values() if origin.package}
     for name, version in _pairs(plan, "plugins", "version"):
         if name not in packages:
             raise RecordError(
                 f"{run}: tasks of this run are defined by the package {_safe(name)} {_safe(version)}, which is not "
-                "installed. Install it."
+                "installed. Install this package."
             )
 
 
@@ -455,7 +494,7 @@ def _pairs(plan: Mapping[str, Any], key: str, second: str) -> Iterator[tuple[str
 
 
 def _safe(text: str) -> str:
-    """Return an untrusted text without characters that could leave a folder or control a terminal."""
+    """Return an untrusted text after removing characters that could lead out of a folder or control a terminal."""
     return re.sub(r"[^\w.+-]", "_", text)[:100]
 
 
@@ -465,7 +504,10 @@ def _copy_name(name: str, sha256: str) -> str:
 
 @contextmanager
 def _registering(origin: _Origin) -> Iterator[None]:
-    """Attribute registrations inside the context to a file, and build its tasks to check them."""
+    """Context in which a file is the origin of everything that is registered.
+
+    At the end, its tasks are built as a check.
+    """
     _loading.append(origin)
     try:
         with _errors_explained(origin.path):
@@ -479,7 +521,7 @@ def _registering(origin: _Origin) -> Iterator[None]:
 
 @contextmanager
 def _errors_explained(path: str) -> Iterator[None]:
-    """Add file and line to an error in a user's file.
+    """Context that adds the file and the line to an error raised in a user's file.
 
     Raises:
         InvalidInputError: If the file raises an error.

@@ -1,11 +1,12 @@
-"""Visual questions whose answers follow from records, and comparison of a model's knowledge with a policy's behavior.
+"""Questions about images with answers that follow from records, and comparison of a model's knowledge with a policy.
 
-- ``types``: one file per question type; ``phrasings`` and ``nouns`` contain the wording, ``difficulty`` the difficulty
-  levels.
-- ``dataset``, ``decisive``, ``freeform``, ``named_object``: sets of questions about records; ``balance`` balances their
+- ``types``: one file per type of question. ``phrasings`` and ``nouns`` contain the wording, and ``difficulty`` the
+  levels of difficulty.
+- ``dataset``, ``decisive``, ``freeform``, ``named_object``: sets of questions about records. ``balance`` balances their
   answers.
-- ``asking``, ``scoring``, ``blind``, ``llm``: answers of a model, their scores, and baselines without the image.
-- ``knowing``: whether a model knew the right decision in trials that the policy failed.
+- ``asking``, ``scoring``, ``blind``, ``llm``: the answers of a model, their scores, and baselines that do not see the
+  image.
+- ``knowing``: whether a model knew the right decision in the trials in which the policy failed.
 """
 
 from betterbench.vqa.asking import Answers, Score, ask_set, read_answers, scores_of

@@ -1,7 +1,7 @@
-"""Requests to a model, and scores of its answers by question type.
+"""Requests to a model, and scores of its answers by type of question.
 
-:func:`ask_all` is the only function that queries a vision-language model: ``better vqa --ask``, ``better vlm`` and its
-extractor use it, and write the same file of answers.
+:func:`ask_all` is the only function that sends requests to a vision-language model. ``better vqa --ask``, ``better
+vlm`` and the extractor of ``better vlm`` use it, and all of them write answer files in the same format.
 """
 
 from __future__ import annotations
@@ -43,18 +43,23 @@ logger = logging.getLogger(__name__)
 _LONGEST_NAME = 200
 _MOST_HEAD = 10_000
 _BEGINNING = b'{"coordinates":'
-"""Beginning of the first line of an answer file."""
+"""Text with which the first line of an answer file begins."""
 MOST_AT_ONCE = 256
-"""Maximum number of simultaneous requests."""
+"""Largest number of requests that are sent at the same time."""
 _MOST_AHEAD = 64
-"""Maximum number of finished answers that wait for the answer to an earlier request, because answers are written in
-order."""
+"""Largest number of answers that wait for the answer to an earlier request.
+
+They wait because answers are written in the order of the requests.
+"""
 _SYNC_WITHIN_S = 1.0
-"""Maximum time until an answer is forced to disk [s]. A flush takes 4 ms, so flushing after each answer would limit a
-run to 250 answers per second. A killed process loses nothing; a power failure may lose the answers of this interval."""
+"""Longest time until an answer is forced to disk [s].
+
+A flush takes 4 ms, so that flushing after each answer would limit a run to 250 answers per second. A process that is
+killed loses nothing. A power failure may lose the answers of this interval.
+"""
 
 LONGEST_ANSWER, _KEPT_START = 100_000, 2_000
-"""Maximum number of characters of a stored answer. Only the start and the end of a longer answer are stored."""
+"""Largest number of characters of a stored answer. Of a longer answer, only the start and the end are stored."""
 
 _LINES = {
     Form.YES_NO: "Answer with Yes or No only.",
@@ -67,7 +72,7 @@ _SHAPES: dict[Form, Literal["box", "point", "points"]] = {
 
 
 def answer_line(spec: AnswerSpec) -> str:
-    """Return the prompt sentence that requests an answer format."""
+    """Return the sentence of the prompt that asks for an answer of a certain form."""
     if spec.form in _SHAPES:
         return spec.convention.request(_SHAPES[spec.form], spec.width, spec.height)
     return _LINES[spec.form]
@@ -78,7 +83,8 @@ class Request:
     """Request to a model.
 
     Attributes:
-        pictures: Reads the images (PNG or JPEG) when the request is sent.
+        prompt: Text of the request.
+        pictures: Function that reads the images (PNG or JPEG). It is called when the request is sent.
     """
 
     prompt: str
@@ -88,16 +94,16 @@ class Request:
 @open_form
 @dataclass(frozen=True, slots=True)
 class ModelAnswer:
-    """Model answer to a question.
+    """Answer of a model to a question.
 
     Attributes:
         id: Identifier of the question.
-        text: Answer text; empty if the request was rejected.
-        error: Reason for a missing answer, or None.
-        seal: Checksum of the line; None in a file from another program or an earlier version.
-        prompt_tokens: Number of prompt tokens reported by the server; None if not reported.
-        completion_tokens: Number of answer tokens reported by the server; None if not reported.
-        retries: Reasons for failed attempts before the answer, each as "KIND: DETAILS".
+        text: Text of the answer. Empty if the request was rejected.
+        error: Reason why there is no answer, or None.
+        seal: Checksum of the line in the answer file. None if another program or an earlier version wrote the file.
+        prompt_tokens: Number of tokens in the prompt, or None if the server did not report it.
+        completion_tokens: Number of tokens in the answer, or None if the server did not report it.
+        retries: Reasons why earlier attempts failed, each as "KIND: DETAILS".
         cached: Whether the answer was taken from the cache instead of the model.
         cut: Whether the server cut off the text at the maximum number of tokens.
     """
@@ -116,7 +122,14 @@ class ModelAnswer:
 @open_form
 @dataclass(frozen=True, slots=True)
 class AnswersHead:
-    """First line of an answer file: the model, the hash of the question set, and the coordinate unit."""
+    """First line of an answer file, which identifies the model and the question set.
+
+    Attributes:
+        model: Name of the model.
+        set_sha256: SHA-256 of the question set.
+        coordinates: Coordinate convention of the answers.
+        seal: Checksum of the line. None if another program or an earlier version wrote the file.
+    """
 
     model: str
     set_sha256: str
@@ -124,26 +137,32 @@ class AnswersHead:
     seal: str | None = None
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for a name that is unsuitable for tables and sentences."""
+        """Check that the name of the model is suitable for tables and sentences.
+
+        Raises:
+            InvalidInputError: If the name is not suitable.
+        """
         if not self.model.strip() or not self.model.isprintable() or len(self.model) > _LONGEST_NAME:
             problem = (
                 f"{one_line(self.model, most=60)!r} is not a name with at most {_LONGEST_NAME} printable characters"
             )
-            raise InvalidInputError("model", problem, "Give the name of the model in one line")
+            raise InvalidInputError("model", problem, "Write the name of the model in one line")
 
 
 _ALWAYS = frozenset({"error", "coordinates"})
-"""Fields that are always written; other fields are omitted if they have their default value."""
+"""Fields that are always written. Other fields are left out if they have their default value."""
 _ANSWER, _HEAD = TypeAdapter(ModelAnswer), TypeAdapter(AnswersHead)
-_CURE = "Correct the file if it is your own, or write the answers to another file with --answers"
+_CURE = "Correct the file if you wrote it, or write the answers to a different file with --answers"
 
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """Model answers to a set. A question without an answer is scored as wrong.
+    """Answers of a model to a question set. A question without an answer counts as answered incorrectly.
 
     Attributes:
-        changed: Line number of the first line with a wrong checksum; 0 if all are correct.
+        head: First line of the answer file.
+        answers: Answers by the identifier of the question.
+        changed: Number of the first line whose checksum is wrong, or 0 if all checksums are correct.
     """
 
     head: AnswersHead
@@ -151,11 +170,11 @@ class Answers:
     changed: int = 0
 
     def has(self, question: Question) -> bool:
-        """Return whether the question was sent to the model, even if the answer is empty."""
+        """Return whether a question was sent to the model, even if its answer is empty."""
         return question.id in self.answers
 
     def right(self, question: Question) -> bool:
-        """Return whether a question was answered correctly."""
+        """Return whether the model answered a question correctly."""
         answer = self.answers.get(question.id)
         if answer is None:
             return False
@@ -164,11 +183,16 @@ class Answers:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Score on one part of a set: numbers of correct and readable answers, and rates of baselines without the image.
+    """Score on one part of a question set.
 
     Attributes:
-        chance: Expected rate of correct answers when guessing without the image.
-        blind: Rate of the blind classifier.
+        name: Name of the part.
+        rate: Fraction of correct answers.
+        read: Number of answers that could be parsed.
+        strict: Number of answers that were written in exactly the requested form.
+        chance: Fraction of correct answers expected from guessing without the image.
+        blind: Fraction of questions that are answered correctly by a classifier that sees only the text of the
+            question.
     """
 
     name: str
@@ -184,7 +208,7 @@ class Score:
 
 
 class _AnswerFile(LineJournal):
-    """Answer file to which answers are appended as they arrive, each line with a checksum."""
+    """File to which answers are appended as they arrive. Each line has a checksum."""
 
     def __init__(self, path: Path, head: AnswersHead) -> None:
         self.head, self.known = head, dict[str, ModelAnswer]()
@@ -197,20 +221,23 @@ class _AnswerFile(LineJournal):
             found = _parsed(lines, self._path)
             if replace(found.head, seal=None) != self.head:
                 raise RunConflictError(
-                    f"{self._path}: contains answers of {found.head.model!r} to another set, or with other "
-                    f"coordinates. Choose another file."
+                    f"{self._path}: contains answers of {found.head.model!r} to a different set, or with different "
+                    f"coordinates. Choose a different file."
                 )
             _require_unchanged(found, self._path)
             self.known = found.answers
 
     def append(self, answer: ModelAnswer) -> None:
-        """Append an answer; answers within a second are forced to disk together."""
+        """Append an answer to the file.
+
+        Answers that arrive within one second of each other are flushed to disk together.
+        """
         self._append_line(_sealed(self.head, answer), within_s=_SYNC_WITHIN_S)
         self.known[answer.id] = answer
 
 
 def prompt_for(question: Question, coordinates: Coordinates = "pixels") -> str:
-    """Return the prompt for a model, with the question, the options, and the required form of the answer."""
+    """Return the prompt for a model: the question, the options, and the form in which to answer."""
     return f"{question.prompt}\n{answer_line(spec_of(question, coordinates=coordinates))}"
 
 
@@ -224,9 +251,9 @@ def ask_set(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Answers:
-    """Ask a model all unanswered questions in a set, and return all answers.
+    """Ask a model all questions of a set that have no answer yet, and return all answers.
 
-    Raises the errors of :func:`ask_all`.
+    Raises the same errors as :func:`ask_all`.
     """
     requests = {q.id: Request(prompt_for(q, coordinates), partial(_image_of, asked, q.image)) for q in asked.questions}
     head = AnswersHead(chat.name, asked.sha256, coordinates)
@@ -248,26 +275,26 @@ def ask_all(
     verb: str = "vqa",
     on_progress: OnCount | None = None,
 ) -> Answers:
-    """Send all unanswered requests to a model, and return all answers.
+    """Send all requests that have no answer yet to a model, and return all answers.
 
     Answers are appended in the order of the requests, so that the file does not depend on the number of simultaneous
-    requests. A rejected request is stored as an empty answer with a reason.
+    requests. A request that the model rejects is stored as an empty answer with a reason.
 
     Args:
-        requests: Requests by identifier.
+        requests: Requests, by identifier.
         model: The model.
-        head: First line of the file: model, set and coordinates.
-        file: File of answers, which is continued.
-        at_once: Number of simultaneous requests.
-        overwrite: Whether to replace a file with other data.
-        verb: Verb that writes the file, for errors.
-        on_progress: Called with the number of answers and requests.
+        head: First line of the file, with model, set and coordinate convention.
+        file: Answer file, which is continued if it exists.
+        at_once: Number of requests that are sent at the same time.
+        overwrite: Whether to replace a file with other content.
+        verb: Verb of the command that writes the file, for error messages.
+        on_progress: Called with the number of answers and the number of requests.
 
     Raises:
-        ModelError: If the model cannot be reached; earlier answers are kept.
-        RunConflictError: If the file contains other data, such as answers from another model or set, and must not be
-            overwritten, or if another process writes to it.
-        InvalidInputError: If the number of requests is out of range.
+        ModelError: If the model cannot be reached. The answers so far are kept.
+        RunConflictError: If the file has other content, such as answers from a different model or to a different set,
+            and must not be overwritten, or if another process is writing to it.
+        InvalidInputError: If the number of requests at the same time is out of range.
     """
     require_between("--at-once", at_once, 1, MOST_AT_ONCE)
     require_replaceable(file, verb, overwrite=overwrite, is_ours=is_answers)
@@ -293,9 +320,12 @@ def ask_all(
 
 
 def is_answers(file: Path) -> bool:
-    """Return whether a file looks like an answer file, False if it is missing; raise OSError if it cannot be read.
+    """Return whether a file looks like an answer file. The result is False if the file is missing.
 
-    An incomplete first line, left by a killed process, is recognized by its beginning.
+    If a process was killed while it wrote the first line, the incomplete line is recognized by its beginning.
+
+    Raises:
+        OSError: If the file cannot be read.
     """
     line = _first_line(file)
     if not line.endswith(b"\n"):
@@ -308,7 +338,7 @@ def is_answers(file: Path) -> bool:
 
 
 def _goes_on(file: Path, head: AnswersHead) -> bool:
-    """Return whether the answers in a file can be continued, because it has a complete first line or is empty."""
+    """Return whether new answers can be appended to a file, because it has the same first line or is empty."""
     return _first_line(file) in (b"", json_line(dump_json(asdict(head))))
 
 
@@ -348,14 +378,14 @@ def _shortened(text: str) -> str:
 
 
 def read_answers(file: Path, asked: QuestionSet) -> Answers:
-    """Read answers to a set, from ``better vqa --ask`` or from another program.
+    """Read the answers to a set from a file written by ``better vqa --ask`` or by another program.
 
-    The first line is ``{"model": ..., "set_sha256": ..., "coordinates": "pixels"}``, each other line ``{"id": ...,
+    The first line is ``{"model": ..., "set_sha256": ..., "coordinates": "pixels"}``. Each other line is ``{"id": ...,
     "text": ...}``.
 
     Raises:
         RecordError: If the file cannot be read or is malformed.
-        InvalidInputError: If the answers belong to another set.
+        InvalidInputError: If the answers belong to a different set.
     """
     cure = _CURE if file.exists() else "Give the file that better vqa SET --ask wrote"
     raw = read_bounded(file, max_bytes=MAX_BYTES, cure=cure, raises=RecordError)
@@ -364,7 +394,7 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
         raise RecordError(f"{file}: is empty. {_CURE}.")
     if len(lines) > len(asked.questions) + 1:
         problem = f"has {len(lines) - 1:,} answers to the {len(asked.questions):,} questions of {asked.path}"
-        raise InvalidInputError(str(file), problem, "Give a file with one answer per question of that set")
+        raise InvalidInputError(str(file), problem, "Use a file with one answer per question of that set")
     found = _parsed(lines, file)
     if found.head.seal is not None:
         say_lost_tail(file)
@@ -374,7 +404,9 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
             )
     if found.head.set_sha256 != asked.sha256:
         raise InvalidInputError(
-            str(file), f"contains answers to another set than {asked.path}", "Give the set that was asked"
+            str(file),
+            f"contains answers to a different set than {asked.path}",
+            "Use the set for which the answers were given",
         )
     unknown = found.answers.keys() - {q.id for q in asked.questions}
     if unknown:
@@ -389,7 +421,7 @@ def read_stored_answers(file: Path) -> Answers:
     """Read the answers of a run without reading its questions.
 
     Raises:
-        RecordError: If the file cannot be read, or was changed.
+        RecordError: If the file cannot be read, or was changed after it was written.
     """
     raw = read_bounded(file, max_bytes=MAX_BYTES, cure=_CURE, raises=RecordError)
     lines = [line for line in raw.split(b"\n") if line.strip()]
@@ -423,7 +455,7 @@ def _require_unchanged(found: Answers, file: Path) -> None:
 
 
 def _sealed(head: AnswersHead, line: AnswersHead | ModelAnswer) -> dict[str, Any]:
-    """Return a line of an answer file with its checksum. The checksum also covers the model and the set."""
+    """Add a checksum to a line of an answer file. The checksum covers the line, the model and the set."""
     form = {
         f.name: value
         for f in fields(line)
@@ -434,9 +466,10 @@ def _sealed(head: AnswersHead, line: AnswersHead | ModelAnswer) -> dict[str, Any
 
 
 def scores_of(asked: QuestionSet, answers: Answers) -> list[Score]:
-    """Return the scores by type, by form within grounding, by difficulty, and for the complete set.
+    """Return the scores of a model for each part of a set and for the whole set.
 
-    Questions without a readable answer are scored as wrong.
+    The parts are the types of questions, the forms of answer within the type "grounding", and the levels of difficulty.
+    Questions whose answer is missing or cannot be parsed count as answered incorrectly.
     """
     baselines = {b.name: b for b in asked.baselines}
     found = []

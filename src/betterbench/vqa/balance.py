@@ -1,11 +1,11 @@
-"""Balanced selection of questions, so that their texts alone do not reveal the answers.
+"""Selection of questions with balanced answers, so that the text of a question alone does not reveal the answer.
 
-Questions belong to the same group if their wording gives the same information, that is, if they have the same family
-and objects. Within a group, every kept answer occurs equally often, so no rule that uses only the text is better than
-guessing. A group with only one answer is left out, because it could be answered without the image. Boxes and points are
-balanced over cells of the image. All types have the same number of questions, and so have all question kinds within a
-type, as far as possible. No kind has more questions than all others of its type together. Questions are selected by
-hashes of their text and frame, never by their answer.
+Questions belong to the same group if their wording gives the same information, i.e. if they have the same family and
+are about the same objects. Within a group, every answer that is kept occurs equally often. Therefore, no rule that uses
+only the text is better than guessing. A group with only one answer is left out, because it could be answered without
+the image. Boxes and points are balanced over cells of the image. As far as possible, all types of questions have the
+same number of questions, and so do all kinds within a type. No kind has more questions than all other kinds of its type
+together. Questions are selected by hashes of their text and frame, never by their answer.
 """
 
 from __future__ import annotations
@@ -18,26 +18,30 @@ from typing import TypeVar
 from betterbench.vqa.question import Candidate, Form, QuestionType, hash_number
 
 LEAST_CELLS = 10
-"""Minimum number of cells over which the boxes or points for one object kind must be spread."""
+"""Smallest number of image cells over which the boxes or points for one kind of object must be spread."""
 MOST_ALIKE = 2
-"""Maximum number of questions with the same answer about the same objects, per trial and camera, because successive
-frames are nearly equal."""
+"""Largest number of questions with the same answer about the same objects, for each trial and camera.
+
+The number is limited because successive frames are nearly equal.
+"""
 
 
 SUBJECTS = {"what is held": "holding", "is it held": "holding"}
-"""Question families about the same subject. They are balanced together within their type."""
+"""Question families that are about the same subject. They are balanced together within their type."""
 
 NameT = TypeVar("NameT", bound=str)
-"""Type, kind or family of questions."""
+"""Name of a type, kind or family of questions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Selected question, with the sorted answers kept in its group.
+    """Selected question, with the answers that are kept in its group.
 
     Attributes:
-        turn: Index of the question among the questions with the same group and answer. Cross-validation keeps equal
-            turns together, so that each fold is as balanced as the complete set.
+        candidate: The question.
+        answers: Answers that are kept in the group, sorted.
+        turn: Index of the question among the questions of the group with the same answer. Cross-validation keeps
+            questions with the same turn together, so that each fold is as balanced as the whole set.
     """
 
     candidate: Candidate
@@ -46,7 +50,10 @@ class Chosen:
 
 
 def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
-    """Remove near-duplicates from the candidates of one trial, and return the rest in identifier order."""
+    """Remove questions that are nearly equal to another question about the same trial.
+
+    The remaining questions are returned in the order of their identifiers.
+    """
     alike: dict[tuple[object, ...], list[tuple[str, Candidate]]] = defaultdict(list)
     for candidate in candidates:
         what = (candidate.type, candidate.key, candidate.bucket, candidate.source.camera)
@@ -56,16 +63,16 @@ def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
 
 
 def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -> list[Chosen]:
-    """Return about ``count`` questions with balanced answers, equally many per type as far as possible.
+    """Return about ``count`` questions with balanced answers and, as far as possible, equally many of each type.
 
-    If a type has too few questions, the other types get more. The kinds within a type are treated in the same way, but
-    no kind has more questions than all other kinds together. Within a kind, questions are taken from families and
-    groups in turn.
+    If there are too few questions of a type, the other types get more. The kinds within a type are treated in the same
+    way, except that no kind has more questions than all other kinds together. Within a kind, questions are taken from
+    families and groups in turn.
 
     Args:
         candidates: All possible questions.
-        count: Number of questions; 0 for as many as can be balanced.
-        seed: Set seed.
+        count: Number of questions, or 0 for as many as can be balanced.
+        seed: Seed of the set.
     """
     sorted_out: dict[tuple[QuestionType, tuple[str, ...]], dict[str, list[Candidate]]] = {}
     for c in candidates:
@@ -96,9 +103,9 @@ def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -
 
 
 def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[str, dict[str, int]]:
-    """Return the available number of questions in each family of a type, by subject.
+    """Return the number of questions that each family of a type may contribute. Families are grouped by subject.
 
-    No subject has more questions than all others of its type together.
+    No subject has more questions than all other subjects of its type together.
     """
     subjects: dict[str, dict[str, int]] = {}
     for family, rows in families.items():
@@ -112,9 +119,9 @@ def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[
 
 
 def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chosen]]:
-    """Divide a group's questions into rounds with one question per answer.
+    """Divide the questions of a group into rounds, each with one question for each answer.
 
-    The result is empty if there are too few answers.
+    The result is empty if there are too few different answers.
     """
     lists = {answer: sorted(cs, key=lambda c: c.id(seed)) for answer, cs in by_answer.items()}
     ranked = sorted(lists, key=lambda answer: (-len(lists[answer]), answer))
@@ -129,7 +136,7 @@ def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chose
 
 
 def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]]:
-    """Return the rounds of all groups, interleaved."""
+    """Return the rounds of all groups, alternating between the groups."""
     keyed = [
         (number, hash_number("turn", seed, rounds[0][0].candidate.key), r)
         for rounds in groups
@@ -139,7 +146,10 @@ def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]
 
 
 def _shares(available: Mapping[NameT, int], count: int) -> dict[NameT, int]:
-    """Return the number of questions per type or family. Shares are equal, and redistributed if some have too few."""
+    """Return how many questions each type or family gets.
+
+    All get the same number if possible. If a type or family has too few questions, the others get more.
+    """
     shares = dict.fromkeys(available, 0)
     wanting, left = [k for k in available if available[k]], count
     while wanting and left > 0:

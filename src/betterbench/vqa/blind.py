@@ -1,8 +1,8 @@
-"""Image-free baselines: the majority answer, and naive Bayes on the words of the question.
+"""Baselines that answer without seeing the image: the most frequent answer, and naive Bayes on the question's words.
 
-The classifier is multinomial naive Bayes over words and pairs of neighboring words with add-one smoothing. See McCallum
-and Nigam, "A comparison of event models for naive Bayes text classification", 1998. It is tested by cross-validation.
-For a box or a point, it predicts a cell of the image and gives a typical answer for that cell.
+The classifier is multinomial naive Bayes over words and pairs of neighboring words, with add-one smoothing. See
+McCallum and Nigam, "A comparison of event models for naive Bayes text classification", 1998. It is tested by
+cross-validation. For a box or a point, it predicts a cell of the image and gives a typical answer for this cell.
 """
 
 from __future__ import annotations
@@ -25,22 +25,23 @@ from betterbench.vqa.scoring import is_right, overlap
 from betterbench.vqa.types.grounding import CELLS, COARSE_CELLS
 
 FOLDS = 5
-"""Number of folds of the cross-validation."""
+"""Number of folds in the cross-validation."""
 TARGET_POINTS = 5.0
-"""Maximum excess of the blind classifier over chance for a type to count as balanced [percentage points]."""
+"""Largest excess of the blind classifier over chance with which a type still counts as balanced [percentage points]."""
 
 
 @open_form
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """Number of questions of one type answered correctly without the image.
+    """Number of questions of one type that are answered correctly without the image.
 
     Attributes:
+        name: Name of the type.
         n: Number of questions.
-        blind: Correct answers of the classifier.
-        majority: Number of questions for which the most frequent answer is correct.
-        chance: Expected rate of correct answers if each question is answered with a random answer of its group. For
-            boxes and points, it is the rate of the best constant answer.
+        blind: Number of correct answers of the classifier.
+        majority: Number of questions whose correct answer is the most frequent answer.
+        chance: Expected fraction of correct answers if each question is answered with a random answer from its group.
+            For boxes and points, this is the fraction of questions for which the best constant answer is correct.
     """
 
     name: str
@@ -50,7 +51,11 @@ class Baseline:
     chance: Annotated[float, Field(ge=0.0, le=1.0)]
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if there are more correct answers than questions."""
+        """Check that there are at most as many correct answers as questions.
+
+        Raises:
+            InvalidInputError: If there are more correct answers than questions.
+        """
         if max(self.blind, self.majority) > self.n:
             raise InvalidInputError(
                 self.name, f"has more correct answers than its {self.n} questions", "Correct the counts"
@@ -58,31 +63,32 @@ class Baseline:
 
     @property
     def excess_points(self) -> float:
-        """Accuracy of the classifier minus chance [percentage points]."""
+        """Fraction of correct answers of the classifier minus the fraction expected by chance [percentage points]."""
         return 100.0 * (self.blind / self.n - self.chance) if self.n else 0.0
 
     @property
     def is_balanced(self) -> bool:
-        """Whether the excess over chance is at most :data:`TARGET_POINTS`, or chance is in the 95 % interval.
+        """Whether the classifier exceeds chance by at most :data:`TARGET_POINTS`, or chance is in its 95 % interval.
 
-        With a hundred questions, the accuracy varies by about 10 points by chance, so a point estimate alone would
-        reject every small set.
+        With a hundred questions, the accuracy of the classifier varies by about 10 percentage points by chance. Without
+        the interval, nearly every small set would therefore be rejected.
         """
         return self.excess_points <= TARGET_POINTS or Rate(self.blind, self.n).low <= self.chance
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict with intervals."""
+        """Return a JSON-serializable dict with confidence intervals."""
         rates = {"blind_rate": Rate(self.blind, self.n), "majority_rate": Rate(self.majority, self.n)}
         intervals = {name: [rate.low, rate.high] for name, rate in rates.items()}
         return {**asdict(self), **intervals, "excess_points": self.excess_points, "balanced": self.is_balanced}
 
 
 def baselines(questions: Sequence[Question], turns: Sequence[int]) -> list[Baseline]:
-    """Return the baselines for each type, then for each form within grounding, because chance depends on the form.
+    """Return the baselines for each type of question, and then for each form of answer within the type "grounding".
 
     Args:
-        questions: The set.
-        turns: Turn of each question within its group and answer; see :class:`~betterbench.vqa.balance.Chosen`.
+        questions: Questions of the set.
+        turns: Turn of each question among the questions of its group with the same answer, see
+            :class:`~betterbench.vqa.balance.Chosen`.
     """
     right = blind_right(questions, turns)
     constant = _constant_right(questions)
@@ -109,7 +115,7 @@ def _parts(questions: Sequence[Question]) -> list[tuple[str, list[int]]]:
 
 
 def _constant_right(questions: Sequence[Question]) -> list[bool]:
-    """Return for each question whether the most frequent answer of its type and form is correct."""
+    """For each question, return whether the most frequent answer to questions of its type and form is correct."""
     right = [False] * len(questions)
     for members in _by_form(questions):
         constant = _typical([questions[i] for i in members])
@@ -119,9 +125,9 @@ def _constant_right(questions: Sequence[Question]) -> list[bool]:
 
 
 def blind_right(questions: Sequence[Question], turns: Sequence[int]) -> list[bool]:
-    """Return for each question whether the classifier, trained on the other folds, answers it correctly.
+    """For each question, return whether the classifier answers it correctly after training on the other folds.
 
-    The fold of a question is its index modulo :data:`FOLDS`.
+    The fold of a question is its turn modulo :data:`FOLDS`.
     """
     right = [False] * len(questions)
     fold = np.array(turns) % FOLDS
@@ -151,7 +157,10 @@ def _by_form(questions: Sequence[Question]) -> list[list[int]]:
 
 
 def answer_class(question: Question) -> str:
-    """Return the class of an answer. This is the answer itself or, for a box or point, the image cell of its center."""
+    """Return the class of a question's answer.
+
+    This is the answer itself or, for a box or a point, the image cell that contains its center.
+    """
     if question.form not in (Form.BOX, Form.POINT) or question.box is None:
         return question.answer
     return _cell(question.box, question.width, CELLS)
@@ -163,7 +172,7 @@ def _cell(box: Sequence[int], width: int, cells: int) -> str:
 
 
 def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str]:
-    """Return the classifier's answer for each class."""
+    """Return, for each class of the classifier, the answer that the classifier gives."""
     members: dict[str, list[Question]] = defaultdict(list)
     for question in train:
         members[answer_class(question)].append(question)
@@ -171,7 +180,10 @@ def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str
 
 
 def _typical(questions: Sequence[Question]) -> str:
-    """Return the answer that is correct most often: the most frequent answer, or the box or point with most matches."""
+    """Return the answer that is correct for as many of the given questions as possible.
+
+    For boxes and points, this is the box or point that matches as many correct answers as possible.
+    """
     if questions[0].form not in (Form.BOX, Form.POINT):
         counts = Counter(q.answer for q in questions)
         return min(counts, key=lambda a: (-counts[a], a))
@@ -191,7 +203,13 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 
 def box_cell(text: str, width: int, cells: int) -> str | None:
-    """Return the cell "column,row" of a box given as text, with the image width in pixels; None for other texts."""
+    """Return the cell "column,row" that contains the center of a box, or None if the text is not a box.
+
+    Args:
+        text: Text of the box.
+        width: Width of the image in pixels.
+        cells: Number of cells along each side of the image.
+    """
     if re.fullmatch(r"\[[\d, ]+\]", text) is None:
         return None
     box = [int(v) for v in _numbers(text)]
@@ -199,7 +217,7 @@ def box_cell(text: str, width: int, cells: int) -> str | None:
 
 
 def in_cells(text: str, width: int, cells: int = COARSE_CELLS) -> str:
-    """Return a text with each box replaced by a word for the cell of its center, given the image width in pixels."""
+    """Replace each box in a text by a word for the image cell that contains the center of the box."""
     for found in re.findall(r"\[[\d, ]+\]", text):
         cell = box_cell(found, width, cells)
         if cell is not None:
@@ -208,7 +226,7 @@ def in_cells(text: str, width: int, cells: int = COARSE_CELLS) -> str:
 
 
 def _words(question: Question) -> list[str]:
-    """Return a question's words and all pairs of neighboring words; coordinates become coarse cells."""
+    """Return the words of a question and all pairs of neighboring words, with coordinates replaced by image cells."""
     words = re.findall(r"[a-z0-9'-]+", in_cells(question.text.lower(), question.width))
     return words + [f"{a} {b}" for a, b in itertools.pairwise(words)]
 
@@ -229,7 +247,7 @@ class _NaiveBayes:
         self._log_prior = np.log(prior / prior.sum())
 
     def predict(self, words: Sequence[str], allowed: set[str] | None, *, tie: str) -> str | None:
-        """Return the most likely of the allowed classes; ties are broken by a hash of ``tie``."""
+        """Return the most likely of the allowed classes. If several are equally likely, a hash of ``tie`` decides."""
         known = [self._vocabulary[w] for w in words if w in self._vocabulary]
         scores = self._log_prior + self._log_words[:, known].sum(axis=1)
         open_to = [i for i, c in enumerate(self.classes) if allowed is None or c in allowed]

@@ -1,8 +1,8 @@
-"""Coordinate conventions of vision-language models: order, scale and written form of points and boxes.
+"""Coordinate conventions of vision-language models: the order, scale and written form of points and boxes.
 
-The user declares the convention, which is never guessed, because the same numbers mean different points in different
-conventions. The table follows RoboRefer's evaluation (github.com/Zhoues/RoboRefer, ``Evaluation/``) and the models'
-documentation.
+The user declares the convention. It is never guessed, because the same numbers mean different points in different
+conventions. The table follows RoboRefer's evaluation (github.com/Zhoues/RoboRefer, ``Evaluation/``) and the
+documentation of the models.
 """
 
 from __future__ import annotations
@@ -17,18 +17,20 @@ from betterbench.errors import UnknownNameError
 Coordinates = Literal[
     "pixels", "thousandths", "fractions", "thousandths-json", "thousandths-yx-json", "percent-xml"
 ]  # fmt: skip
-"""Name of a convention."""
+"""Name of a coordinate convention."""
 
 
 @dataclass(frozen=True, slots=True)
 class Convention:
-    """A coordinate convention.
+    """Coordinate convention of a model.
 
     Attributes:
+        name: Name of the convention.
         order: "xy" for column before row, "yx" for row before column.
-        side: Value that represents the full side of the image; None for pixels of the image as sent.
+        side: Value of a coordinate at the far edge of the image. None if coordinates are pixels of the image as it was
+            sent.
         form: Written form: tuples of numbers, JSON objects, or XML tags.
-        unit: Unit in words, for prompts, with ``{width}`` and ``{height}``.
+        unit: Unit in words, for prompts. It may contain ``{width}`` and ``{height}``.
         models: Models that answer in this convention.
     """
 
@@ -40,12 +42,12 @@ class Convention:
     models: str
 
     def in_pixels(self, numbers: Sequence[Fraction], width: int, height: int) -> list[Fraction]:
-        """Return coordinates in pixels, column before row.
+        """Convert coordinates to pixels, with the column before the row.
 
         Args:
-            numbers: Numbers of points or boxes in the order of the convention, an even number of them.
-            width: Columns of the image.
-            height: Rows of the image.
+            numbers: Numbers of points or boxes in the order of the convention. There must be an even number of them.
+            width: Number of columns of the image.
+            height: Number of rows of the image.
         """
         pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
         if self.order == "yx":
@@ -55,7 +57,7 @@ class Convention:
         return [v for x, y in pairs for v in (x * width / self.side, y * height / self.side)]
 
     def request(self, kind: Literal["box", "point", "points"], width: int, height: int) -> str:
-        """Return the prompt sentence that requests a box, a point, or one or more points in this convention."""
+        """Return the sentence of a prompt that asks for a box, a point, or one or more points in this convention."""
         unit = self.unit.format(width=width, height=height)
         return f"Answer with {self._shape(kind)} only, in {unit}."
 
@@ -99,12 +101,16 @@ CONVENTIONS: dict[Coordinates, Convention] = {
         ),
     )
 }  # fmt: skip
-"""All conventions by name."""
+"""All conventions, by name."""
 
 
 def convention(name: str) -> Convention:
-    """Return a convention by its name; raise UnknownNameError if there is none."""
+    """Return a convention by its name.
+
+    Raises:
+        UnknownNameError: If there is no such convention.
+    """
     for known, found in CONVENTIONS.items():
         if known == name:
             return found
-    raise UnknownNameError("convention of coordinates", name, get_args(Coordinates))
+    raise UnknownNameError("coordinate convention", name, get_args(Coordinates))

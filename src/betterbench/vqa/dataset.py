@@ -1,9 +1,11 @@
-"""Resumable creation of question sets from a run's records, with the same bytes after any interruption.
+"""Creation of question sets from the records of a run.
 
-While a set is being made, ``candidates/`` contains the possible questions about each trial. When all trials are
+The creation can be interrupted and resumed, and the bytes of the set remain the same.
+
+While a set is being made, ``candidates/`` contains the possible questions about each trial. When all trials have been
 processed, questions are selected over all trials and written, and temporary files are removed. ``summary.json`` is
 written last. Both ``summary.json`` and ``set.json`` contain checksums. ``summary.json`` also contains the hashes of
-questions and images, which are verified on reading.
+questions and images, which are checked when a set is read.
 """
 
 from __future__ import annotations
@@ -70,58 +72,62 @@ from betterbench.vqa.question import (
 from betterbench.vqa.types import candidates_of
 
 SET_SCHEMA_VERSION = 6
-"""Version of the files and questions of a set. A set of another version cannot be continued.
+"""Version of the files and questions of a set. A set with a different version cannot be continued.
 
 Version 6 states the direction of cutlery in the steps at a plate. In version 5, each answer occurs equally often in
 each phrasing. Version 4 has the boxes of all objects of a question. Version 3 has new phrasings and balances the kinds
-of question within each type. Sets of all versions can be read; version 1 sets have no checksums and are read with a
+of questions within each type. Sets of all versions can be read. Sets of version 1 have no checksums and are read with a
 warning.
 """
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
-"""Cameras of the images. Questions do not name the camera, so that image positions cannot be guessed from it."""
+"""Cameras of the images. Questions do not name the camera, so that it gives no hint about positions in the image."""
 
 MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
-"""Maximum number of questions in a set, and of frames per trial."""
+"""Largest number of questions in a set, and largest number of frames per trial."""
 SET_NAME = "set.json"
-"""File name of the description of a question set."""
+"""Name of the file that describes a question set."""
 SIZES_PX = 32, 4096
 """Smallest and largest side of the images [pixel]."""
 
 _MAX_BYTES = 1 << 30
 _MAX_CANDIDATE_BYTES = 1 << 28
-"""Maximum size of the unpacked candidates of one trial [bytes]."""
+"""Largest size of the unpacked candidates of one trial [bytes]."""
 _CURE = "Make the set again in a new folder"
-_ANEW = "Delete it and run the same command again"
+_ANEW = "Delete the file and run the same command again"
 
 
 class Photo(Protocol):
-    """Rendered image (JPEG) with its visible objects."""
+    """Rendered image, with data about the objects that are visible in it."""
 
     @property
     def jpeg(self) -> bytes:
-        """The image (JPEG)."""
+        """The image as a JPEG file."""
 
     @property
     def view(self) -> FrameView:
-        """Visible objects of the image, with the camera."""
+        """Objects that are visible in the image, and the camera."""
 
 
 class PhotoSource(Protocol):
-    """Source of record images that are rendered on demand or already materialized."""
+    """Source of images of recorded trials, which are rendered on demand or were rendered before."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
-        """Return a camera's image at a row of a record, with its visible objects."""
+        """Return the image of a camera at a row of a record, with the objects that are visible in it."""
 
     def stop(self) -> None:
-        """Make all rendering threads stop soon by raising an error in them."""
+        """Stop all rendering threads soon, by raising an error in each of them."""
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
 
 
 def require_size(size: int) -> None:
-    """Raise InvalidInputError if the image size is out of range."""
+    """Check that an image size is in range.
+
+    Raises:
+        InvalidInputError: If the size is out of range.
+    """
     require_between("--size", size, *SIZES_PX)
 
 
@@ -130,11 +136,14 @@ class SetOptions:
     """Options of a question set.
 
     Attributes:
-        questions: Approximate number of questions; 0 for the largest balanced set.
-        frames: Frames per trial, one from each equal part of it; 0 for all.
-        seed: Seed for choosing frames, questions and phrasings.
+        questions: Approximate number of questions, or 0 for the largest balanced set.
+        frames: Number of frames per trial, one from each of equally long parts, or 0 for all frames.
+        cameras: Cameras of the images.
         size: Side of the images [pixel].
         quality: Render quality of the images.
+        seed: Seed for choosing frames, questions and phrasings.
+        types: Types of questions.
+        tasks: Tasks whose trials are used. Empty for all tasks.
     """
 
     questions: int = 10_000
@@ -147,7 +156,11 @@ class SetOptions:
     tasks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for numbers out of range."""
+        """Check that the numbers are in range.
+
+        Raises:
+            InvalidInputError: If a number is out of range.
+        """
         require_between("--questions", self.questions, 0, MOST_QUESTIONS)
         require_between("--frames", self.frames, 0, MOST_FRAMES)
         require_size(self.size)
@@ -155,15 +168,17 @@ class SetOptions:
 
 @dataclass(frozen=True, slots=True)
 class QuestionSet:
-    """Question set.
+    """Question set in a folder.
 
     Attributes:
-        purpose: "test" if its records have evaluation seeds, so that it must not be used for training; otherwise
+        path: Folder of the set.
+        purpose: "test" if the records have evaluation seeds, so that the set must not be used for training. Otherwise
             "training".
-        baselines: Numbers of questions that are answered correctly without the images, by type.
-        sha256: Hash of ``questions.jsonl``.
-        records: SHA-256 of each used trial's record, by trial name; empty for older sets.
-        images: SHA-256 of each image by its path; empty for older sets.
+        questions: The questions.
+        baselines: Number of questions that are answered correctly without the images, by type.
+        sha256: SHA-256 of ``questions.jsonl``.
+        records: SHA-256 of the record of each trial that was used, by trial name. Empty for older sets.
+        images: SHA-256 of each image, by path. Empty for older sets.
     """
 
     path: Path
@@ -175,10 +190,10 @@ class QuestionSet:
     images: Mapping[str, str] = field(default_factory=dict)
 
     def image(self, place: str) -> bytes:
-        """Return an image of the set (JPEG).
+        """Return an image of the set as a JPEG file.
 
         Raises:
-            RecordError: If it is missing or was changed.
+            RecordError: If the image is missing or was changed.
             InvalidInputError: If a link leads out of the set.
         """
         file = self.path / place
@@ -190,21 +205,25 @@ class QuestionSet:
         return data
 
     def is_about(self, trial: TrialId, record: str) -> bool:
-        """Return whether the set's questions about a trial are about this record.
+        """Return whether the questions of the set about a trial were made from a record with this SHA-256.
 
-        Returns True if the set does not store hashes.
+        The result is also True if the set does not store the hashes of its records.
         """
         return self.records.get(str(trial), record) == record
 
     def require_about(self, run: RunFolder) -> None:
-        """Raise InvalidInputError if the set was made from a trial record that differs from the record in a run."""
+        """Check that the set was made from the same records that the run contains now.
+
+        Raises:
+            InvalidInputError: If a record of the run differs from the record from which the set was made.
+        """
         for entry in run.entries():
             if entry.status == "done" and not self.is_about(entry.key, run.record_digest(entry)):
                 problem = f"the record of {entry.key} in {run.path} is not the record from which the set was created"
-                raise InvalidInputError(str(self.path), problem, "Give the set that better vqa created from this run")
+                raise InvalidInputError(str(self.path), problem, "Use the set that better vqa created from this run")
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict without the questions."""
+        """Return a JSON-serializable dict that describes the set without its questions."""
         counts: dict[str, dict[str, int]] = {"type": {}, "form": {}, "difficulty": {}, "family": {}, "task": {}}
         for q in self.questions:
             for name, value in (*((n, getattr(q, n)) for n in list(counts)[:4]), ("task", q.source.task)):
@@ -229,21 +248,21 @@ def make_set(
     workers: int = 1,
     on_progress: OnCount | None = None,
 ) -> QuestionSet:
-    """Make a question set from a run's records, or resume an interrupted one.
+    """Make a question set from the records of a run, or continue one that was interrupted.
 
     Args:
         run: The run.
-        out: Set folder.
-        options: Set options.
-        open_photos: Opens a source of images for a worker.
-        workers: Number of trials processed in parallel; the set does not depend on it.
-        on_progress: Called with the number of trials done and planned.
+        out: Folder of the set.
+        options: Options of the set.
+        open_photos: Function that opens a source of images for a worker.
+        workers: Number of trials that are processed in parallel. The set does not depend on it.
+        on_progress: Called with the number of trials done and the number of trials planned.
 
     Raises:
-        RunConflictError: If the folder contains another set or other files, or is being written to.
-        InvalidInputError: If the run has no records, or mixes seeds of demonstrations and evaluation.
+        RunConflictError: If the folder contains a different set or other files, or if another process is writing to it.
+        InvalidInputError: If the run has no records, or mixes seeds of demonstrations and of evaluation.
         RecordError: If a record or a scene cannot be read.
-        StorageError: If the disk is full, or the folder was removed or moved meanwhile.
+        StorageError: If the disk is full, or if the folder was removed or moved in the meantime.
     """
     trials = trials_of(run, options.tasks)
     purpose = purpose_of(trials)
@@ -265,15 +284,17 @@ def make_set(
 
 
 def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
-    """Return the sorted trials in a run that have a record, restricted to ``tasks`` if any are named.
+    """Return the trials of a run that have a record, sorted.
+
+    If ``tasks`` are given, only trials of these tasks are returned.
 
     Raises:
         InvalidInputError: If no trial has a record.
-        UnknownNameError: If a named task has no such trial.
+        UnknownNameError: If one of the tasks has no trial with a record.
     """
     done = sorted(e.key for e in run.entries() if e.status == "done")
     if not done:
-        raise InvalidInputError(str(run.path), "has no finished trials", "Give a run with finished trials")
+        raise InvalidInputError(str(run.path), "has no finished trials", "Use a run with finished trials")
     known = {trial.task for trial in done}
     for task in tasks:
         if task not in known:
@@ -282,37 +303,37 @@ def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
 
 
 def purpose_of(trials: Sequence[TrialId]) -> str:
-    """Return "test" or "training", depending on the seeds of trials.
+    """Return the purpose for which questions may be used: "test" or "training", depending on the seeds of the trials.
 
     Raises:
-        InvalidInputError: If both kinds of seeds occur.
+        InvalidInputError: If the trials mix seeds of demonstrations and of evaluation.
     """
     purposes = {"training" if t.seed >= FIRST_DEMONSTRATION_SEED else "test" for t in trials}
     if len(purposes) > 1:
         raise InvalidInputError(
             "seeds",
             "mixes demonstration seeds and evaluation seeds",
-            "Create a separate run and set for each",
+            "Make a separate run and a separate set for each kind of seed",
         )
     return purposes.pop()
 
 
 def run_digest(run: RunFolder) -> str:
-    """Return a hash of a run's plan. It identifies the run."""
+    """Return a hash of a run's plan, which identifies the run."""
     return hashlib.sha256(dump_json(dict(run.plan))).hexdigest()
 
 
 def records_of(run: RunFolder, trials: Collection[TrialId]) -> dict[str, str]:
-    """Return the SHA-256 of the records of trials, by trial name."""
+    """Return the SHA-256 of the record of each given trial, by trial name."""
     wanted = set(trials)
     return {str(e.key): run.record_digest(e) for e in run.entries() if e.key in wanted and e.status == "done"}
 
 
 @contextmanager
 def begun_set(out: Path, plan: dict[str, Any]) -> Iterator[bool]:
-    """Context manager that locks a set's folder and writes its plan; it yields whether the set is already complete.
+    """Context in which the folder of a set is locked. It yields whether the set is already complete.
 
-    Raises the errors of :func:`make_set`.
+    The plan of the set is written if it does not exist yet. Raises the same errors as :func:`make_set`.
     """
     file, plan = out / SET_NAME, json.loads(dump_json({"schema_version": SET_SCHEMA_VERSION, **plan}))
     require_free(out, "set", file=SET_NAME)
@@ -326,13 +347,17 @@ def begun_set(out: Path, plan: dict[str, Any]) -> Iterator[bool]:
 
 
 def _require_same(file: Path, plan: dict[str, Any]) -> None:
-    """Raise RunConflictError if the folder contains a set with another plan or of another version."""
+    """Check that the folder does not contain a set with a different plan or a different version.
+
+    Raises:
+        RunConflictError: If the folder contains such a set.
+    """
     stored = _sealed(file) if file.exists() else plan
     version = stored.get("schema_version")
     if version != SET_SCHEMA_VERSION:
         raise RunConflictError(
             f"{file.parent}: the set in this folder has version {one_line(repr(version), most=40)}, but this "
-            f"betterbench makes sets of version {SET_SCHEMA_VERSION} with other questions. Choose another folder."
+            f"betterbench makes sets of version {SET_SCHEMA_VERSION}. Choose a different folder."
         )
     require_same(file.parent, stored, plan, "set", where="set")
 
@@ -352,7 +377,10 @@ def _survey(
     workers: int,
     on_progress: OnCount | None,
 ) -> None:
-    """Write the possible questions about each trial, with their images, skipping finished trials."""
+    """Write the images of each trial and the possible questions about them.
+
+    Trials that are already done are skipped.
+    """
     look = partial(_look_at, run, out, options)
     run_items(
         trials,
@@ -363,7 +391,7 @@ def _survey(
 
 
 def _look_at(run: RunFolder, out: Path, options: SetOptions, source: PhotoSource, trial: TrialId) -> None:
-    """Write the images of a trial, and then the possible questions about them."""
+    """Write the images of a trial and the possible questions about these images."""
     record = run.read_record(trial.task, trial.condition, trial.seed)
     episode = episode_of(record)
     draw = stream(trial.task, trial.seed, f"vqa:{options.seed}:{trial.condition}")
@@ -379,7 +407,7 @@ def _look_at(run: RunFolder, out: Path, options: SetOptions, source: PhotoSource
 
 
 def candidates_bytes(candidates: Iterable[Candidate]) -> bytes:
-    """Encode candidates as a file of compressed lines with a checksum; equal candidates give equal bytes."""
+    """Encode candidates as a file of compressed lines with a checksum. Equal candidates give equal bytes."""
     buffer = io.BytesIO()
     with gzip.GzipFile(fileobj=buffer, mode="wb", mtime=0, compresslevel=6) as packed:
         packed.write(sealed_lines(b"".join(dump_json(c.to_json()) + b"\n" for c in candidates)))
@@ -387,7 +415,7 @@ def candidates_bytes(candidates: Iterable[Candidate]) -> bytes:
 
 
 def image_path(source: FrameSource) -> str:
-    """Return the path of an image in a set for a frame."""
+    """Return the path at which a set stores the image of a frame."""
     return f"images/{source.task}/{source.condition}/{source.seed}_{source.row:05d}_{source.camera}.jpg"
 
 
@@ -409,10 +437,10 @@ def _read_candidates(file: Path) -> Iterator[Candidate]:
 
 
 def _question(chosen: Chosen, options: SetOptions) -> Question:
-    """Return a selected question, completed with its text and options.
+    """Complete a selected question with its text and options.
 
-    All questions with the same turn in a group have the same phrasing. Each answer occurs once among them, so that the
-    phrasing does not reveal the answer.
+    All questions of a group that have the same turn get the same phrasing. Each answer occurs once among these
+    questions, so that the phrasing does not reveal the answer.
     """
     candidate, answers = chosen.candidate, chosen.answers
     spatial = candidate.form in (Form.BOX, Form.POINT)
@@ -438,7 +466,10 @@ def finished(
     chance: float | None,
     role: str | None = None,
 ) -> Question:
-    """Return a set's question from its draft; see :class:`Question`."""
+    """Make a question of a set from a candidate (a question without its wording and options).
+
+    For the arguments, see :class:`Question`.
+    """
     c = candidate
     tags = tuple(sorted(set(c.tags)))
     return Question(
@@ -450,14 +481,14 @@ def finished(
 
 
 def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline], purpose: str) -> QuestionSet:
-    """Write a set's files, remove temporary files, and return the set.
+    """Write the files of a set, remove temporary files, and return the set.
 
     Raises:
         InvalidInputError: If there are no questions.
     """
     if not questions:
         raise InvalidInputError(
-            str(out), "no balanced questions are possible", "Give more trials, variations, frames or cameras"
+            str(out), "no balanced questions are possible", "Use more trials, variations, frames or cameras"
         )
     lines = b"".join(json_line(dump_json(_conversation(q))) for q in questions)
     images = sorted({q.image for q in questions})
@@ -467,7 +498,7 @@ def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline
     rows = [_row(q) for q in questions]
     write_durably(out / "questions.parquet", table_bytes(COLUMNS, rows, {"betterbench": f"vqa {SET_SCHEMA_VERSION}"}))
     wanted = {q.image for q in questions}
-    require_inside(out / "images", out)  # the files in this folder are deleted
+    require_inside(out / "images", out)  # files in this folder are deleted below
     for file in sorted((out / "images").rglob("*.jpg")):
         if file.relative_to(out).as_posix() not in wanted:
             file.unlink()
@@ -485,7 +516,7 @@ def _digest_of(file: Path) -> str:
 
 
 def _conversation(question: Question) -> dict[str, Any]:
-    """Return a question in the conversation format of LLaVA, with all other fields under the key "betterbench"."""
+    """Return a question in LLaVA's conversation format. All other fields are under the key "betterbench"."""
     return {
         "id": question.id,
         "image": question.image,
@@ -504,7 +535,7 @@ COLUMNS = {
     "time_s": "number", "camera": "text", "width": "integer", "height": "integer", "box": "integers",
     "runs": "integers",
 }  # fmt: skip
-"""Columns of ``questions.parquet`` with their kinds."""
+"""Columns of ``questions.parquet``, each with the kind of value."""
 
 
 def _row(question: Question) -> dict[str, Any]:
@@ -529,10 +560,10 @@ _LINE, _SUMMARY = TypeAdapter(_Line), TypeAdapter(_Summary)
 
 
 def read_set(folder: Path) -> QuestionSet:
-    """Read a complete set.
+    """Read a complete question set.
 
     Raises:
-        RecordError: If the folder contains no complete set, or a file is missing, damaged or malformed.
+        RecordError: If the folder contains no complete set, or if a file is missing, damaged or malformed.
     """
     if not (folder / "summary.json").exists():
         raise RecordError(
@@ -553,13 +584,13 @@ def read_set(folder: Path) -> QuestionSet:
 
 
 def _records(file: Path) -> dict[str, str]:
-    """Return the record hashes of a set, or an empty dict if it stores none."""
+    """Return the hashes of the records from which a set was made, or an empty dict if they are not stored."""
     if not file.exists():
         say_unsealed(str(file.parent))
     form = _sealed(file) if file.exists() else {}
     records = form.get("records", {})
     if not isinstance(records, dict) or not all(isinstance(value, str) for value in records.values()):
-        raise RecordError(f"{file}: its field records is not a mapping from trials to hashes. {_CURE}.")
+        raise RecordError(f"{file}: the field 'records' is not a mapping from trials to hashes. {_CURE}.")
     return records
 
 

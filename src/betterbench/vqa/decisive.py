@@ -1,9 +1,10 @@
-"""Questions about the decisive moments in a run's trials.
+"""Questions about the decisive moments in the trials of a run.
 
-In a failed trial, the decisive moment is the first wrong decision according to the diagnosis; in a successful trial, it
+In a failed trial, the decisive moment is the first wrong decision according to the diagnosis. In a successful trial, it
 is the first attempt. Questions about the right target, its position, finished steps and the presence of objects use the
-frame at which that decision began. The question about the object at the gripper uses the frame of the attempt. Each
-question is asked twice, with different wording and option order, because a guess is rarely right twice.
+frame at which this decision began. The question about the object at the gripper uses the frame of the attempt. Each
+question is asked twice, with different wording and a different order of the options, because a guess is rarely right
+twice.
 """
 
 from __future__ import annotations
@@ -49,17 +50,22 @@ from betterbench.vqa.types.grounding import written
 from betterbench.vqa.types.relation import yes
 
 TIMES_ASKED = 2
-"""Number of times that each question is asked, each time in a different wording."""
+"""Number of times that each question is asked, each time with different wording."""
 MOST_OPTIONS = 6
-"""Maximum number of boxes or objects offered as options."""
+"""Largest number of boxes or objects that are offered as options."""
 _MAX_BYTES = 1 << 26
 SETTLE_S = 0.5
 """Time from a release until the gripper has left the object and the next decision begins [s]."""
 
 ASKED, WHERE, UNDER, EXISTS, DONE = "asked", "where", "under", "exists", "done"
 ROLES = (ASKED, WHERE, UNDER, EXISTS, DONE)
-"""Roles of questions about a decisive moment: the object to act on now (among boxes), the position of the instructed
-object, the object at the gripper, the presence of an object, and the finished steps.
+"""Roles of questions about a decisive moment.
+
+- ``ASKED``: in which box the object is that must be picked or moved now.
+- ``WHERE``: in which box the named object is.
+- ``UNDER``: what the object at the gripper is.
+- ``EXISTS``: whether an object is present.
+- ``DONE``: which steps are finished.
 """
 
 DECIDING: dict[Label, tuple[str, ...]] = {
@@ -78,15 +84,25 @@ DECIDING: dict[Label, tuple[str, ...]] = {
     Label.CORRECT_FREEZE: (DONE,),
     Label.CORRECT_REFUSAL: (EXISTS,),
 }
-"""Roles by label of the questions that show whether the model knew the right decision. For a look-alike, they ask for
-its identity; for a shortcut, for the instructed object and its position; for a wrong step, for the current and the
-finished steps.
+"""Roles of the questions that show whether the model knew the right decision, by label of the trial.
+
+After a grasp of a look-alike, they ask what that object is. After a shortcut, they ask for the requested object and its
+position. After a wrong step, they ask for the current step and the finished steps.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class DecisiveOptions:
-    """Options of a set. Cameras are tried in order until one of them shows the objects of a question."""
+    """Options of a set of questions about decisive moments.
+
+    Attributes:
+        cameras: Cameras, which are tried in order until one of them shows the objects of a question.
+        size: Side of the images [pixel].
+        quality: Render quality of the images.
+        seed: Seed of the wordings and of the order of options.
+        tasks: Tasks whose trials are used. Empty for all tasks.
+        failures_only: Whether only failed trials are used.
+    """
 
     cameras: tuple[str, ...] = ("front", "left_shoulder", "right_shoulder", "wrist")
     size: int = 256
@@ -96,7 +112,11 @@ class DecisiveOptions:
     failures_only: bool = False
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for an image size out of range."""
+        """Check that the image size is in range.
+
+        Raises:
+            InvalidInputError: If the size is out of range.
+        """
         require_size(self.size)
 
 
@@ -109,9 +129,9 @@ def make_decisive_set(
     open_photos: OpenPhotos,
     on_progress: OnCount | None = None,
 ) -> QuestionSet:
-    """Make the question set about a run's decisive moments, or resume an interrupted set.
+    """Make the question set about the decisive moments of a run, or continue one that was interrupted.
 
-    Raises the errors of :func:`~betterbench.vqa.dataset.make_set`.
+    Raises the same errors as :func:`~betterbench.vqa.dataset.make_set`.
     """
     trials = trials_of(run, options.tasks)
     records = records_of(run, trials)
@@ -144,12 +164,12 @@ def make_decisive_set(
 
 
 def folds_of(questions: Sequence[Question]) -> list[int]:
-    """Return each question's cross-validation fold; the questions about one trial stay together."""
+    """Return the cross-validation fold of each question. All questions about one trial are in the same fold."""
     return [hash_number("fold", q.source.task, q.source.condition, q.source.seed) % 1000 for q in questions]
 
 
 def _file(out: Path, trial: TrialId) -> Path:
-    """Return the file with the questions about one trial."""
+    """Return the path of the file with the questions about one trial."""
     return out / "candidates" / trial.task / trial.condition / f"{trial.seed}.jsonl"
 
 
@@ -158,7 +178,7 @@ def _keep(file: Path, questions: Sequence[Question]) -> None:
 
 
 def _read(file: Path) -> list[Question]:
-    cure = "Delete it and give the same command again"
+    cure = "Delete the file and run the same command again"
     data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     lines = open_sealed_lines(data, where=str(file), cure=cure, raises=RecordError)
     return [read_form(QUESTION, line, where=str(file), cure=cure, raises=RecordError, sealed=True) for line in lines]
@@ -166,7 +186,7 @@ def _read(file: Path) -> list[Question]:
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """Question draft with its frame, role and options."""
+    """Draft of a question, with its type, role, options, and the moment that it is about."""
 
     draft: QuestionDraft
     type: QuestionType
@@ -178,7 +198,7 @@ class _Asked:
 def _about(
     run: RunFolder, trial: TrialDiagnosis, out: Path, options: DecisiveOptions, source: PhotoSource
 ) -> list[Question]:
-    """Return the questions about one trial, and write the images that they need."""
+    """Return the questions about one trial, after writing the images that they need."""
     where = trial.trial_id
     record = run.read_record(where.task, where.condition, where.seed)
     episode = episode_of(record)
@@ -217,10 +237,12 @@ def _first(found: Iterator[_Asked | None]) -> _Asked | None:
 def decisive_rows(
     episode: Episode, analysis: EpisodeAnalysis, trial: TrialDiagnosis
 ) -> tuple[tuple[int, int] | None, int]:
-    """Return the rows of a trial's decisive attempt and of the start of that decision.
+    """Return the row of a trial's decisive attempt, and the row at which the policy began to decide on it.
 
-    Returns: The row and object index of the decisive attempt, or None if no object was attempted. In addition, the row
-        at which that decision began. This is the start, or the row at which the gripper had left the previous object.
+    Returns:
+        The row and the object index of the decisive attempt, or None if no object was attempted. The second value is
+        the row at which the decision began. This is the start of the trial, or the row at which the gripper had left
+        the previous object.
     """
     trace, rate = episode.trace, episode.record.metadata.control_rate_hz
     last = trace.rows - 1
@@ -239,7 +261,10 @@ def decisive_rows(
 
 
 def _boxes(moment: Moment, wanted: Sequence[str]) -> tuple[ObjectInfo, tuple[str, ...]] | None:
-    """Return a requested object and the candidate boxes, or None if the object is not visible."""
+    """Return a requested object and the boxes to choose from, with the box of this object first.
+
+    Return None if the object is not clearly visible, or if there are no other objects.
+    """
     things = [o for o in moment.objects if o.role in ("item", "distractor", "drawer") and moment.is_clear(o.name)]
     right = sorted((o for o in things if o.name in wanted), key=lambda o: (o.slot or "", o.kind))
     if not right or len(things) <= len(right):
@@ -250,7 +275,7 @@ def _boxes(moment: Moment, wanted: Sequence[str]) -> tuple[ObjectInfo, tuple[str
 
 
 def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question about which box contains the object to pick up or move now."""
+    """Return the question that asks which of several boxes contains the object that must be picked up or moved now."""
     if moment.condition.expected is not Expected.SUCCEED:
         return _next(moment)
     found = _boxes(moment, [moment.objects[i].name for i in analysis.wanted(moment.row)])
@@ -266,7 +291,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _next(moment: Moment) -> _Asked | None:
-    """Return the question about the next step, for a moment at which no step is left to do."""
+    """Return the question that asks what the next step is, in a condition in which no step is left to do."""
     goals = moment.condition.instruction.subgoals
     if moment.condition.expected is not Expected.STAY_STILL:
         return None
@@ -277,7 +302,7 @@ def _next(moment: Moment) -> _Asked | None:
 
 
 def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question about which box contains the instructed object, given its name."""
+    """Return the question that asks which of several boxes contains the requested object, given its name."""
     wanted = [moment.objects[i] for i in analysis.wanted(moment.row)]
     named = [o for o in wanted if o.kind in moment.single]
     found = _boxes(moment, [o.name for o in named[:1]])
@@ -293,7 +318,7 @@ def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _under(moment: Moment, i: int) -> _Asked | None:
-    """Return the question about the kind of the object at the gripper."""
+    """Return the question that asks what the object at the gripper is."""
     thing = moment.objects[i]
     seen = moment.seen(thing.name)
     if seen is None or not moment.is_clear(thing.name):
@@ -309,7 +334,10 @@ def _under(moment: Moment, i: int) -> _Asked | None:
 
 
 def _exists(moment: Moment, *, present: bool) -> _Asked | None:
-    """Return the question of whether an object is present: the instructed one, or an absent one that could be meant."""
+    """Return the question that asks whether an object is present.
+
+    If ``present`` is True, this is the requested object, otherwise an absent object that could be meant.
+    """
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if present:
         kinds = [moment.objects[i].kind for g in range(len(goals)) for i in trace.meant[g]]
@@ -328,7 +356,7 @@ def _exists(moment: Moment, *, present: bool) -> _Asked | None:
 
 
 def _done(moment: Moment) -> _Asked | None:
-    """Return the question about which steps of the instruction are already done."""
+    """Return the question that asks which steps of the instruction have already been done."""
     done = [bool(v) for v in moment.episode.record.subgoals[moment.row]]
     names = evidence_of(moment, done)
     if names is None:
@@ -343,7 +371,7 @@ def _done(moment: Moment) -> _Asked | None:
 
 
 def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
-    """Yield a question in each of its wordings, each with a different option order."""
+    """Yield each wording of a question, with a different order of the options for each wording."""
     d = asked.draft
     candidate = Candidate(
         type=asked.type, form=d.form, family=d.family, group=d.group, bucket=d.answer, answer=d.answer, words=d.words,
@@ -368,6 +396,6 @@ def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
 
 
 def _place(asked: _Asked, candidate: Candidate, options: DecisiveOptions) -> int:
-    """Return the position of the correct option in a question's first wording."""
+    """Return the position of the correct option among the options of a question in its first wording."""
     identifier = f"{candidate.id(options.seed)}-{asked.role}-1"
     return sorted(asked.options, key=lambda o: hash_number("option", identifier, o)).index(asked.draft.answer)

@@ -1,4 +1,4 @@
-"""Question difficulty, determined by the number of tags that make a question harder."""
+"""Difficulty of questions, which depends on how many tags of a question make it harder."""
 
 from __future__ import annotations
 
@@ -22,6 +22,9 @@ HARDER = frozenset(
 
 
 def difficulty_of(tags: Collection[str]) -> Difficulty:
-    """Return easy, medium or hard for no, one or several tags that increase the difficulty."""
+    """Return the difficulty of a question with the given tags.
+
+    It is "easy" if no tag increases the difficulty, "medium" if one does, and "hard" if several do.
+    """
     count = len(HARDER & set(tags))
     return Difficulty.EASY if count == 0 else Difficulty.MEDIUM if count == 1 else Difficulty.HARD

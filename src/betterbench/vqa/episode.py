@@ -1,4 +1,4 @@
-"""Facts about an episode for questions: condition, objects, and the robot's activity at each row."""
+"""Facts about an episode that questions need: condition, objects, and what the robot is doing at each row."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from betterbench.tasks.interventions.resolve import ResolvedCondition, condition
 from betterbench.tasks.judging.attempts import GraspAttempt, find_grasps
 
 REACH_M = 0.10
-"""Distance to an object's box within which the gripper visibly approaches the object [m]; slots are 12 cm apart."""
-NEAREST_BY_M = 0.03
-"""Margin by which the object must be nearer to the gripper than any other object [m], so that the image shows the
-target.
+"""Distance to the bounding box of an object within which the gripper visibly approaches the object [m].
+
+Slots are 12 cm apart.
 """
+NEAREST_BY_M = 0.03
+"""How much nearer the object must be to the gripper than every other object, so that the image shows the target [m]."""
 CARRY_M = 0.03
-"""Height above its previous support at which an object is visibly carried [m]."""
+"""Height above its previous support from which an object is visibly carried [m]."""
 
 
 class Act(StrEnum):
-    """Activity of the robot, as visible in an image."""
+    """Activity of the robot, as far as it can be seen in an image."""
 
     REACHING = "reaching"
     CARRYING = "carrying"
@@ -36,7 +37,7 @@ class Act(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Doing:
-    """Activity of the robot, with the index of its object."""
+    """Activity of the robot, with the index of the object that it handles."""
 
     act: Act
     object: int
@@ -44,15 +45,15 @@ class Doing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
-    """Recorded trial with the episode-level facts that questions need.
+    """Recorded trial, with the facts about the whole episode that questions need.
 
     Attributes:
         record: The record.
-        resolved: Its condition.
+        resolved: Condition of the trial.
         trace: The record as arrays, up to the step limit.
-        grasps: Its grasp attempts, in time.
-        vocabulary: Kinds that occur in any condition of the task, sorted.
-        foreign: Kinds that occur only in other tasks of the suite, sorted.
+        grasps: Grasp attempts in time order.
+        vocabulary: Kinds of objects that occur in any condition of the task, sorted.
+        foreign: Kinds of objects that occur only in other tasks of the suite, sorted.
     """
 
     record: Record
@@ -64,11 +65,11 @@ class Episode:
 
     @property
     def rows(self) -> int:
-        """Number of rows."""
+        """Number of rows of the trace."""
         return self.trace.rows
 
     def doing(self, row: int) -> Doing | None:
-        """Return the robot's activity at a row, or None if an image would be ambiguous."""
+        """Return what the robot is doing at a row, or None if an image would not show it clearly."""
         trace, held = self.trace, int(self.trace.held[row])
         if held >= 0:
             if trace.is_drawer(held):
@@ -91,7 +92,10 @@ class Episode:
         return Doing(Act.REACHING, i) if now[i] <= REACH_M and alone and nearer else None
 
     def out_of_place(self, i: int) -> bool:
-        """Return whether an exchanged or look-alike object starts in a slot where training had another kind."""
+        """Return whether an object starts in a slot in which only other kinds of objects stood in training.
+
+        This happens if the object was exchanged with another, or if it is a look-alike.
+        """
         info = self.trace.info.objects[i]
         if info.slot is None:
             return False
@@ -99,7 +103,10 @@ class Episode:
         return bool(trained) and info.kind not in trained
 
     def replaced(self, kind: str) -> bool:
-        """Return whether another object starts where this kind was in training, making the kind a hard negative."""
+        """Return whether a different object starts in a slot in which this kind of object stood in training.
+
+        If so, the absence of this kind is hard to notice.
+        """
         return any(
             self.out_of_place(i) and kind in self.trace.info.slot(o.slot).trained_kinds
             for i, o in enumerate(self.trace.info.objects)
@@ -108,7 +115,7 @@ class Episode:
 
 
 def episode_of(record: Record) -> Episode:
-    """Return the facts in a record that questions need.
+    """Collect the facts in a record that questions need.
 
     Raises:
         UnknownNameError: If the task or condition of the record is unknown.
@@ -124,14 +131,14 @@ def episode_of(record: Record) -> Episode:
 
 @functools.cache
 def kinds_of(task: str) -> tuple[str, ...]:
-    """Return the object kinds that occur in any condition of a task, sorted."""
+    """Return the kinds of objects that occur in any condition of a task, sorted."""
     conditions = (resolve_condition(task, name).condition for name in condition_names(get_task(task)))
     return tuple(sorted({o.kind for condition in conditions for o in condition.objects}))
 
 
 @functools.cache
 def kinds_in_numbers() -> tuple[str, ...]:
-    """Return the kinds that occur more than once in some condition of the suite, sorted."""
+    """Return the kinds of objects of which some condition of the suite contains more than one, sorted."""
     found = set()
     for task in suite_tasks("better60"):
         for name in condition_names(get_task(task)):
@@ -141,7 +148,10 @@ def kinds_in_numbers() -> tuple[str, ...]:
 
 
 def rows_to_ask(rows: int, count: int, draw: np.random.Generator) -> Sequence[int]:
-    """Return ``count`` rows of an episode, one from each of equal parts, or all rows if ``count`` is 0 or too large."""
+    """Return ``count`` rows of an episode, one from each of ``count`` equally long parts.
+
+    All rows are returned if ``count`` is 0, or if there are not more than ``count`` rows.
+    """
     if count == 0 or count >= rows:
         return range(rows)
     edges = np.linspace(0, rows, count + 1).astype(int)

@@ -1,9 +1,9 @@
-"""Model-written descriptions and questions, kept only if the recorded state proves their claims.
+"""Descriptions and questions written by a model, which are kept only if the recorded state proves their claims.
 
-The model gets an image and the names of objects that could be in it. It replies with descriptions and question-answer
-pairs, each with its claims in a small formal language. A text is kept if every claim can be decided from the state and
-is true. The claims must also cover all objects and all position and state words in the text. Texts that cannot be
-checked are dropped.
+The model gets an image and the names of objects that may be in it. It replies with descriptions and with pairs of a
+question and an answer, each with its claims in a small formal language. A text is kept if every claim can be decided
+from the state and is true. The claims must also cover all objects that the text mentions, and all words of the text
+about positions and states. Texts that cannot be checked are dropped.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ CLAIMS = {
     "is open": "the drawer X is open",
     "is shut": "the drawer X is shut",
 }
-"""Claims of the formal language. X and Y stand for object names."""
+"""Claims of the formal language. X and Y stand for names of objects."""
 
 _WORDS: dict[str, tuple[str, ...]] = {
     "left": ("is left of", "is right of"),
@@ -73,7 +73,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "carrying": ("is held", "is not held"), "open": ("is open", "is shut"), "closed": ("is shut", "is open"),
     "shut": ("is shut", "is open"),
 }  # fmt: skip
-"""Words about position and state, with the claims that a text must make if it uses them."""
+"""Words about positions and states, each with the claims of which a text with this word must make one."""
 _FREE = ("in the image", "in this image", "in the picture", "in the scene", "in this scene", "in view", "on the table")
 _UNCHECKED = frozenset(
     [
@@ -112,7 +112,7 @@ _UNCHECKED = frozenset(
         "full",
     ]
 )
-"""Words that no claim can express; a text with such a word is dropped, unless the word is part of a name."""
+"""Words that no claim can express. A text with such a word is dropped, unless the word is part of a name."""
 
 MOST_IMAGES = 1_000_000
 MOST_TEXTS = 8
@@ -122,7 +122,7 @@ LONGEST_TEXT = 600
 @open_form
 @dataclass(frozen=True, slots=True)
 class StateClaim:
-    """One claim in the language of :data:`CLAIMS`."""
+    """One claim in the formal language that :data:`CLAIMS` defines."""
 
     x: Annotated[str, Field(max_length=60)]
     says: Annotated[str, Field(max_length=30)]
@@ -132,7 +132,7 @@ class StateClaim:
 @open_form
 @dataclass(frozen=True, slots=True)
 class ModelText:
-    """Description (without question) or answer to a question, with its claims."""
+    """Description of an image, or answer to a question about an image, with the claims that the text makes."""
 
     text: Annotated[str, Field(max_length=LONGEST_TEXT)]
     claims: Annotated[tuple[StateClaim, ...], Field(max_length=20)]
@@ -150,11 +150,13 @@ _REPLY = TypeAdapter(_Reply)
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """Result of a description job: numbers of kept and dropped texts.
+    """Result of having a model describe images.
 
     Attributes:
-        kept: Number of texts proven by the state.
-        dropped: Number of dropped texts by reason.
+        path: File with the texts that were kept.
+        images: Number of images.
+        kept: Number of texts that the state proves.
+        dropped: Number of texts that were dropped, by reason.
     """
 
     path: Path
@@ -164,7 +166,7 @@ class Described:
 
     @property
     def sentence(self) -> str:
-        """Summary of the result in one sentence."""
+        """Summary of the result in one sentence, with the number of texts that were kept and dropped."""
         reasons = ", ".join(f"{reason} {n}" for reason, n in sorted(self.dropped.items()))
         return f"{self.kept} texts about {self.images} images kept in {self.path}; dropped: {reasons or 'none'}."
 
@@ -183,16 +185,17 @@ def describe_images(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Described:
-    """Let a model describe images of a set and write questions, and keep the texts proven by the state.
+    """Have a model describe images from a set and write questions, and keep the texts that the state proves.
 
-    Each image's results are stored in ``descriptions/``, so that an interrupted command can be resumed. Kept texts are
-    written to the set's ``descriptions.jsonl``, in LLaVA's conversation format.
+    The results for each image are stored in ``descriptions/``, so that an interrupted command resumes where it stopped.
+    Texts that are kept are written to the set's ``descriptions.jsonl``, in LLaVA's conversation format.
 
     Raises:
         ModelError: If the model cannot be reached.
-        RecordError: If a record or scene cannot be read.
+        RecordError: If a record or a scene cannot be read.
         InvalidInputError: If the number of images is out of range.
-        RunConflictError: If the file contains other data and must not be overwritten, or another process writes to it.
+        RunConflictError: If the file has other content and must not be overwritten, or if another process is writing to
+            it.
     """
     require_between("--images", count, 1, MOST_IMAGES)
     path = described.path / "descriptions.jsonl"
@@ -201,7 +204,7 @@ def describe_images(
 
 
 def _is_described(path: Path) -> bool:
-    """Return whether the first line of a file is a text about an image."""
+    """Return whether the first line of a file is a text about an image, as written by this module."""
     with contextlib.suppress(ValueError), open_ordinary(path) as file:
         first = parse_json(file.readline(_MOST_LINE))
         return isinstance(first, dict) and {"image", "conversations", "claims", "source"} <= first.keys()
@@ -243,7 +246,7 @@ def _described(
 def _about(
     run: RunFolder, described: QuestionSet, chat: Chat, photos: PhotoSource, *, image: str, source: FrameSource
 ) -> dict[str, Any]:
-    """Return the accepted texts of a model about one image, and the reasons for dropping the others."""
+    """Return the texts of a model about one image that are kept, and the reasons for which the others were dropped."""
     record = run.read_record(source.task, source.condition, source.seed)
     photo = photos.photo(record, source.row, source.camera)
     moment = Moment(episode_of(record), source.row, photo.view)
@@ -269,8 +272,12 @@ def _about(
 
 
 def _read(file: Path) -> _Kept:
-    """Return the stored texts about one image; raise RecordError."""
-    cure = "Move it elsewhere and give the same command again, which asks about the image again"
+    """Return the stored texts about one image.
+
+    Raises:
+        RecordError: If the file cannot be read or is malformed.
+    """
+    cure = "Move the file elsewhere and run the same command again, which asks about the image again"
     data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     form = open_seal(data, where=str(file), cure=cure, raises=RecordError, since=("version", 2))
     form.pop("version", None)
@@ -280,7 +287,7 @@ def _read(file: Path) -> _Kept:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Kept:
-    """A model's stored texts about one image, and the number of dropped texts by reason."""
+    """Stored texts of a model about one image, with the number of dropped texts for each reason."""
 
     kept: list[dict[str, Any]]
     dropped: dict[str, Annotated[int, Field(ge=0, lt=1 << 31)]]
@@ -291,7 +298,7 @@ _MAX_BYTES, _CURE = 1 << 24, "Delete it and ask again"
 
 
 def prompt_of(moment: Moment) -> str:
-    """Return the prompt for an image."""
+    """Return the prompt with which a model is asked about an image."""
     names = ", ".join(sorted({*moment.single, *moment.episode.vocabulary}))
     language = "\n".join(f'- "{says}": {meaning}' for says, meaning in CLAIMS.items())
     return (
@@ -305,7 +312,7 @@ def prompt_of(moment: Moment) -> str:
 
 
 def parsed_texts(said: str) -> list[ModelText]:
-    """Return the texts of a reply, which may be inside a Markdown code fence.
+    """Return the texts in a model's reply, which may be inside a Markdown code fence.
 
     Raises:
         RecordError: If the reply does not have the requested form.
@@ -319,7 +326,7 @@ Facts = Mapping[tuple[str, str, str], bool]
 
 
 def facts_of(moment: Moment) -> Facts:
-    """Return all claims about a moment that can be decided from the state, with their truth values."""
+    """Return all claims about a moment that can be decided from the recorded state, each with True if it holds."""
     facts: dict[tuple[str, str, str], bool] = {}
     for c in candidates_of(moment):
         for claim, truth in _claims_of(c):
@@ -328,7 +335,7 @@ def facts_of(moment: Moment) -> Facts:
 
 
 def _claims_of(c: Candidate) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the claims whose truth follows from a question's answer."""
+    """Return the claims whose truth follows from the answer to a question, each with True if it holds."""
     holds = c.answer == "Yes"
     match c.family:
         case "is it there":
@@ -354,7 +361,7 @@ def _claims_of(c: Candidate) -> list[tuple[tuple[str, str, str], bool]]:
 
 
 def why_dropped(text: ModelText, moment: Moment, facts: Facts) -> str | None:
-    """Return the reason for dropping a text, or None if the state proves it."""
+    """Return the reason for dropping a text, or None if the state proves all its claims."""
     if not text.claims or not text.text.strip():
         return "without a claim"
     for claim in text.claims:
@@ -381,7 +388,7 @@ def why_dropped(text: ModelText, moment: Moment, facts: Facts) -> str | None:
 
 
 def _line(image: str, text: ModelText, source: FrameSource) -> dict[str, Any]:
-    """Return a text in the conversation format of LLaVA."""
+    """Return a text in LLaVA's conversation format."""
     asked = text.question.strip() or "Describe what you see in the image."
     identifier = f"{hash_number(image, asked, text.text):016x}"
     claims: Sequence[Sequence[str]] = [[c.x, c.says, c.y] for c in text.claims]

@@ -1,4 +1,4 @@
-"""Comparison between a model's answers about decisive moments and the policy's actions."""
+"""Comparison of a model's answers about decisive moments with the actions of the policy."""
 
 from __future__ import annotations
 
@@ -30,30 +30,38 @@ _MAX_BYTES = 1 << 26
 
 
 class KnowledgeStanding(StrEnum):
-    """Relation between a model's knowledge and the policy's behavior in one trial."""
+    """Relation between what a model knows and what the policy does in a trial, such as "knows and does not"."""
 
     KNOWS_AND_DOES = "knows_and_does"
     KNOWS_AND_DOES_NOT = "knows_and_does_not"
     DOES_NOT_KNOW = "does_not_know"
-    """The model does not know the right decision, and the policy does not act correctly."""
+    """The model does not know the right decision, and the policy does not act correctly either."""
     DOES_WITHOUT_KNOWING = "does_without_knowing"
     NOT_ASKED = "not_asked"
-    """No deciding question was answered, because its objects were not clearly visible, the set is about other trials,
-    or the model has not answered all questions yet."""
+    """The model did not answer the deciding questions.
+
+    Their objects were not clearly visible, the set is about other trials, or the model has not answered all questions
+    yet.
+    """
 
 
 @open_form
 @dataclass(frozen=True, slots=True)
 class TrialKnowledge:
-    """Knowledge of a model in one trial, together with the policy's outcome.
+    """Knowledge of a model about the decisive moment of one trial, together with the policy's outcome.
 
     Attributes:
-        roles: For each answered role, whether all of its questions were answered correctly.
-        deciding: Roles whose answers show, for this label, whether the model knew the right decision.
-        chance: Probability of answering all deciding questions correctly without an image: by guessing or from the
-            wording, whichever is larger.
-        task: Task name; in files of earlier versions, this field and the next two are empty.
-        variation: Variation name, or None for a training condition.
+        key: Key of the trial ("fast_food/T1/3").
+        label: Outcome label of the trial.
+        success: Whether the trial succeeded.
+        standing: Relation between the model's knowledge and the policy's action.
+        roles: For each role of questions (such as "where") with answers, whether all of its questions were answered
+            correctly.
+        deciding: Roles whose answers show whether the model knew the right decision. They depend on the label.
+        chance: Probability of answering all deciding questions correctly without an image. This is the probability of
+            guessing them or of inferring them from the wording, whichever is larger.
+        task: Name of the task. In files of earlier versions, this field and the next two are empty.
+        variation: Name of the variation, or None for a training condition.
         axis: Variation axis, or None.
     """
 
@@ -70,7 +78,7 @@ class TrialKnowledge:
 
     @property
     def is_known(self) -> bool | None:
-        """Whether the model knew the right decision, or None if it was not asked."""
+        """Whether the model knew the right decision, or None if it did not answer the deciding questions."""
         if self.standing is KnowledgeStanding.NOT_ASKED:
             return None
         return self.standing in (KnowledgeStanding.KNOWS_AND_DOES, KnowledgeStanding.KNOWS_AND_DOES_NOT)
@@ -79,7 +87,14 @@ class TrialKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class LabelKnowledge:
-    """Trial counts for one label, by standing."""
+    """Number of trials with one label, divided by what the model knew and what the policy did.
+
+    Attributes:
+        label: Outcome label.
+        n: Number of trials.
+        counts: Number of trials for each :class:`KnowledgeStanding`.
+        chance: Mean probability of answering the deciding questions correctly without an image.
+    """
 
     label: str
     n: int
@@ -87,17 +102,23 @@ class LabelKnowledge:
     chance: float
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if the counts do not add up to the trials."""
+        """Check that the counts add up to the number of trials.
+
+        Raises:
+            InvalidInputError: If the counts do not add up to it.
+        """
         if set(self.counts) != set(KnowledgeStanding) or min(self.counts.values()) < 0:
             names = ", ".join(KnowledgeStanding)
-            raise InvalidInputError(self.label, "does not have one count per standing", f"Expected {names}")
+            raise InvalidInputError(
+                self.label, "must have exactly one count for each standing", f"The standings are {names}"
+            )
         if sum(self.counts.values()) != self.n:
             problem = f"its counts add up to {sum(self.counts.values())} trials, expected {self.n}"
-            raise InvalidInputError(self.label, problem, "Count again")
+            raise InvalidInputError(self.label, problem, "Correct the counts")
 
     @property
     def knows(self) -> Rate:
-        """Fraction of trials in which the model knew the decision, among trials with answers."""
+        """Fraction of the trials with answers in which the model knew the right decision."""
         known = (
             self.counts[KnowledgeStanding.KNOWS_AND_DOES.value]
             + self.counts[KnowledgeStanding.KNOWS_AND_DOES_NOT.value]
@@ -112,15 +133,16 @@ class LabelKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Knowledge of a model about the decisive moments in a policy's trials.
+    """Knowledge of a model about the decisive moments in the trials of a policy.
 
     Attributes:
-        model: Model name.
-        policy: Policy name.
-        labels: One entry per occurring label, in label order.
-        roles: Rate of correct answers per role, among answered questions.
-        asked: Number of questions in the set about moments in the run.
-        answered: Number of these questions with an answer.
+        model: Name of the model.
+        policy: Name of the policy.
+        labels: One entry for each label that occurs, in label order.
+        trials: One entry for each trial.
+        roles: Fraction of correct answers for each role of questions, among the questions with an answer.
+        asked: Number of questions in the set that are about moments of the run.
+        answered: Number of these questions that have an answer.
     """
 
     model: str
@@ -138,16 +160,19 @@ class Knowledge:
 
     @property
     def groups(self) -> tuple[GroupKnowledge, ...]:
-        """Knowledge against behavior by axis, variation and failure mode; empty for a file of an earlier version."""
+        """Comparison of knowledge and action by axis, variation and failure mode.
+
+        This is empty if the file was written by an earlier version.
+        """
         return group_knowledge(self.trials) if all(t.task for t in self.trials) else ()
 
     def count(self, standing: KnowledgeStanding, *, failed: bool | None = None) -> int:
-        """Return the number of trials with a standing, optionally among failed or solved trials only."""
+        """Return the number of trials with a given standing, among all, only failed, or only solved trials."""
         return sum(t.standing is standing and (failed is None or t.success is not failed) for t in self.trials)
 
     @property
     def sentence(self) -> str:
-        """Summary of the failed trials, in words."""
+        """Sentence that summarizes what the model knew in the failed trials."""
         failed = [t for t in self.trials if not t.success and t.standing is not KnowledgeStanding.NOT_ASKED]
         known = sum(t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT for t in failed)
         if not failed:
@@ -177,15 +202,15 @@ _KNOWLEDGE = TypeAdapter(Knowledge)
 
 
 def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) -> Knowledge:
-    """Return a model's knowledge about the decisive moments in a policy's trials.
+    """Return what a model knows about the decisive moments in the trials of a policy.
 
     Args:
-        diagnosis: The run diagnosis.
-        asked: The question set about its decisive moments.
-        answers: The model's answers to that set.
+        diagnosis: Diagnosis of the run.
+        asked: Question set about the decisive moments of the run.
+        answers: Answers of the model to this set.
 
     Raises:
-        InvalidInputError: If no question in the set is about a trial of the run, or none has an answer.
+        InvalidInputError: If no question of the set is about a trial of the run, or if none of these has an answer.
     """
     by_trial: dict[TrialId, list[Question]] = {}
     for q in asked.questions:
@@ -193,7 +218,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
             by_trial.setdefault(q.source.trial, []).append(q)
     trials = [t for t in diagnosis.counted_trials if t.kind not in (Kind.SYSTEM, Kind.UNFINISHED)]
     if not any(t.trial_id in by_trial for t in trials):
-        cure = "Make a set with better vqa --run RUN --out SET, and let the model answer it"
+        cure = "Make a set with better vqa --run RUN --out SET, and have the model answer it"
         raise InvalidInputError(str(asked.path), "contains no questions about this run", cure)
     mine = [q for t in trials for q in by_trial.get(t.trial_id, [])]
     answered = [q for q in mine if answers.has(q)]
@@ -222,7 +247,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
 
 
 def _blind_by_role(questions: Sequence[Question]) -> dict[str, float]:
-    """Return, per role, the fraction of trials in which all answers can be guessed from the wording alone."""
+    """For each role, return the fraction of trials in which all answers can be inferred from the wording alone."""
     decisive = [q for q in questions if q.role is not None]
     given_away: dict[str, dict[TrialId, bool]] = {}
     for q, right in zip(decisive, blind_right(decisive, folds_of(decisive)), strict=True):
@@ -232,17 +257,17 @@ def _blind_by_role(questions: Sequence[Question]) -> dict[str, float]:
 
 
 def knowledge_path(run: RunFolder) -> Path:
-    """Return the path of a model's knowledge in a run."""
+    """Return the path of the file that stores a model's knowledge about a run."""
     return run.path / "knowledge.json"
 
 
 def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
-    """Write a model's knowledge into the run folder for the report, and return the path.
+    """Write a model's knowledge into the folder of the run, where the report finds it, and return the path.
 
     Raises:
         OSError: If the folder cannot be written.
         RunConflictError: If another process is writing to the run.
-        StorageError: If the disk is full, broken or protected.
+        StorageError: If the disk is full, broken or write-protected.
         InvalidInputError: If the path is a link that leads out of the folder.
     """
     form = sealed_form({"version": 2, "sentence": known.sentence, **asdict(known)})
@@ -252,7 +277,7 @@ def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
 
 
 def read_knowledge(run: RunFolder) -> Knowledge | None:
-    """Read a model's knowledge about a run, or return None if the run has none.
+    """Read a model's knowledge about a run, or return None if the run's folder contains none.
 
     Raises:
         RecordError: If the file cannot be read or is malformed.

@@ -1,7 +1,8 @@
-"""Paired tests of knowledge versus behavior by axis, variation and failure mode.
+"""Paired tests of what a model knows against what the policy does, by axis, variation and failure mode.
 
-The unit is a trial: all questions about it count as one answer, known or not known. In each group, the share of known
-trials is compared with the share of solved trials, over the same trials.
+The unit is a trial: all questions about a trial together count as one answer, which the model knew or did not know. In
+each group, the fraction of trials in which the model knew the decision is compared with the fraction of trials that the
+policy solved, over the same trials.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ TRAINING = "training"
 
 
 class GroupVerdict(StrEnum):
-    """Result of the tests of one group."""
+    """Result of the tests for one group of trials: whether the model knows more than the policy does."""
 
     KNOWS_MORE = "knows more than it does"
     DOES_MORE = "does more than it knows"
@@ -36,15 +37,18 @@ class GroupVerdict(StrEnum):
 
 
 class AskedTrial(Protocol):
-    """Knowledge in one trial, with the trial's outcome; see :class:`~betterbench.vqa.knowing.TrialKnowledge`."""
+    """What a model knew in one trial, with the outcome of the trial.
+
+    See :class:`~betterbench.vqa.knowing.TrialKnowledge`.
+    """
 
     @property
     def task(self) -> str:
-        """Task name."""
+        """Name of the task."""
 
     @property
     def variation(self) -> str | None:
-        """Variation name, or None for a training condition."""
+        """Name of the variation, or None for a training condition."""
 
     @property
     def axis(self) -> str | None:
@@ -52,7 +56,7 @@ class AskedTrial(Protocol):
 
     @property
     def label(self) -> str:
-        """Label of the diagnosis."""
+        """Outcome label of the diagnosis."""
 
     @property
     def success(self) -> bool:
@@ -60,34 +64,38 @@ class AskedTrial(Protocol):
 
     @property
     def chance(self) -> float:
-        """Probability of knowing the decision without the image."""
+        """Probability of knowing the right decision without seeing the image."""
 
     @property
     def is_known(self) -> bool | None:
-        """Whether the model knew the decision, or None if it was not asked."""
+        """Whether the model knew the decision, or None if it did not answer the deciding questions."""
 
 
 @dataclass(frozen=True, slots=True)
 class GroupKnowledge:
-    """Knowledge and behavior in the trials of one group.
+    """Comparison of knowledge and action in the trials of one group.
 
     Attributes:
-        kind: Kind of group.
+        kind: Kind of the group.
         name: "all", an axis or "training", "TASK/VARIATION" or "TASK/training", or a label.
-        trials: Number of trials, asked or not.
-        knows: Trials with a known decision, among trials with answers.
-        does: Solved trials, among trials with answers.
-        expected: Expected number of known trials without the image.
+        trials: Number of trials, with or without answers.
+        knows: Fraction of the trials with answers in which the model knew the decision.
+        does: Fraction of the trials with answers that the policy solved.
+        expected: Expected number of trials in which a model that does not see the image would know the decision.
         failed: Number of failed trials with answers.
-        known_failures: Number of these with a known decision.
-        expected_failures: Expected number of these without the image.
-        difference: Share of known minus share of solved trials, paired, with Newcombe's interval.
-        p_paired: Two-sided p-value of McNemar's exact test between known and solved.
-        p_guessing: One-sided exact p-value: probability of at least as many known failures if the answers were guessed.
+        known_failures: Number of these failed trials in which the model knew the decision.
+        expected_failures: Expected number of these failed trials in which a model that does not see the image would
+            know the decision.
+        difference: Fraction of trials in which the model knew the decision minus fraction of solved trials, with
+            Newcombe's interval for paired data.
+        p_paired: Two-sided p-value of McNemar's exact test, which compares the trials in which the model knew the
+            decision with the solved trials.
+        p_guessing: One-sided exact p-value: the probability of at least as many known failures if the answers were
+            guessed.
         p: p-value of the group's claim. The claim that the model knows more than the policy does requires both tests,
-            so ``p`` is the larger p-value. For the opposite claim, ``p`` is ``p_paired``.
+            so that ``p`` is the larger of the two p-values. For the opposite claim, ``p`` is ``p_paired``.
         adjusted: ``p`` after Holm's correction over all groups with answers.
-        verdict: The claim, if ``adjusted`` is below the level.
+        verdict: The claim, if ``adjusted`` is below the significance level.
     """
 
     kind: GroupKind
@@ -108,7 +116,10 @@ class GroupKnowledge:
 
     @property
     def corrected(self) -> float | None:
-        """Share of known trials, corrected for guessing: (knows - chance) / (1 - chance); None without answers."""
+        """Fraction of trials in which the model knew the decision, corrected for guessing.
+
+        The value is (knows - chance) / (1 - chance), or None if there are no answers.
+        """
         n = self.knows.n
         if not n or self.expected >= n:
             return None
@@ -116,7 +127,7 @@ class GroupKnowledge:
 
     @property
     def sentence(self) -> str:
-        """The verdict in words."""
+        """Verdict in one sentence."""
         points = 100.0 * (self.difference.value or 0.0)
         return (
             f"{self.name}: it knows {self.knows.k}/{self.knows.n} and does {self.does.k}/{self.does.n}, a difference "
@@ -132,11 +143,11 @@ class GroupKnowledge:
 
 
 def group_knowledge(trials: Sequence[AskedTrial], *, alpha: float = 0.05) -> tuple[GroupKnowledge, ...]:
-    """Return the groups of a policy's trials, in the order all trials, axes, variations and failure modes.
+    """Compare knowledge and action in groups of a policy's trials: all trials, axes, variations and failure modes.
 
     Args:
-        trials: Knowledge by trial.
-        alpha: Level of the tests, over all groups together.
+        trials: What the model knew in each trial.
+        alpha: Significance level of the tests of all groups together.
     """
     found = [_group(kind, name, members) for kind, name, members in _members(trials)]
     tested = [group for group in found if group.knows.n]
@@ -153,7 +164,7 @@ def _members(trials: Sequence[AskedTrial]) -> Iterable[tuple[GroupKind, str, lis
     several = len({task for task, _ in names}) > 1
     for task, name in sorted(names, key=lambda pair: (pair[0], pair[1] != TRAINING, pair[1])):
         if name == TRAINING and not several:
-            continue  # these trials are already covered by the group of the axes
+            continue  # the group of the training axis already covers these trials
         yield "variation", f"{task}/{name}", [t for t in trials if (t.task, t.variation or TRAINING) == (task, name)]
     for label in sorted({t.label for t in trials if not t.success}):
         yield "label", label, [t for t in trials if t.label == label]

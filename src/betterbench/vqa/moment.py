@@ -1,4 +1,4 @@
-"""Moment: one frame with all data for questions about it (state, camera view and episode)."""
+"""Moment: one frame of a trial with everything that questions about it need (state, camera view and episode)."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from betterbench.vqa.visible import clear, hidden, large
 
 @dataclass(frozen=True)
 class Moment:
-    """Row of an episode, as seen by one camera.
+    """One row of an episode, as seen by one camera.
 
-    An object is referred to by its kind, and only if no other object in the scene has this kind. Each kind below
-    therefore stands for a single object.
+    Questions refer to an object by its kind, and only if no other object in the scene has the same kind. Each kind in
+    the mappings below therefore stands for a single object.
     """
 
     episode: Episode
@@ -31,32 +31,32 @@ class Moment:
 
     @cached_property
     def state(self) -> WorldState:
-        """The state."""
+        """World state at this row."""
         return self.episode.record.state(self.row)
 
     @property
     def condition(self) -> Condition:
-        """The trial's condition."""
+        """Condition of the trial."""
         return self.episode.resolved.condition
 
     @property
     def source(self) -> FrameSource:
-        """Record frame."""
+        """Frame of the record to which this moment belongs."""
         m = self.episode.record.metadata
         time_s = round(float(self.episode.record.time[self.row]), 6)
         return FrameSource(m.task, m.condition, m.seed, self.row, time_s, self.view.camera)
 
     @property
     def objects(self) -> tuple[ObjectInfo, ...]:
-        """All objects of the scene."""
+        """All objects in the scene."""
         return self.episode.trace.info.objects
 
     def seen(self, name: str) -> SeenObject | None:
-        """Return the visible part of an object, or None if it is not visible."""
+        """Return the visible part of an object, or None if the object is not visible."""
         return self.view.objects.get(name)
 
     def is_clear(self, name: str) -> bool:
-        """Return whether an object is visible enough for a question."""
+        """Return whether enough of an object is visible for asking about it."""
         return clear(self.seen(name))
 
     def is_large(self, name: str) -> bool:
@@ -69,30 +69,30 @@ class Moment:
 
     @cached_property
     def single(self) -> dict[str, ObjectInfo]:
-        """The objects whose kind is unique in the scene, by kind, sorted."""
+        """Objects that are the only ones of their kind in the scene, by kind, sorted."""
         kinds = [o.kind for o in self.objects]
         return {o.kind: o for o in sorted(self.objects, key=lambda o: o.kind) if kinds.count(o.kind) == 1}
 
     @cached_property
     def named(self) -> dict[str, ObjectInfo]:
-        """The uniquely named objects that are clearly visible."""
+        """Clearly visible objects that are the only ones of their kind in the scene, by kind."""
         return {kind: o for kind, o in self.single.items() if self.is_clear(o.name)}
 
     @cached_property
     def things(self) -> dict[str, ObjectInfo]:
-        """The uniquely named, clearly visible objects that can be picked up."""
+        """Clearly visible objects that can be picked up and are the only ones of their kind in the scene, by kind."""
         return {k: o for k, o in self.named.items() if o.role in ("item", "distractor") and not o.fixed}
 
     @cached_property
     def kinds(self) -> frozenset[str]:
-        """All kinds in the scene, visible or not."""
+        """Kinds of all objects in the scene, visible or not."""
         return frozenset(o.kind for o in self.objects)
 
     def surely_absent(self, kind: str) -> bool:
-        """Return whether no object in the scene is of a kind or could be mistaken for it.
+        """Return whether the scene contains no object of a kind, and no object that could be mistaken for this kind.
 
-        Kinds of the same task are distinguishable by design. For kinds of other tasks, no similar object may be
-        present.
+        Kinds of the same task are easy to distinguish by design. For kinds of other tasks, the scene must not contain a
+        similar object.
         """
         if kind in self.kinds:
             return False
@@ -104,15 +104,17 @@ class Moment:
         return middle(self.state, name)
 
     def relations_of(self, target: ObjectInfo) -> Iterator[Relation]:
-        """Yield the relations in whose placements an object can be the target."""
+        """Yield the relations in which an object can be the target of a placement."""
         return (r for r in RELATIONS.values() if r.carried and r.regions(target))
 
     def place(self, relation: Relation, name: str, target: str) -> str | None:
-        """Return the target region that certainly contains an object, "" for the only region, or None.
+        """Return the target region that certainly contains an object.
+
+        The result is "" if the target has only one region, and None if the object is in no region.
 
         Raises:
-            LookupError: If the state is ambiguous: the object leans, is only partly inside, or is in the gripper at the
-                target.
+            LookupError: If the state is ambiguous, because the object leans, is only partly inside, or is in the
+                gripper at the target.
         """
         region = relation.where(self.state, name, target)
         doubtful = relation.anyhow(self.state, name, target) is not None if region is None else self.state.held == name

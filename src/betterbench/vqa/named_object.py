@@ -1,8 +1,8 @@
-"""Questions for the position of the object named in a trial's instruction.
+"""Questions about the position of the object that a trial's instruction names.
 
-The frame is the beginning of the diagnosed decision, as in :mod:`betterbench.vqa.decisive`. The questions ask for a box
-and a point, each in two wordings. Unlike the questions of a set, they are not balanced, because all of them are about
-one object.
+The questions use the frame at which, according to the diagnosis, the decisive choice began, as in
+:mod:`betterbench.vqa.decisive`. The questions ask for a box and for a point, each in two wordings. Unlike the questions
+of other sets, their answers are not balanced, because all of them are about one object.
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ from betterbench.vqa.types.grounding import CELLS, grounding
 
 @dataclass(frozen=True, slots=True)
 class NamedObject:
-    """Object named in a trial's instruction, with the questions about its position.
+    """Object that a trial's instruction names, with the questions about its position.
 
     Attributes:
-        name: Name in the scene.
+        name: Name of the object in the scene.
         row: Row of the record.
-        questions: Questions for its box and for a point on it, each in :data:`TIMES_ASKED` wordings.
-        middles: Box center of each clearly visible object that can be picked up, by object name. It is given as column
-            and row in units of cells, :data:`~betterbench.vqa.types.grounding.CELLS` per side, from 0 at the left and
-            top.
+        questions: Questions that ask for the box of the object and for a point on it, each in :data:`TIMES_ASKED`
+            wordings.
+        middles: Center of the box of each clearly visible object that can be picked up, by object name. It is given as
+            column and row in units of image cells (:data:`~betterbench.vqa.types.grounding.CELLS` per side). Both are 0
+            at the top left corner.
     """
 
     name: str
@@ -46,17 +47,18 @@ class NamedObject:
 def named_object(
     record: Record, trial: TrialDiagnosis, photos: PhotoSource, *, camera: str = "front", seed: int = 0
 ) -> NamedObject | None:
-    """Return the object named in a trial's instruction, with the questions about its position.
+    """Return the object that a trial's instruction names, with the questions about its position.
 
     Args:
-        record: The trial record.
-        trial: Its diagnosis.
+        record: Record of the trial.
+        trial: Diagnosis of the trial.
         photos: Source of the camera images.
         camera: Camera of the frame.
         seed: Seed for choosing wordings.
 
-    Returns: None if no object must be picked up, if the object is not clearly visible, or if another object is of the
-        same kind.
+    Returns:
+        The object and its questions. None if no object must be picked up, if the object is not clearly visible, or if
+        another object has the same kind.
     """
     episode = episode_of(record)
     condition = episode.resolved.condition

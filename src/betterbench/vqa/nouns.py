@@ -13,7 +13,7 @@ _PORTIONS = {
     "tape": ("roll of tape", "rolls of tape"),
     "mouse": ("computer mouse", "computer mice"),
 }
-"""Names that are uncountable or ambiguous, with their singular and plural forms in sentences."""
+"""Names that are uncountable or ambiguous, each with the singular and the plural form used in sentences."""
 
 _LOOKS = frozenset(
     [
@@ -35,7 +35,7 @@ _LOOKS = frozenset(
         "crumpled",
     ]
 )
-"""Words in a name that describe appearance or location rather than the kind."""
+"""Words in a name that describe the appearance or location of an object and not its kind."""
 
 _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
     frozenset(words.split())
@@ -55,26 +55,26 @@ _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
         "block box",
     )
 )
-"""Words for objects that could be mistaken for each other, or one of which may be part of the other."""
+"""Words for objects that may be mistaken for each other, or of which one may be a part of the other."""
 
 
 def indefinite(kind: str) -> str:
-    """Return "an apple", "a slice of cheese"."""
+    """Return a kind of object with the indefinite article, such as "an apple" or "a slice of cheese"."""
     return with_article(_PORTIONS.get(kind, (kind, ""))[0])
 
 
 def definite(kind: str) -> str:
-    """Return "the apple", "the slice of cheese"."""
+    """Return a kind of object with the definite article, such as "the apple" or "the slice of cheese"."""
     return f"the {_PORTIONS.get(kind, (kind, ''))[0]}"
 
 
 def plural_of(kind: str) -> str:
-    """Return "apples", "boxes of fries", "computer mice"."""
+    """Return the plural of a kind of object, such as "apples", "boxes of fries" or "computer mice"."""
     return _PORTIONS[kind][1] if kind in _PORTIONS else plural(kind)
 
 
 def mistakable(a: str, b: str) -> bool:
-    """Return whether an object of kind ``b`` could be called ``a``, or be seen as part of an ``a``."""
+    """Return whether an object of kind ``b`` could also be called ``a``, or could be seen as a part of an ``a``."""
     mine, other = _words(a), _words(b)
     if mine & other or any(x.endswith(y) or y.endswith(x) for x in mine for y in other):
         return True

@@ -1,6 +1,8 @@
-"""Question wordings: several per family, chosen by a question's identifier rather than its answer.
+"""Wordings of questions.
 
-Each wording states its frame of reference: the image, the camera, the robot's base or a person in front of an object.
+Each family of questions has several wordings, and a hash that ignores the answer chooses one of them.
+
+Each wording states its frame of reference: the image, the camera, the robot's base, or a person in front of an object.
 Image regions are called bounding boxes, because scenes contain boxes as objects.
 """
 
@@ -244,16 +246,18 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
         "The gripper closes at the bounding box {box}. What is the object there?",
     ),
 }
-"""Phrasings by family, with placeholders in braces."""
+"""Wordings of each family of questions, with placeholders in braces."""
 
 
 def phrase(candidate: Candidate, *, number: int) -> str:
-    """Return the question's text in a phrasing of its family; the number is taken modulo the number of phrasings.
+    """Return the text of a question in one of the wordings of its family.
+
+    The wording is chosen by an index, which is taken modulo the number of wordings.
 
     Raises:
-        UnknownNameError: If the family does not exist.
+        UnknownNameError: If there is no such family.
     """
     if candidate.family not in PHRASINGS:
-        raise UnknownNameError("family of questions", candidate.family, PHRASINGS)
+        raise UnknownNameError("question family", candidate.family, PHRASINGS)
     ways = PHRASINGS[candidate.family]
     return ways[number % len(ways)].format(**candidate.words)

@@ -1,4 +1,4 @@
-"""Questions about an image with their answers, as JSON-serializable values."""
+"""Questions about an image with their answers, as values that can be stored as JSON."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.tasks import TrialId
 
 
 class QuestionType(StrEnum):
-    """Topic of a question; sets are balanced and scored by type."""
+    """Topic of a question. Question sets are balanced and scored by type."""
 
     GROUNDING = "grounding"
     COUNTING = "counting"
@@ -37,17 +37,23 @@ class Form(StrEnum):
     CHOICE = "choice"
     """Choice among options that are listed with letters."""
     NUMBER = "number"
-    """A count."""
+    """Number of objects."""
     BOX = "box"
-    """[left, top, right, bottom] edges [pixel]; correct if its overlap with the true box (IoU) is at least one half."""
+    """Edges [left, top, right, bottom] of a box [pixel].
+
+    The answer is correct if the overlap (IoU) with the true box is at least one half.
+    """
     POINT = "point"
-    """[x, y] column and row [pixel]; correct if it is on a visible pixel of the object."""
+    """Column and row [x, y] of a point [pixel].
+
+    The answer is correct if the point is on a visible pixel of the object.
+    """
     POINTS = "points"
-    """One or more points, scored by their share in the target region; only in published sets."""
+    """One or more points, scored by the fraction of them in the target region. Only published sets have this form."""
 
 
 class Difficulty(StrEnum):
-    """Difficulty of a question; see :func:`betterbench.vqa.difficulty.difficulty_of`."""
+    """Difficulty of a question, see :func:`betterbench.vqa.difficulty.difficulty_of`."""
 
     EASY = "easy"
     MEDIUM = "medium"
@@ -57,7 +63,7 @@ class Difficulty(StrEnum):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FrameSource:
-    """Question frame: camera and row in a trial's record, and the row's time [s]."""
+    """Frame of a question: a camera and a row in the record of a trial, with the time of the row [s]."""
 
     task: str
     condition: str
@@ -68,27 +74,31 @@ class FrameSource:
 
     @property
     def trial(self) -> TrialId:
-        """The trial."""
+        """Trial to which the frame belongs."""
         return TrialId(self.task, self.condition, self.seed)
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A question before selection, without wording and options.
+    """Question before the selection, without its wording and options.
 
     Attributes:
-        family: Question kind, for all objects; phrasings belong to families.
-        group: Information in the text in addition to the family. Answers are balanced within a family and group.
-        bucket: Value to be balanced: the answer itself, or the image cell of a box or point.
+        type: Topic of the question.
+        form: Form of the answer.
+        family: Kind of the question, regardless of the objects. Each family has its own wordings.
+        group: What the text reveals in addition to the family, such as the objects. Answers are balanced among the
+            questions with the same family and group.
+        bucket: Value that is balanced: the answer itself, or the image cell of a box or point.
         answer: The correct answer.
-        words: Words that fill the phrasings.
-        objects: Scene names of the question's objects.
+        words: Words that are inserted into the wordings.
+        objects: Names in the scene of the objects that the question is about.
+        source: Frame of the question.
         tags: Properties used for the difficulty and for filtering ("look-alike", "robot frame").
-        box: The true box, for a grounded question.
-        runs: The visible pixels of the object, for a question about a point; see
-        :class:`~betterbench.interface.state.SeenObject`.
-        boxes: Box of the visible part of each of ``objects``; None for an object that is not visible.
+        box: True box of the object, for a question about a box.
+        runs: Visible pixels of the object, for a question about a point, see
+            :class:`~betterbench.interface.state.SeenObject`.
+        boxes: Box of the visible part of each of ``objects``. None for an object that is not visible.
     """
 
     type: QuestionType
@@ -107,11 +117,14 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Family and group. Together they describe the information in the wording."""
+        """Family and group of the question. Together, they describe what its wording reveals."""
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:
-        """Return the identifier in a set with a given seed. It is a hash of question and frame, without the answer."""
+        """Return the identifier that the question gets in a set with a given seed.
+
+        The identifier is a hash of the question and the frame. It does not depend on the answer.
+        """
         s = self.source
         told = (str(seed), s.task, s.condition, str(s.seed), str(s.row), s.camera, *self.key, *sorted(self.objects))
         told += tuple(f"{k}={v}" for k, v in sorted(self.words.items()))
@@ -123,7 +136,7 @@ class Candidate:
 
 
 _LONGEST_PLACE = 1000
-"""Maximum length of an image path within its set [characters]."""
+"""Largest number of characters in the path of an image within its set."""
 
 
 def _inside(place: str) -> str:
@@ -142,21 +155,31 @@ def _inside(place: str) -> str:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Question:
-    """One question of a set.
+    """Question of a set.
 
     Attributes:
         id: Identifier within the set.
+        type: Topic of the question.
+        form: Form of the answer.
+        family: Kind of the question, regardless of the objects.
         text: The question without its options.
-        options: The options of a choice question, in letter order.
+        options: Options of a choice, in the order of their letters.
         answer: The correct answer: the chosen option, or the coordinates of a box or point in brackets.
-        image: Path of the image, relative to the set folder.
-        width: Columns of the image [pixel].
-        height: Rows of the image [pixel].
-        group: Information in the text; answers are balanced among a group's questions.
-        chance: Rate of correct answers when guessing from the text; None for boxes and points, whose reference is the
-            set's constant answer.
+        image: Path of the image, relative to the folder of the set.
+        width: Number of columns of the image [pixel].
+        height: Number of rows of the image [pixel].
+        difficulty: Difficulty of the question.
+        tags: Properties used for the difficulty and for filtering.
+        objects: Names in the scene of the objects that the question is about.
+        group: What the text reveals. Answers are balanced among the questions of a group.
+        words: Words that are inserted into the wording.
+        chance: Expected fraction of correct answers if the answer is guessed from the text. None for boxes and points,
+            which are compared with the best constant answer of the set.
+        source: Frame of the question.
+        box: True box of the object, for a question about a box.
+        runs: Visible pixels of the object, for a question about a point.
         role: Role of a question about a decisive moment ("asked", "where", "under", "exists", "done").
-        boxes: Box of the visible part of each of ``objects``; None for an object that is not visible. Empty in sets of
+        boxes: Box of the visible part of each of ``objects``. None for an object that is not visible. Empty in sets of
             version 3 and older.
     """
 
@@ -184,18 +207,21 @@ class Question:
 
     @property
     def smallest(self) -> tuple[int, int] | None:
-        """Width and height of the smallest visible object of the question, by area [pixel]; None if there is none."""
+        """Width and height of the smallest visible object of the question, by area [pixel].
+
+        The value is None if no object of the question is visible.
+        """
         sides = [(box[2] - box[0], box[3] - box[1]) for box in self.boxes or (self.box,) if box is not None]
         return min(sides, key=lambda side: side[0] * side[1], default=None)
 
     @property
     def prompt(self) -> str:
-        """The prompt of the question: its text and its options with letters, one per line."""
+        """Prompt of the question: its text, and its options with letters, one per line."""
         return "\n".join([self.text, *(f"{letter(i)}. {option}" for i, option in enumerate(self.options))])
 
     @property
     def reply(self) -> str:
-        """The answer as text; for a choice, the letter and the option."""
+        """Correct answer as text. For a choice, this is the letter with the option."""
         return f"{letter(self.options.index(self.answer))}. {self.answer}" if self.options else self.answer
 
     def to_json(self) -> dict[str, Any]:
@@ -207,18 +233,24 @@ QUESTION, CANDIDATE = TypeAdapter(Question), TypeAdapter(Candidate)
 
 
 def letter(number: int) -> str:
-    """Return the letter of an option: A for the first one."""
+    """Return the letter of an option. The first option, with index 0, has the letter A."""
     return chr(ord("A") + number)
 
 
 def hash_number(*parts: object) -> int:
-    """Return a number that depends on all parts as text; it is the same on every machine and is used for choices."""
+    """Return a hash of all parts, which are converted to text, as a number.
+
+    The number is the same on every machine, and is used to make reproducible choices.
+    """
     return int.from_bytes(hashlib.sha256("\x1f".join(map(str, parts)).encode()).digest()[:8], "big")
 
 
 @dataclass(frozen=True, slots=True)
 class QuestionDraft:
-    """Generator's part of a question, completed with data about the frame. See :class:`Candidate`."""
+    """Part of a question that is made by the generator of its type. It is then completed with data about the frame.
+
+    For the fields, see :class:`Candidate`.
+    """
 
     form: Form
     family: str

@@ -1,4 +1,4 @@
-"""Request statistics of a run: cached answers, retries with their reasons, tokens and cost."""
+"""Statistics of a run's requests: cached answers, retries with their reasons, tokens and cost."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class Prices:
     """Prices of a model per million tokens, in any currency.
 
     Attributes:
-        prompt: Price of a million tokens of prompts and images.
-        completion: Price of a million tokens of answers.
+        prompt: Price of a million tokens in prompts and images.
+        completion: Price of a million tokens in answers.
     """
 
     prompt: float
@@ -25,18 +25,18 @@ class Prices:
 
 @dataclass(frozen=True, slots=True)
 class RequestTotals:
-    """Request totals over all answers.
+    """Totals over all answers of a run.
 
     Attributes:
         answers: Number of answers, including rejected requests.
         cached: Number of answers from the cache, which cost nothing.
         rejected: Number of rejected requests.
-        cut: Number of answers cut off at the maximum number of tokens.
         retried: Number of requests that were sent more than once.
         retries: Number of failed attempts by reason ("HTTP 429", "timeout").
-        counted: Number of answers with token counts, of those that were neither cached nor rejected.
-        prompt_tokens: Tokens of the counted prompts and their images.
-        completion_tokens: Tokens of the counted answers.
+        counted: Number of answers with token counts, among those that were neither cached nor rejected.
+        prompt_tokens: Number of tokens in the prompts and images of the counted answers.
+        completion_tokens: Number of tokens in the counted answers.
+        cut: Number of answers that were cut off at the maximum number of tokens.
     """
 
     answers: int
@@ -55,7 +55,7 @@ class RequestTotals:
         return self.answers - self.cached - self.rejected
 
     def cost(self, prices: Prices) -> float | None:
-        """Return the cost of the counted answers, or None if the server reported no token counts."""
+        """Return the cost of the answers with token counts, or None if the server reported no token counts."""
         if self.sent and not self.counted:
             return None
         return (self.prompt_tokens * prices.prompt + self.completion_tokens * prices.completion) / 1e6
@@ -65,7 +65,11 @@ class RequestTotals:
         return {**asdict(self), "retries": dict(self.retries)}
 
     def sentences(self, who: str = "model") -> list[str]:
-        """Return a sentence about the totals, without the cost, for requests to the model or the extractor."""
+        """Return sentences about the totals, without the cost.
+
+        Args:
+            who: Recipient of the requests, such as "model" or "extractor".
+        """
         found = []
         if self.cached:
             rest = "no request was sent" if self.cached == self.answers else "only the others were sent"
@@ -97,7 +101,7 @@ class RequestTotals:
 
 
 def totals_of(answers: Iterable[ModelAnswer]) -> RequestTotals:
-    """Compute the totals over answers."""
+    """Compute the totals of a run's requests from its answers."""
     kept = list(answers)
     sent = [answer for answer in kept if not answer.cached and answer.error is None]
     counted = [a for a in sent if a.prompt_tokens is not None and a.completion_tokens is not None]

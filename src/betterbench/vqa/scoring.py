@@ -1,4 +1,4 @@
-"""Scoring of answers to the questions in a set, by comparing the parsed answer with the correct one."""
+"""Scoring of answers to the questions of a set. The parsed answer is compared with the correct answer."""
 
 from __future__ import annotations
 
@@ -11,16 +11,22 @@ from betterbench.vqa.parsing.points import numbers_of
 from betterbench.vqa.question import Form, Question
 
 LEAST_OVERLAP = 0.5
-"""Minimum intersection over union of a correct box: the usual threshold of detection benchmarks (PASCAL VOC)."""
+"""Smallest intersection over union of a correct box.
+
+This is the usual threshold of detection benchmarks (PASCAL VOC).
+"""
 
 
 def spec_of(question: Question, *, coordinates: Coordinates = "pixels") -> AnswerSpec:
-    """Return the form of the answer to a question."""
+    """Return the form of the answer that a question requires."""
     return AnswerSpec(question.form, question.options, question.width, question.height, CONVENTIONS[coordinates])
 
 
 def parse_answer(question: Question, text: str, *, coordinates: Coordinates = "pixels") -> Read:
-    """Parse the answer to a question from a text; for a choice, return the option instead of its letter."""
+    """Parse the answer to a question from a text.
+
+    For a choice, the result is the text of the option instead of its letter.
+    """
     read = read_text(spec_of(question, coordinates=coordinates), text)
     if question.form is Form.CHOICE and read.answer is not None:
         return Read(question.options[ord(read.answer) - ord("A")], read.stage)
@@ -28,7 +34,7 @@ def parse_answer(question: Question, text: str, *, coordinates: Coordinates = "p
 
 
 def is_right(question: Question, answer: str | None) -> bool:
-    """Return whether an answer, in the form of the correct answer, is correct."""
+    """Return whether an answer is correct. It must be given in the form in which the correct answer is stored."""
     if answer is None:
         return False
     if question.form is Form.BOX and question.box is not None:
@@ -41,13 +47,13 @@ def is_right(question: Question, answer: str | None) -> bool:
 def is_in_place(
     groups: Sequence[Sequence[float]], *, box: Sequence[float] | None, runs: tuple[int, ...] | None, width: int
 ) -> bool:
-    """Return whether a single box overlaps the true box enough, or a single point is on a visible pixel.
+    """Return whether an answer is a single box that overlaps the true box enough, or a point on a visible pixel.
 
     Args:
-        groups: Numbers of the answered boxes or points [pixel].
-        box: The true box, for a box.
-        runs: The visible pixels, for a point.
-        width: Columns of the image [pixel].
+        groups: Numbers of each box or point in the answer [pixel].
+        box: The true box, for a question about a box.
+        runs: The visible pixels, for a question about a point.
+        width: Number of columns of the image [pixel].
     """
     if len(groups) != 1:
         return False
@@ -60,7 +66,7 @@ def is_in_place(
 
 
 def overlap(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the intersection over union of two boxes, given as left, top, right and bottom edge."""
+    """Return the intersection over union of two boxes, each given as left, top, right and bottom edge."""
     across, down = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
     if across <= 0.0 or down <= 0.0:
         return 0.0

@@ -1,7 +1,8 @@
-"""Static twins: pairs of a question about a variation and a question of the same kind about its training scene.
+"""Static twins: pairs of a question about a variation's scene and the same question about the training scene.
 
-The twin is about the variation's training condition with the same seed, and about the objects in that scene. It has the
-same type, form and family and, in a set about decisive moments, the same role.
+The twin of a question is about the trial that has the same seed and the training condition from which the variation is
+made, and about the objects in the scene of that trial. It has the same type, form and family and, in a set about
+decisive moments, the same role.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from betterbench.vqa.question import Question, hash_number
 
 @lru_cache(maxsize=4096)
 def axis_of(task: str, condition: str) -> str | None:
-    """Return the axis of a variation, or None for another condition or an unknown task."""
+    """Return the axis of a variation, or None for other conditions and for unknown tasks."""
     try:
         return resolve_condition(task, condition).axis
     except UnknownNameError:
@@ -26,19 +27,23 @@ def axis_of(task: str, condition: str) -> str | None:
 
 
 def scene_twin(trial: TrialId) -> TrialId | None:
-    """Return the trial on the training condition with the same seed, or None if the trial is not of a variation."""
+    """Return the twin of a variation trial, i.e. the training trial with the same seed.
+
+    The result is None if the given trial is not a trial of a variation.
+    """
     if axis_of(trial.task, trial.condition) is None:
         return None
     return TrialId(trial.task, resolve_condition(trial.task, trial.condition).base, trial.seed)
 
 
 def static_twins(questions: Sequence[Question]) -> dict[str, str]:
-    """Return the identifiers of the twins, by the identifiers of the questions about variations.
+    """Map the identifier of each question about a variation to the identifier of the question's twin.
 
-    The twin is chosen among the questions of the same kind about the training scene. The question with the fewest twins
-    so far is preferred, then the same camera, the same number of wording, and the smallest distance in time. A question
-    about a training scene may be the twin of several questions, as a training trial may be the twin of several
-    variations. A question without a question of its kind about the training scene has no twin and is left out.
+    The twin is chosen among the questions of the same kind about the training scene. Questions that are the twin of
+    fewer others are preferred. Among these, the same camera is preferred, then the same wording, and then the smaller
+    distance in time. A question about a training scene may be the twin of several questions, just as a training trial
+    may be the twin of several variations. If there is no question of the same kind about the training scene, the
+    question has no twin and is left out.
     """
     scenes: dict[tuple[object, ...], list[Question]] = {}
     for question in questions:
@@ -60,7 +65,7 @@ def _kind(question: Question) -> tuple[object, ...]:
 
 
 def _distance(question: Question, other: Question) -> tuple[object, ...]:
-    """Return a sort key for the difference between two questions of the same kind."""
+    """Return a sort key that measures how different two questions of the same kind are."""
     return (
         question.source.camera != other.source.camera,
         bool(set(question.tags) ^ set(other.tags)),

@@ -1,37 +1,45 @@
-"""Visibility limits for fair questions. An object must be large enough in the image and not mostly hidden."""
+"""Limits of visibility that keep questions fair: an object must be large enough in the image and not mostly hidden."""
 
 from __future__ import annotations
 
 from betterbench.interface.state import SeenObject
 
 MIN_SIDE_PX = 8
-"""Minimum length of the shorter side of a box [pixel]. Vision encoders divide images of this size into patches of 14 or
-16 pixels, and less than half a patch shows no shape."""
+"""Smallest length of the shorter side of an object's box [pixel].
+
+Vision encoders divide images of this size into patches of 14 or 16 pixels, and less than half a patch shows no shape.
+"""
 MIN_PIXELS = 60
-"""Minimum number of visible pixels, slightly more than a disc with a diameter of 8 pixels."""
+"""Smallest number of visible pixels, which is slightly more than a disc with a diameter of 8 pixels has."""
 MIN_FRACTION = 0.35
-"""Minimum visible fraction; below about a third, people infer an object from the rest of the scene."""
+"""Smallest fraction of an object that must be visible.
+
+Below about a third, people infer the object from the rest of the scene.
+"""
 HIDDEN_PX = 3
-"""Maximum number of visible pixels of a hidden object; isolated pixels between other objects do not show it."""
+"""Largest number of visible pixels of an object that counts as hidden.
+
+Isolated pixels between other objects do not show the object.
+"""
 
 
 def clear(seen: SeenObject | None) -> bool:
-    """Return whether an object is visible enough for a question."""
+    """Return whether enough of an object is visible for asking about it."""
     return seen is not None and large(seen) and seen.fraction >= MIN_FRACTION
 
 
 def large(seen: SeenObject | None) -> bool:
     """Return whether the visible part of an object is large enough, even if most of the object is hidden.
 
-    Questions about stacks and drawers use this, because a base is hidden by the objects on it, and a closed drawer by
-    its cabinet.
+    Questions about stacks and drawers use this limit, because a base is hidden by the objects on it, and a closed
+    drawer is hidden by its cabinet.
     """
     return seen is not None and seen.side >= MIN_SIDE_PX and seen.pixels >= MIN_PIXELS
 
 
 def hidden(seen: SeenObject | None) -> bool:
-    """Return whether an object is hidden (at most ``HIDDEN_PX`` visible pixels).
+    """Return whether an object is hidden, i.e. has at most ``HIDDEN_PX`` visible pixels.
 
-    Objects that are neither clear nor hidden are not used.
+    An object may be neither hidden nor clearly visible. There are no questions about such objects.
     """
     return seen is None or seen.pixels <= HIDDEN_PX

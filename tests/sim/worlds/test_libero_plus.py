@@ -82,7 +82,7 @@ def test_a_name_says_what_is_changed(base, ending, axis, condition, file):
         (f"pick_up_the_bowl{STRAIGHT}", "changes nothing"),
         ("bowl_view_2_0_100_0_0_initstate_4", "changes camera and robot"),
         (f"bowl_language_2{STRAIGHT}_noise_4", "changes language and noise"),
-        (f"bowl{STRAIGHT}_noise_51", "noise 51, expected at most 50"),
+        (f"bowl{STRAIGHT}_noise_51", "noise index 51, but the largest noise index is 50"),
     ],
 )
 def test_a_name_of_another_form_is_refused(name, problem):

@@ -92,7 +92,7 @@ def test_the_name_of_a_world_and_of_a_suite_is_taken_once():
     with pytest.raises(InvalidInputError, match="this name is already registered"):
         register_world(OWN_WORLD)
     other = type(OURS)(name="other", title="Other", suites={"better60": OURS.suites["better60"]})
-    with pytest.raises(InvalidInputError, match="betterbench has a suite 'better60' too"):
+    with pytest.raises(InvalidInputError, match="betterbench also has a suite 'better60'"):
         register_facts(other)
 
 

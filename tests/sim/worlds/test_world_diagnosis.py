@@ -120,7 +120,7 @@ def test_a_run_of_the_base_suite_gives_the_twins(plan_of, tmp_path, monkeypatch)
     ]
     gap = found.metric("illusion_gap", "overall")
     assert (gap.n, gap.value) == (2, 1.0)
-    with pytest.raises(InvalidInputError, match=r"no twin of these trials.*base suite"):
+    with pytest.raises(InvalidInputError, match=r"no counterfactual twin of the planned trials.*base suite"):
         diagnose_run(swap, twins_in=swap)
     page = write_report([found], tmp_path / "report", trust=trust_of([found])).read_text()
     assert ">pick up the cube and place it in the basket</a>" in page

@@ -1,4 +1,8 @@
-"""Comparison across worlds: LIBERO success rates, CALVIN chains, and illusion gaps of each policy."""
+"""Comparison of policies across simulated worlds, with the policies' illusion gaps.
+
+An illusion gap is the drop in success when the scene changes. The results are success rates in LIBERO and lengths of
+chains in CALVIN.
+"""
 
 from betterbench.comparison.across.gaps import WorldGap, gaps_of
 from betterbench.comparison.across.suite_runs import SuiteRun, is_across, read_suite_runs

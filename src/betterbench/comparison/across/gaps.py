@@ -1,7 +1,8 @@
-"""Illusion gaps across worlds: the drop in success when the scene changes, on paired trials or chains.
+"""Illusion gaps across worlds: how much a policy's success drops when the scene is changed.
 
-A trial in LIBERO-PRO and its twin in the base suite share only the index of the initial state. The states themselves
-differ.
+A gap is measured on pairs of trials or chains, one in the base suite and one in the changed suite. A trial in
+LIBERO-PRO and the trial of the base suite with which it is paired have the same index of the initial state, but the
+initial states themselves differ.
 """
 
 from __future__ import annotations
@@ -22,18 +23,21 @@ from betterbench.tasks.worlds.libero_plus import AXES, axis_of
 
 @dataclass(frozen=True, slots=True)
 class WorldGap:
-    """Illusion gap of one policy in one world, computed from the success with and without a scene change.
+    """Illusion gap of one policy in one world: how much its success drops when the scene is changed.
 
     Attributes:
+        policy: Name of the policy.
         world: "better60", "LIBERO-PRO", "LIBERO-Plus" or "CALVIN".
-        change: Name of the change ("swap", "resampled"), or the LIBERO-Plus axis; "all variations" in betterbench's own
+        suite: Base suite, whose scenes are unchanged.
+        change: Name of the change ("swap", "resampled"), axis of LIBERO-Plus, or "all variations" in betterbench's own
             suite.
-        base: Success rate without the change, or for CALVIN the mean share of subtasks solved in a row.
-        changed: The same rate with the change.
-        pairs: Number of paired trials, run with and without the change.
-        difference: ``base - changed`` as a fraction, with its interval.
-        p_value: p-value of the paired test, Holm-corrected over the gaps of the policy. None for CALVIN's average
-            length, which has only an interval.
+        base: Success rate without the change. For CALVIN, this is the mean fraction of subtasks that are solved in a
+            row.
+        changed: The same rate in the changed scenes.
+        pairs: Number of pairs, each of a trial in the unchanged scene and a trial in the changed scene.
+        difference: ``base - changed`` as a fraction, with its confidence interval.
+        p_value: p-value of the paired test, after Holm's correction over the gaps of the policy. None for the average
+            length of CALVIN chains, for which there is only an interval.
     """
 
     policy: str
@@ -52,14 +56,15 @@ class WorldGap:
 
 
 def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> tuple[WorldGap, ...]:
-    """Return all gaps that the runs of each policy allow, in run order.
+    """Return all gaps that can be computed from the runs of each policy, in the order of the runs.
 
-    A LIBERO-PRO gap needs a run of the base suite and a run of the changed suite. A gap in CALVIN needs the official
-    and the resampled chains. The gap in betterbench's own suite is the metric of the diagnosis.
+    A gap in LIBERO-PRO needs a run of the base suite and a run of the changed suite. A gap in CALVIN needs the official
+    chains and the resampled chains. The gap in betterbench's own suite is the illusion gap that the diagnosis of a run
+    computes.
 
     Raises:
         RecordError: If a run of betterbench's own suite cannot be read.
-        RunConflictError: If such a run mixes versions and that is not allowed.
+        RunConflictError: If a run of betterbench's own suite mixes versions and ``allow_mixed`` is False.
     """
     by = {(run.policy, run.suite): run for run in runs}
     found: list[WorldGap] = []
@@ -97,7 +102,7 @@ def _of_libero(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
 
 
 def _of_plus(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
-    """Return the gap for each LIBERO-Plus axis.
+    """Return the illusion gap for each axis of LIBERO-Plus, i.e. for each kind of change.
 
     All variants of a task are paired with the same trial of the base suite.
     """
@@ -129,7 +134,7 @@ def _of_plus(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
 
 
 def _of_chains(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
-    del alpha  # not used, because chains are always compared at the 95 % level
+    del alpha  # not used, because chains are always compared with 95 % intervals
     shared = {c.number for c in base.chains} & {c.number for c in run.chains}
     if not shared:
         return []
@@ -156,7 +161,7 @@ def _of_ours(run: SuiteRun, *, allow_mixed: bool) -> list[WorldGap]:
 
 
 def _corrected(gaps: Sequence[WorldGap]) -> list[WorldGap]:
-    """Return the gaps with p-values Holm-corrected over each policy's tested gaps."""
+    """Correct the p-values of the gaps by Holm's method, separately for each policy, and return the gaps."""
     result = list(gaps)
     for policy in dict.fromkeys(gap.policy for gap in gaps):
         tested = [(i, g.p_value) for i, g in enumerate(result) if g.policy == policy and g.p_value is not None]

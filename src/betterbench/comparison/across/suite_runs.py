@@ -1,6 +1,6 @@
-"""Outcomes of runs, each in one suite of one world.
+"""Outcomes of runs, each of which covers one suite of one simulated world.
 
-Every planned trial counts, and unfinished trials count as failures.
+Every planned trial counts. Unfinished trials count as failures.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ from betterbench.tasks.worlds.facts import OURS as OUR_WORLD
 from betterbench.tasks.worlds.libero import PLUS_SUITES
 
 OURS = OUR_SUITE
-"""Suite name of runs in betterbench's own scenes."""
+"""Name of the suite for runs in betterbench's own scenes."""
 
 InitialState = tuple[str, int]
-"""Key for pairing trials with twins and across policies: the task, and the seed (index of the initial state).
+"""Key by which trials are paired with their twins and across policies: the task, and the index of the initial state.
 
-In LIBERO-Plus, the task is the name of a variant ("libero_object-03/camera_0_0_100_2_4").
+The index is the seed of the trial. In LIBERO-Plus, the task is the name of a variant
+("libero_object-03/camera_0_0_100_2_4").
 """
 
 
@@ -35,15 +36,17 @@ class SuiteRun:
     """Run of one policy in one suite.
 
     Attributes:
-        policy: Policy name. Runs with the same name belong to one policy.
-        base: Suite from which this suite was derived, or this suite itself.
-        change: The change ("swap", "resampled"), or None.
-        protocol: Published evaluation protocol of the run; empty for betterbench's own suite.
-        versions: Versions of the world's packages. Results from different versions are not comparable.
+        policy: Name of the policy. Runs with the same name belong to one policy.
+        path: Folder of the run.
+        suite: Name of the suite.
+        base: Suite from which this suite is derived, or this suite itself.
+        change: Change that was made to the base suite ("swap", "resampled"), or None.
+        protocol: Published evaluation protocol that the run follows. Empty for betterbench's own suite.
+        versions: Versions of the world's packages. Results with different versions cannot be compared.
         successes: Whether each planned trial succeeded.
         chains: Results of the planned CALVIN chains.
-        unfinished: Planned trials that have not ended yet.
-        broken: Trials that could not be run and have no record.
+        unfinished: Number of planned trials that have not ended yet.
+        broken: Number of trials that could not be run and have no record.
     """
 
     policy: str
@@ -65,20 +68,21 @@ class SuiteRun:
 
 
 def is_across(runs: Sequence[RunFolder]) -> bool:
-    """Return whether the runs span several suites or contain chains."""
+    """Return whether the runs belong to different suites, or whether one of them contains CALVIN chains."""
     suites = {_suite_of(run) for run in runs}
     return len(suites) > 1 or any(run.world.reading == "chains" for run in runs)
 
 
 def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> tuple[SuiteRun, ...]:
-    """Read the outcomes of runs.
+    """Read the outcomes of runs in several suites or worlds.
 
     Args:
         runs: Folders of the runs.
-        names: Policy name of each run. Runs with the same name share a row. Default: the name that the policy declared.
+        names: Name of the policy of each run. Runs with the same name share a row of the result table. By default, the
+            names are those that the policies declared.
 
     Raises:
-        InvalidInputError: If the numbers of names and runs differ, or a policy has two runs in the same suite.
+        InvalidInputError: If there are not as many names as runs, or if a policy has two runs in the same suite.
         RecordError: If a run or a record cannot be read.
     """
     called = tuple(names) if names else tuple(run_names([run])[0] for run in runs)
@@ -86,7 +90,7 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
         raise InvalidInputError(
             "--name",
             f"got {len(called)} names for {len(runs)} runs",
-            "Give --name once per run, in the order of the runs",
+            "Give --name once for each run, in the order of the runs",
         )
     found: dict[tuple[str, str], SuiteRun] = {}
     for run, name in zip(runs, called, strict=True):
@@ -96,13 +100,17 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
             raise InvalidInputError(
                 "runs",
                 f"{other.path} and {read.path} are both runs of {name} in {read.suite}",
-                "Give one of them, or a different --name for each",
+                "Give only one of them, or a different --name for each",
             )
     return tuple(found.values())
 
 
 def _suite_of(run: RunFolder) -> str:
-    """Return the suite of a run; raise RecordError unless its tasks belong to one known suite."""
+    """Return the suite of a run.
+
+    Raises:
+        RecordError: If the tasks of the run do not belong to one known suite.
+    """
     facts = run.world
     if facts.name == OUR_WORLD.name:
         others = {found for trial in run.plan["trials"] if (found := suite_of(str(trial["task"]))) not in (None, OURS)}
@@ -110,7 +118,7 @@ def _suite_of(run: RunFolder) -> str:
             problem = (
                 f"{run.path} is a run of the suite {min(map(str, others))}, which cannot be compared across worlds"
             )
-            raise InvalidInputError("runs", problem, "Leave it out; better report shows it")
+            raise InvalidInputError("runs", problem, "Leave this run out, and view it with better report")
         return OURS
     if len(facts.suites) == 1:
         return next(iter(facts.suites))
@@ -167,7 +175,7 @@ def chain_result(chain: Chain, record: Record | None) -> ChainResult:
     """Return the result of a chain from its record. A chain without a record counts as not run.
 
     Raises:
-        RecordError: If the record contains other subtasks than the chain.
+        RecordError: If the subtasks in the record are not those of the chain.
     """
     if record is None:
         return ChainResult(chain.number, ())

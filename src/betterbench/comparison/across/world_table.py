@@ -1,4 +1,4 @@
-"""Table 4 of the paper, computed from runs: success in LIBERO's suites, and lengths of CALVIN's chains."""
+"""Table 4 of the betterbench paper, computed from runs: LIBERO success rates and lengths of CALVIN chains."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LIBERO_COLUMNS = {
     "libero_goal": "Goal",
     "libero_10": "Long",
 }
-"""Suites in Table 4, with their names in the paper."""
+"""Suites in Table 4, each with its name in the paper."""
 
 AVERAGE = "average"
 CALVIN = "calvin"
@@ -35,13 +35,14 @@ CALVIN = "calvin"
 
 @dataclass(frozen=True, slots=True)
 class WorldRow:
-    """Table row of one policy.
+    """Results of one policy in LIBERO and CALVIN, shown as one row of the table.
 
     Attributes:
-        policy: Its name.
-        suites: Success rate by suite name, for the LIBERO suites that were run.
-        average: Mean of the four rates with equal weights, with its interval; None if a suite was not run.
-        chains: Results of its CALVIN chains, or None.
+        policy: Name of the policy.
+        suites: Success rate in each LIBERO suite that was run, by the suite's name.
+        average: Mean of the success rates in LIBERO's four suites, with equal weights, with its confidence interval.
+            None if a suite was not run.
+        chains: Results of the CALVIN chains, or None if they were not run.
     """
 
     policy: str
@@ -64,9 +65,12 @@ class WorldContrast:
     """Comparison of two policies in one LIBERO suite, on the same initial states.
 
     Attributes:
-        suite: Suite name; "average" for all four together.
-        pairs: Number of initial states that both policies ran.
-        p_value: p-value of the exact McNemar test, Holm-corrected over the suites of the pair of policies.
+        first: Name of the first policy.
+        second: Name of the second policy.
+        suite: Name of the suite, or "average" for all four suites together.
+        pairs: Number of initial states from which both policies were run.
+        difference: Success rate of the first policy minus that of the second, with its confidence interval.
+        p_value: p-value of the exact McNemar test, after Holm's correction over the suites of this pair of policies.
     """
 
     first: str
@@ -83,11 +87,12 @@ class WorldContrast:
 
 @dataclass(frozen=True, slots=True)
 class WorldTable:
-    """Table with comparisons of its rows.
+    """Table of the results of policies in LIBERO and CALVIN, with comparisons between the policies.
 
     Attributes:
-        contrasts: Comparisons between policy pairs in LIBERO.
-        chain_contrasts: Comparisons between policy pairs in CALVIN, with the names of both policies.
+        rows: One row for each policy.
+        contrasts: Comparisons of each pair of policies in LIBERO.
+        chain_contrasts: Comparisons of each pair of policies in CALVIN, with the names of both policies.
         notes: Notes on the limits of the results.
     """
 
@@ -110,11 +115,11 @@ class WorldTable:
 
 
 def world_table(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> WorldTable:
-    """Return the table of all policies, in run order.
+    """Return the table of the results of all policies, in the order of the runs.
 
     Raises:
-        RunConflictError: If two runs of the same suite used different protocols or world versions, and mixing is not
-            allowed.
+        RunConflictError: If two runs of the same suite used different protocols or versions of the simulated world, and
+            ``allow_mixed`` is False.
     """
     notes = [*_clashes(runs, allow_mixed=allow_mixed), *_limits(runs)]
     policies = list(dict.fromkeys(run.policy for run in runs))
@@ -150,7 +155,10 @@ def _row(policy: str, by: Mapping[tuple[str, str], SuiteRun]) -> WorldRow:
 
 
 def _contrasts(a: str, b: str, by: Mapping[tuple[str, str], SuiteRun], alpha: float) -> list[WorldContrast]:
-    """Compare two policies in each shared suite and over all four suites. The p-values are corrected together."""
+    """Compare two policies in each suite in which both were run, and over all four suites together.
+
+    The p-values of the suites are corrected together for multiple testing.
+    """
     pairs: dict[str, list[tuple[tuple[str, int], bool, bool]]] = {}
     for suite in LIBERO_COLUMNS:
         if (a, suite) in by and (b, suite) in by:
@@ -180,10 +188,10 @@ def _table(pairs: Sequence[tuple[tuple[str, int], bool, bool]]) -> PairedTable:
 
 
 def _clashes(runs: Sequence[SuiteRun], *, allow_mixed: bool) -> list[str]:
-    """Return a note for each difference in protocol or version within a base suite.
+    """Return a note for each difference in protocol or versions between runs with the same base suite.
 
     Raises:
-        RunConflictError: If there is a difference and mixing is not allowed.
+        RunConflictError: If there is a difference and ``allow_mixed`` is False.
     """
     notes = []
     for base in dict.fromkeys(run.base for run in runs):
@@ -195,7 +203,7 @@ def _clashes(runs: Sequence[SuiteRun], *, allow_mixed: bool) -> list[str]:
                 problem = f"{base}: the {what} differ: {listed}."
                 if not allow_mixed:
                     raise RunConflictError(
-                        f"{problem} Run one of the two again with the same protocol and installation, or give "
+                        f"{problem} Repeat one of the two runs with the same protocol and installation, or give "
                         f"--allow-mixed and interpret the results with care."
                     )
                 notes.append(problem)

@@ -1,7 +1,8 @@
-"""Targets of an episode without a grasp: the gripper stays over an object or pushes it.
+"""Targets of a policy that does not close its gripper on an object, inferred from the path of the empty gripper.
 
-A grasp shows the target of a policy. After the last grasp, the target can only be inferred from the path of the empty
-gripper. The gripper may stay over an object, return to it repeatedly, or move back and forth between several objects.
+A grasp shows which object the policy wants. After the last grasp, the target can only be inferred from the path of the
+empty gripper. The gripper may stay over an object, push it, return to it repeatedly, or move back and forth between
+several objects.
 """
 
 from __future__ import annotations
@@ -47,7 +48,10 @@ from betterbench.tasks.judging.motion import Bools, Floats, in_reach
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """Stay of the open gripper over an object, with first and last row. Passing over the object is not a stay."""
+    """Interval in which the open gripper stays over an object, given by its first and last row of the trace.
+
+    Passing over the object does not count as staying over it.
+    """
 
     start: int
     end: int
@@ -55,12 +59,15 @@ class Stay:
 
     @property
     def rows(self) -> int:
-        """Number of rows."""
+        """Number of rows of the trace in the interval."""
         return self.end - self.start + 1
 
 
 def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
-    """Return the stays after a row in time order, except stays over objects that are at a target or on the floor."""
+    """Return the intervals in which the open gripper stays over an object after row ``first``, in time order.
+
+    Objects that are already at a target region, or on the floor, are left out.
+    """
     near = _near_anything(trace) & _is_empty(trace)
     over = np.array([_over(trace, row) if near[row] else -1 for row in range(first, trace.rows)], dtype=np.int64)
     stays: list[Stay] = []
@@ -78,13 +85,15 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
 
 def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
-    """Return the first stay, after a row of the record, over the object that the policy chooses by staying, or None.
+    """Return the first interval in which the gripper stays over the object that the policy chose.
+
+    The choice is inferred from how long the gripper stays over each object. Return None if this does not show a choice.
 
     Args:
         trace: The episode.
-        first: Row after which stays are considered.
-        asked: Indices of requested objects. Another object is not chosen if the gripper is over a requested object for
-            about as long, or about as often.
+        first: Only intervals that begin at or after this row of the trace are considered.
+        asked: Indices of the requested objects. An object that was not requested does not count as chosen if the
+            gripper was over a requested object for about as long or about as often.
     """
     stays = find_stays(trace, first)
     times: Counter[int] = Counter()
@@ -101,10 +110,10 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 
 
 def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
-    """Return whether the gripper is over a requested object for about as long, or as often, as over another object.
+    """Return whether the gripper was over a requested object about as long or as often as over the chosen object.
 
-    Both times are measured below the same height above the table. Otherwise, the taller object would be reached
-    earlier.
+    Only the time that the gripper spends below a certain height above the table counts. The height is the same for both
+    objects, since a descending gripper would otherwise count as being over the taller object earlier.
     """
     chosen = stays[0].object
     ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)
@@ -125,9 +134,10 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
-    """Return the object to which an open gripper descends low enough to grasp it after a row of the record, or None.
+    """Return the index of the object to which the open gripper descends far enough to grasp it, or None.
 
-    The gripper must be at the object for a minimum total time, and only rarely within reach of another object.
+    Only rows of the trace from ``first`` on are considered. The gripper must spend a minimum time at the object, and
+    only rarely be within reach of other objects.
     """
     free = ~trace.closing & (trace.held < 0)
     low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
@@ -149,22 +159,23 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
 
 
 def taken_below(trace: Trace, i: int) -> Floats:
-    """Return the height below which a gripper counts as descended to an object, shape (T,) [m].
+    """Return the height [m] below which the gripper is low enough to grasp an object, for each row of the trace (T,).
 
-    This is the top of the object, except for flat objects.
+    This is the height of the object's top, or a fixed height above the object's base if the object is flatter than
+    that.
     """
     feet: Floats = trace.positions[:, i, 2]
     return feet + max(trace.info.objects[i].size_m[2], COMES_DOWN)
 
 
 def is_down(trace: Trace, i: int) -> Bools:
-    """Return the rows at which the gripper is low enough to grasp an object, shape (T,)."""
+    """Return whether the gripper is low enough to grasp an object, for each row of the trace (T,)."""
     low: Bools = trace.tool[:, 2] <= taken_below(trace, i)
     return low
 
 
 def stays_above(trace: Trace, first: int, i: int) -> bool:
-    """Return whether an open gripper stays over an object after a row of the record and does not descend."""
+    """Return whether, from row ``first`` on, the open gripper stays over object ``i`` without descending to it."""
     rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
     if len(rows) < trace.steps(STAY_TIME):
         return False
@@ -173,13 +184,16 @@ def stays_above(trace: Trace, first: int, i: int) -> bool:
 
 
 def lowered(heights: Floats) -> float:
-    """Return the drop of the median height from the first to the second half [m]."""
+    """Split a series of heights into halves, and return by how much the median of the second half is lower [m]."""
     first, second = np.array_split(heights, 2)
     return float(np.median(first) - np.median(second))
 
 
 def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows during which an open gripper repeatedly moves over an object and leaves again, or None."""
+    """Return the first and last row of the trace between which the open gripper keeps returning to an object.
+
+    Return None if the gripper does not move over the object, away from it and back often enough.
+    """
     visits = [stay for stay in find_stays(trace, first) if stay.object == i]
     times = 1
     for last, stay in itertools.pairwise(visits):
@@ -189,9 +203,10 @@ def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows of a partial grasp, or None.
+    """Return the first and last row of an attempt in which the fingers closed only partly around an object, or None.
 
-    In a partial grasp, the fingers close around an object without contact.
+    In such an attempt, the fingers come closer together around the object but never touch it, and the gripper rises
+    again.
     """
     below, low = taken_below(trace, i), is_down(trace, i)
     down = np.array([
@@ -208,9 +223,10 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows in which an open gripper repeatedly descends, hits an object and rises, or None.
+    """Return the first and last row between which the open gripper repeatedly comes down on an object and rises again.
 
-    Contacts of a closed gripper, or with the object between the fingers, do not count.
+    Return None if this does not happen often enough. Contacts of a closed gripper do not count, and neither do contacts
+    with an object that is between the fingers.
     """
     shut = trace.closing | (trace.width <= THRESHOLDS.closed_width)
     met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
@@ -224,7 +240,13 @@ def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first span after a row in which a closed, empty gripper is within reach of an object."""
+    """Return the first interval in which a closed and empty gripper is within reach of an object.
+
+    Only rows of the trace from ``first`` on are considered.
+
+    Returns:
+        The first and last row of the interval, or None if there is no such interval.
+    """
     shut = trace.closing & (trace.held < 0) & (trace.width <= THRESHOLDS.closed_width)
     near = [
         row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
@@ -233,10 +255,10 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
-    """Return the rows in which an empty gripper moves back and forth until the end of the episode, or None.
+    """Return the rows between which the empty gripper moves back and forth until the end of the episode, or None.
 
-    The path to the region of this motion is not included, and neither are rows in which the opening fingers still hold
-    the last object.
+    The interval does not include the approach to the region in which the gripper moves back and forth. It does not
+    include the rows in which the opening fingers still hold the last object either.
     """
     holding = np.flatnonzero(trace.held[first:] >= 0)
     first += int(holding[-1]) + 1 if holding.size else 0
@@ -247,10 +269,10 @@ def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
 
 
 def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> bool:
-    """Return whether a path approaches any of the objects.
+    """Return whether the path between two rows of the trace approaches at least one of the given objects.
 
-    The path is divided into quarters. The center of each quarter must be closer to the object than that of the previous
-    quarter. A path whose center is at an object from the start does not approach this object.
+    The path is divided into quarters. The center of each quarter must be closer to the object than the center of the
+    previous quarter. A path that is centered on an object from the start therefore does not count as approaching it.
     """
     first, last = rows
     middles = np.array([part.mean(axis=0) for part in np.array_split(trace.tool[first : last + 1, :2], 4)])
@@ -259,7 +281,15 @@ def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> 
 
 
 def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
-    """Return the rows from the first touch by an empty gripper until a drawer is finally shut, or None."""
+    """Return the rows in which an empty gripper pushes a drawer shut, beginning with the first touch, or None.
+
+    The result is None if the drawer is not shut at the end, was never open, or was not touched just before it shut.
+
+    Args:
+        trace: The episode.
+        i: Index of the drawer.
+        shut: (T,) whether the drawer is shut.
+    """
     if shut.all() or not shut[-1]:
         return None
     row = int(np.flatnonzero(~shut)[-1]) + 1
@@ -268,10 +298,10 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 
 
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the pushes by an empty gripper in time order. Each push has its rows and its object.
+    """Return the pushes of objects by the empty gripper in time order, each with its rows in the trace and its object.
 
-    An object that moves while the gripper is closed on it is carried or dragged and not pushed. An object that is hit
-    while another object is between the fingers is not pushed either.
+    An object that moves while the gripper is closed on it is carried or dragged, which is not a push. An object that is
+    hit while another object is between the fingers is not pushed either.
     """
     shoves = find_shoves(trace, grasps)
     times = Counter(shove.object for shove in shoves)
@@ -279,16 +309,16 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the rows, in time order, in which an empty gripper moves an object.
+    """Return the intervals in which the empty gripper moves an object, in time order.
 
-    The movement may be less than a push.
+    This includes movements that are too short to count as a push.
     """
     shoves = [Stay(a, b, i) for i in trace.items for a, b in _touches(trace, grasps, i) if _shoved(trace, i, a, b)]
     return tuple(sorted(shoves, key=lambda s: (s.start, s.object)))
 
 
 def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tuple[int, int]]:
-    """Return the row spans in which an empty gripper touches an object that it has not closed on."""
+    """Return the rows of each interval in which the empty gripper touches an object that it has not grasped."""
     if trace.is_drawer(i):
         return []
     pinched = trace.left & trace.right
@@ -301,14 +331,14 @@ def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tup
 
 
 def _leaves(trace: Trace, i: int, row: int) -> int:
-    """Return the first row, after a given row, at which an object is out of the gripper's reach."""
+    """Return the first row, at or after the given row, at which an object is out of the gripper's reach."""
     while row < trace.rows and trace.within_reach(row, trace.tool[row])[i]:
         row += 1
     return min(row, trace.rows)
 
 
 def _near_anything(trace: Trace) -> Bools:
-    """Return the rows at which the tool center point may be over or near an object, shape (T,)."""
+    """Return whether the gripper may be over or near any object, for each row of the trace (T,)."""
     items = list(trace.items)
     reach = np.array([math.hypot(*trace.info.objects[i].size_m) + OVER_HEIGHT + 2.0 * BESIDE for i in items])
     near: Bools = (np.linalg.norm(trace.positions[:, items] - trace.tool[:, None], axis=2) <= reach).any(axis=1)
@@ -316,16 +346,20 @@ def _near_anything(trace: Trace) -> Bools:
 
 
 def _is_empty(trace: Trace) -> Bools:
-    """Return the rows at which the gripper is empty, open or closed, shape (T,)."""
+    """Return whether the gripper holds nothing, for each row of the trace (T,).
+
+    An empty gripper may be open or fully closed.
+    """
     empty: Bools = (trace.held < 0) & (~trace.closing | (trace.width <= THRESHOLDS.closed_width))
     return empty
 
 
 def _over(trace: Trace, row: int) -> int:
-    """Return the object under an empty gripper, or -1.
+    """Return the index of the object under the empty gripper, or -1 if there is none.
 
-    Targets are excluded, because a gripper also releases objects over them. Of several objects, the horizontally
-    nearest is returned. An object that extends below the gripper takes precedence over an object with a nearer center.
+    Placement targets are excluded, because the gripper is also over them when it releases an object. If there are
+    several objects under the gripper, the horizontally nearest one is returned. An object whose bounding box reaches
+    below the gripper takes precedence over an object whose center is nearer.
     """
     gaps = _gaps(trace, row, trace.items)
     near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))
@@ -334,10 +368,12 @@ def _over(trace: Trace, row: int) -> int:
 
 
 class _Gap(NamedTuple):
-    """Horizontal distances from the gripper to an object's bounding box (``beside``) and center (``center``) [m].
+    """Distances from the gripper to an object.
 
     Attributes:
-        above: Height above the top of the object [m].
+        beside: Horizontal distance to the object's bounding box [m].
+        center: Horizontal distance to the object's center [m].
+        above: Height of the gripper above the top of the object [m].
         in_reach: Whether the gripper could grasp the object.
     """
 
@@ -350,13 +386,17 @@ class _Gap(NamedTuple):
     def is_over(self) -> bool:
         """Whether the gripper is over the object or close to its bounding box.
 
-        Wide objects are grasped far from their center.
+        The bounding box is considered in addition to the center, because wide objects are grasped far from their
+        center.
         """
         return self.beside <= BESIDE or self.center <= THRESHOLDS.slot_reach
 
 
 def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
-    """Return the distances from the gripper to some objects. They are infinite for objects that fell off the table."""
+    """Return the distances from the gripper to the given objects, by object index.
+
+    Objects that fell off the table are left out.
+    """
     tool = trace.tool[row]
     distances, centers = trace.box_distances(row, tool), trace.center_distances(row, tool)
     reach, boxes, middles = in_reach(distances, centers).tolist(), distances.tolist(), centers.tolist()
@@ -370,10 +410,10 @@ def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
-    """Return whether the gripper only passes over an object.
+    """Return whether the gripper, in an interval in which it is over an object, merely passes over it.
 
-    The gripper passes if it leaves on another side than it came from, or after a short time. If the episode ends over
-    the object, the gripper must still be moving straight.
+    It only passes if it leaves after a short time, or on a different side than it came from. If the episode ends while
+    the gripper is over the object, it only passes if it is still moving in a straight line.
     """
     if stay.end == trace.rows - 1:
         last = trace.tool[max(stay.start, stay.end - trace.steps(STAY_TIME)) : stay.end + 1, :2]
@@ -385,7 +425,7 @@ def _passes(trace: Trace, stay: Stay) -> bool:
 
 
 def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
-    """Return the first and last row of each span of true flags. Spans separated by a short gap are merged."""
+    """Return the first and last row of each interval of true flags. Intervals separated by a short gap are merged."""
     found: list[tuple[int, int]] = []
     for row in np.flatnonzero(flags).tolist():
         if found and row - found[-1][1] <= gap:
@@ -396,9 +436,10 @@ def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
 
 
 def _moves_from(trace: Trace, i: int, touched: int) -> int:
-    """Return the row at which an object begins to move. This is at the latest the row of the first recorded touch.
+    """Return the row at which an object begins to move.
 
-    Touches shorter than a control step are only visible by their effects.
+    The row is at most that of the first recorded touch. A touch that lasts less than a control step is not recorded,
+    but it can be seen in the object's motion.
     """
     before = max(0, touched - trace.steps(FLICKER_TIME))
     moved = np.linalg.norm(trace.positions[before : touched + 1, i] - trace.positions[before, i], axis=1)
@@ -406,7 +447,7 @@ def _moves_from(trace: Trace, i: int, touched: int) -> int:
 
 
 def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
-    """Return whether a touched object and the gripper moved in the same direction, and the gripper moved far enough."""
+    """Return whether a touched object and the gripper moved in the same direction, and both far enough for a push."""
     way, tool = _ways(trace, i, start, end)
     lengths = float(np.linalg.norm(way)), float(np.linalg.norm(tool))
     if lengths[0] < PUSH_TRAVEL or lengths[1] < PUSH_SHARE * PUSH_TRAVEL:
@@ -415,13 +456,13 @@ def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
 
 
 def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
-    """Return whether a touched object moved by at least half the distance of a push."""
+    """Return whether a touched object moved at least a fraction ``PUSH_SHARE`` of the length of a push."""
     way, _ = _ways(trace, i, start, end)
     return float(np.linalg.norm(way)) >= PUSH_SHARE * PUSH_TRAVEL
 
 
 def _ways(trace: Trace, i: int, start: int, end: int) -> tuple[Floats, Floats]:
-    """Return the horizontal displacements of a touched object and the gripper during the touch [m]."""
+    """Return how far a touched object and the gripper moved horizontally during the touch, as two vectors (2,) [m]."""
     before, after = max(0, start - 1), min(trace.rows - 1, end + trace.steps(PUSH_GAP))
     way: Floats = (trace.positions[after, i] - trace.positions[before, i])[:2]
     tool: Floats = (trace.tool[end] - trace.tool[before])[:2]

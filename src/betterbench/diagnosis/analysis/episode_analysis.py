@@ -1,4 +1,4 @@
-"""Analysis of an episode: the object of each grasp attempt, compared with the current step of the instruction."""
+"""Analysis of an episode: the object of each grasp attempt, compared with the step of the instruction that is due."""
 
 from __future__ import annotations
 
@@ -35,33 +35,33 @@ from betterbench.tasks.words import place_words
 
 
 class AttemptTarget(StrEnum):
-    """Relation of an attempted object to the instruction at the time of the attempt."""
+    """Relation of the attempted object to the instruction at the time of the attempt."""
 
     ASKED = "asked"
-    """The due step of the instruction refers to the object."""
+    """The step of the instruction that is due refers to the object."""
     LATER = "later"
-    """A later step refers to the object, and an earlier step of the ordered instruction is still open."""
+    """Only a later step of an ordered instruction refers to the object, and an earlier step is not done yet."""
     REPEATED = "repeated"
-    """Only a step that is already done refers to the object, or to an object on top of it (finished stack)."""
+    """Only a step that is already done refers to the object, or to an object that this step placed on top of it."""
     OTHER = "other"
     """Another instruction of the task refers to the object, or the object is a placement target."""
     FOREIGN = "foreign"
     """No instruction of the task refers to the object."""
     EMPTY = "empty"
-    """No object, because the gripper closes at an empty slot."""
+    """There is no object: the gripper closes at an empty slot."""
 
 
 class Means(StrEnum):
-    """Behavior that shows the target of a policy: a grasp, a push, a stay, or a weak grip."""
+    """Behavior that shows which object the policy wants: a grasp, a push, a weak grip, or staying over the object."""
 
     GRASP = "grasp"
     """The gripper closes."""
     PUSH = "push"
     """The empty gripper pushes the object."""
     STAY = "stay"
-    """The open gripper stays over the object without a later grasp."""
+    """The open gripper stays over the object and does not grasp anything afterward."""
     TRY = "try"
-    """The gripper is commanded to close at the object, but the fingers hardly move."""
+    """The policy commands the gripper to close at the object, but the fingers hardly move."""
 
 
 _MEANS_WORDS = {
@@ -70,20 +70,25 @@ _MEANS_WORDS = {
     Means.TRY: " (its fingers hardly move)",
 }
 _INSTRUCTION_WORDS = ("steps left: ", "the instruction asks for", "the instruction puts")
-"""Phrases in evidence texts that already state the instruction."""
+"""Phrases that show that the text of an evidence already states the instruction."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Grasp attempt, or a push, stay or weak grip that counts as an attempt, compared with the instruction.
+    """One attempt of the policy, compared with the instruction.
+
+    This is a grasp attempt. A push, a weak grip, or staying over an object can also count as an attempt.
 
     Attributes:
-        attempt: Attempt as it is reported.
-        at: Index of the attempted or missed object, or None.
-        goal: Index of the current subgoal, or None if no subgoal was open.
-        asked_slots: Slots of the requested objects.
-        between: Index of another object that may also have been the target, because it was as near as the instructed
-            object when the gripper closed without an object. Otherwise None.
+        grasp: Rows, object and slot of the attempt in the trace.
+        attempt: The attempt in the form in which it is reported.
+        at: Index of the attempted or missed object, or None if there is no object.
+        target: Relation of the object to the instruction.
+        goal: Index of the subgoal that was current, or None if no subgoal was open.
+        asked_slots: Slots of the objects that were requested at the time of the attempt.
+        means: Behavior that shows the attempt.
+        between: Index of a second object that may have been the target. It was about as near as the requested object
+            when the empty gripper closed. None if there is no such object.
     """
 
     grasp: GraspAttempt
@@ -97,7 +102,7 @@ class Step:
 
     @property
     def missed(self) -> bool:
-        """Whether the gripper missed the object and closed next to it."""
+        """Whether the gripper closed next to the object and missed it."""
         return self.means is Means.GRASP and self.grasp.object is None and self.at is not None
 
 
@@ -106,13 +111,17 @@ class EpisodeAnalysis:
     """Episode compared with its condition and with the training distribution of its task.
 
     Attributes:
-        meant: Indices of the objects that satisfy each subgoal.
-        steps: All grasp attempts, in order of time.
-        harm: Harm to objects that were not requested, in order of time.
-        others: Approaches without closing the gripper, in order of time.
-        on_nothing: Air grasps far from all objects or next to an empty slot, in order of time.
-        fists: Closings of the empty gripper before it pushed a drawer shut, in order of time.
-        state: Function that returns the state at a row, or None if only the recorded target regions are known.
+        trace: Motion and subgoals of the episode.
+        condition: Condition of the trial.
+        trained: Training distribution of the task.
+        meant: For each subgoal, the indices of the objects that can satisfy it.
+        steps: All grasp attempts, in time order.
+        harm: Harm to objects that were not requested, in time order.
+        others: Approaches to an object in which the gripper does not close, in time order.
+        on_nothing: Occasions on which the gripper closed far from all objects or next to an empty slot, in time order.
+        fists: Occasions on which the empty gripper closed in order to push a drawer shut, in time order.
+        state: Function that returns the world state at a row of the trace. If None, placements are judged only by the
+            target regions in the record.
         found_once: Results cached by :func:`once_per_episode`.
     """
 
@@ -130,18 +139,19 @@ class EpisodeAnalysis:
 
     @property
     def decisions(self) -> tuple[Step, ...]:
-        """All steps that show a target, in order of time. These are grasp attempts, pushes, and a final stay.
+        """All attempts that show which object the policy wants, in time order.
 
-        Drawers that were opened or shut for a wrong first choice are excluded.
+        These are grasp attempts and pushes. If the gripper stays over an object at the end, this counts as well.
+        Attempts at drawers that were opened or shut to reach a wrong first choice are left out.
         """
         apart = (*self.opened_first, *self.shut_first)
         return tuple(s for s in self._in_order if s not in apart)
 
     @property
     def opened_first(self) -> tuple[Step, ...]:
-        """Attempts that open a drawer for a wrong first choice and therefore belong to that choice.
+        """Attempts that open a drawer to reach a wrong first choice, and that are therefore part of this choice.
 
-        A wrong drawer before a correct first choice is a separate mistake.
+        Opening a wrong drawer before a correct first choice is not included, since it is a separate mistake.
         """
         first = self.first_choice
         if first is None or first.target is AttemptTarget.ASKED:
@@ -150,9 +160,10 @@ class EpisodeAnalysis:
 
     @property
     def shut_first(self) -> tuple[Step, ...]:
-        """Attempts that shut a drawer before another drawer is opened for a wrong first choice.
+        """Attempts that shut a drawer before another drawer is opened to reach a wrong first choice.
 
-        An open drawer blocks the drawer below, so shutting it belongs to that choice, like opening the other drawer.
+        An open drawer blocks the drawer below it. Shutting it is therefore part of the wrong choice, just like opening
+        the drawer below.
         """
         opened = self.opened_first
         return tuple(
@@ -165,7 +176,7 @@ class EpisodeAnalysis:
 
     @property
     def _in_order(self) -> tuple[Step, ...]:
-        """All attempts, pushes and stays in order of time."""
+        """All attempts, pushes, and intervals in which the gripper stays over an object, in time order."""
         return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
 
     def _opens(self, step: Step) -> bool:
@@ -173,17 +184,17 @@ class EpisodeAnalysis:
         return not self._may_be_choice(step) and not self.pushes_in(step)
 
     def pushes_in(self, step: Step) -> bool:
-        """Return whether an attempt pushes a drawer in."""
+        """Return whether an attempt pushes a drawer farther in."""
         if not self.trace.is_drawer(step.at) or step.at is None:
             return False
         last = min(step.grasp.release, self.trace.rows - 1)
         return self.trace.opening(last, step.at) <= self.trace.opening(step.grasp.start, step.at) - PUSHED_IN
 
     def _may_be_choice(self, step: Step) -> bool:
-        """Return whether an attempt can show a choice.
+        """Return whether an attempt can show which object the policy chose.
 
-        It can if its object is not a drawer, or if the drawer itself is requested. Opening or closing a drawer for an
-        object does not show which object was chosen.
+        This is the case if the attempted object is not a drawer, or if the instruction asks for the drawer itself. A
+        drawer that is opened or shut to reach an object does not show which object was chosen.
         """
         if not self.trace.is_drawer(step.at):
             return True
@@ -192,7 +203,10 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """Row at which the last grasp (including air grasps) and its effects end; 0 without a grasp."""
+        """Row of the trace at which the last grasp and its effects end, or 0 if the gripper never closed.
+
+        Closing the gripper on nothing counts as a grasp here.
+        """
         grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
             return 0
@@ -202,43 +216,53 @@ class EpisodeAnalysis:
 
     @property
     def instruction(self) -> Instruction:
-        """Instruction of the condition, with text and subgoals."""
+        """Instruction of the condition, with its text and subgoals."""
         return self.condition.instruction
 
     @property
     def goals(self) -> tuple[Subgoal, ...]:
-        """The subgoals in the instructed order."""
+        """Subgoals of the instruction, in their order."""
         return self.condition.instruction.subgoals
 
     @property
     def asked_indices(self) -> frozenset[int]:
-        """Indices of all objects that the instruction can refer to."""
+        """Indices of all objects to which the instruction may refer."""
         return frozenset(i for names in self.meant for i in names)
 
     @property
     def first_choice(self) -> Step | None:
-        """First attempt, push or stay that shows a choice. A drawer moved for an object does not count."""
+        """First attempt that shows which object the policy chose, or None.
+
+        The attempt may be a grasp, a push, or staying over an object. Moving a drawer to reach an object does not
+        count.
+        """
         return next(filter(self._may_be_choice, self._in_order), None)
 
     @property
     def first_attempt(self) -> Step | None:
-        """First grasp attempt that shows a choice (the reported first attempt), or None."""
+        """First grasp attempt that shows which object the policy chose, or None. Reports show this attempt."""
         return next(filter(self._may_be_choice, self.steps), None)
 
     @property
     def off_limits(self) -> tuple[int, ...]:
-        """Indices of the objects that the policy must not touch. Empty unless it should refuse or stay still."""
+        """Indices of the objects that the policy must not touch.
+
+        The result is empty unless the policy is expected to stay still or to refuse an impossible instruction.
+        """
         if self.condition.expected is Expected.STAY_STILL:
             return self.trace.items
         return off_limits(self.trace.info, self.asked_indices) if self.condition.expected.lacks_target else ()
 
     @property
     def shoves(self) -> tuple[Stay, ...]:
-        """Rows, in time order, in which the empty gripper moves an object. The movement may be less than a push."""
+        """Intervals in which the empty gripper moves an object, in time order.
+
+        This includes movements that are too short to count as a push.
+        """
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
-        """Return one clause for each harm to an object that was not requested, in order of time."""
+        """Describe each harm to an object that was not requested, as one clause per harm in time order."""
         return tuple(dated.harm.words(self.trace.info) for dated in self.harm)
 
     def kind(self, i: int) -> str:
@@ -246,42 +270,43 @@ class EpisodeAnalysis:
         return self.trace.info.objects[i].kind
 
     def name(self, i: int) -> str:
-        """Return an object's name."""
+        """Return the name of an object."""
         return self.trace.info.objects[i].name
 
     def open_goals(self, row: int) -> tuple[int, ...]:
-        """Return the unfinished subgoals at a row whose objects are still on the table."""
+        """Return the indices of the subgoals that are open at a row and whose objects are still on the table."""
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
-        """Return the earlier subgoals that fill the drawer that this subgoal closes."""
+        """Return the earlier subgoals that put objects into the drawer that the given subgoal closes."""
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
-        """Return the objects that may be attempted at a row of the record.
+        """Return the indices of the objects that may correctly be attempted at a row of the trace.
 
-        If the order is free, these are the objects of all steps.
+        If the instruction leaves the order free, these are the objects of all open subgoals.
         """
         _, now = _due(self.trace, self.instruction, row)
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
     def completed_after(self, goal: int | None, row: int) -> bool:
-        """Return whether a subgoal is done at a step of the record or later, which corrects an earlier failure."""
+        """Return whether a subgoal is done at a row of the trace or later. If so, an earlier failure was corrected."""
         return goal is not None and bool(self.trace.done[row:, goal].any())
 
     def attempted_after(self, goal: int, row: int) -> bool:
-        """Return whether an object of a subgoal is attempted after a row."""
+        """Return whether the policy attempts an object of a subgoal after a row of the trace."""
         return any(s.grasp.start > row and s.at in self.meant[goal] for s in self.steps)
 
     def attempted_before(self, goal: int, row: int) -> bool:
-        """Return whether an object of a subgoal is attempted before a row."""
+        """Return whether the policy attempts an object of a subgoal before a row of the trace."""
         return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
 
     def let_go(self, step: Step) -> tuple[int, int] | None:
-        """Return the rows at which the object of an attempt left the gripper and came to rest.
+        """Return the row at which the object of an attempt left the gripper, and the row at which it came to rest.
 
         Returns:
-            The two rows, or None if no object was grasped or the gripper still holds the object at the end.
+            The two rows of the trace, or None if the attempt grasped no object or the gripper still holds it at the
+            end.
         """
         trace, grasp, i = self.trace, step.grasp, step.grasp.object
         if i is None:
@@ -307,9 +332,9 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def telling_place(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region of an object if the object was certainly brought there, otherwise None.
+        """Return the target region in which an object is, if the policy has certainly brought it there, otherwise None.
 
-        A wide region, such as one side of another object, proves nothing, because the object may have been there from
+        A wide region, such as one side of another object, does not count, because the object may have been there from
         the start.
         """
         place = self.trace.placed(row, i)
@@ -318,10 +343,13 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the region in which an object was placed contrary to the instruction, and two rows, or None.
+        """Return the region in which an object was placed contrary to the instruction, and when this happened.
 
-        The rows are those at which the object was released and came to rest. An object that was deliberately released
-        at a region counts as placed there in any posture.
+        If an object was deliberately released at a region, it counts as placed there in any posture.
+
+        Returns:
+            The row at which the object was released, the row at which it came to rest, and the region. None if the
+            object was not placed in a region that contradicts the instruction.
         """
         i, rows = step.grasp.object, self.let_go(step)
         if rows is None or i is None or not step.grasp.secured:
@@ -333,12 +361,12 @@ class EpisodeAnalysis:
         return None if place is None else (gone, rest, place)
 
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
-        """Return the wrong region in which an object was set down, in any posture, or None.
+        """Return the wrong region in which an object was set down in any posture, or None if there is no such region.
 
         An object counts as set down if the gripper released it there. It also counts if it stood there before it
-        slipped from the closed gripper or was dragged away. The result is None if the object is in a requested region,
-        or about as close to the center of a requested region as to that of the wrong region. The policy then aimed at
-        the requested region.
+        slipped out of the closed gripper or was dragged away. If the object is in a requested region, the result is
+        None. It is also None if the object is about as close to the center of a requested region as to the center of
+        the wrong region, since the policy then aimed at the requested region.
         """
         gone, rest = rows
         fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
@@ -371,9 +399,10 @@ class EpisodeAnalysis:
         return None if any(gap <= away + DOUBT for gap in asked) else found
 
     def _set_down_before(self, step: Step, i: int, gone: int) -> tuple[int, ...]:
-        """Return the first row at which a carried object stood on a support while held, as a tuple of at most one row.
+        """Return the first row at which a carried object stood on a support, as a tuple of at most one row.
 
-        For example, a jar that jams at a hole stands there, although the closed gripper then drags it away.
+        For example, a jar that jams at the edge of its hole counts as standing there, even if the closed gripper then
+        drags it away.
         """
         trace, time = self.trace, self.trace.steps(THRESHOLDS.stop_time)
         carried = np.flatnonzero(trace.held[step.grasp.end : gone] == i)
@@ -386,14 +415,14 @@ class EpisodeAnalysis:
         return ()
 
     def _is_asked_at(self, i: int, kind: str, target: int, region: str) -> bool:
-        """Return whether a subgoal requires an object in a region."""
+        """Return whether a subgoal requires an object to be in a region."""
         return any(
             i in names and (goal.relation, t, goal.region) == (kind, target, region)
             for goal, t, names in zip(self.goals, self.trace.targets, self.meant, strict=True)
         )
 
     def _distance_to(self, i: int, row: int, kind: str, target: int, region: str) -> float:
-        """Return the horizontal distance from an object to the center of a target region [m]."""
+        """Return the horizontal distance from an object to the center of a target region at a row of the trace [m]."""
         trace = self.trace
         middle = place_middle(trace.info.objects[target], kind, region)
         w, x, y, z = trace.quaternions[row, target].tolist()
@@ -401,18 +430,21 @@ class EpisodeAnalysis:
         return math.dist(trace.positions[row, i, :2], place[:2])
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the wrong region in which a correct object was placed, and the rows of its release and rest.
+        """Return the wrong region in which a requested object was placed, and when this happened.
 
         Returns:
-            The rows and the region. None if the object was placed in the correct region at any time, or outside all
-            target regions.
+            The row at which the object was released, the row at which it came to rest, and the region. None if the
+            object was placed in the correct region at any time, or was placed outside all target regions.
         """
         if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
             return None
         return self.put_down(step)
 
     def last_try(self, step: Step) -> Step:
-        """Return the decisive one of repeated attempts at an object: the first that lifted it, or else the last."""
+        """Return the decisive attempt among repeated attempts at the same object.
+
+        This is the first attempt that lifted the object. If no attempt lifted it, this is the last attempt.
+        """
         for later in self.steps:
             if later.grasp.start <= step.grasp.start:
                 continue
@@ -422,7 +454,7 @@ class EpisodeAnalysis:
         return step
 
     def taken_for(self, step: Step) -> int | None:
-        """Return the subgoal of another object into whose target region this object was brought, or None."""
+        """Return the subgoal of another object if the attempt brought its object to that subgoal's target, or None."""
         found, i = self.put_down(step), step.grasp.object
         if found is None or i not in self.asked_indices:
             return None
@@ -434,12 +466,12 @@ class EpisodeAnalysis:
         return None
 
     def memorized(self, i: int, place: Whereabout) -> bool:
-        """Return whether training places objects of this kind in this region."""
+        """Return whether objects of this kind are placed in this region during training."""
         where = (self.kind(place.target), place.relation, place.region)
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
     def slots_in_training(self, i: int) -> tuple[str, ...]:
-        """Return the slots with objects of this kind in training, except the start slot of this object."""
+        """Return the slots in which training has objects of this kind, except the slot in which this object starts."""
         info, start = self.trace.info, self.trace.positions[0, i, :2]
         trained = (slot for slot, there in sorted(self.trained.standing_kinds.items()) if self.kind(i) in there)
         return tuple(s for s in trained if math.dist(start, info.slot(s).position[:2]) > DISPLACED)
@@ -454,7 +486,11 @@ class EpisodeAnalysis:
         shared: tuple[str, ...] = (),
         candidates: tuple[str, ...] = (),
     ) -> Evidence:
-        """Return evidence for row spans and objects. Time, position and instruction are appended to the text."""
+        """Return evidence from an interval of the trace.
+
+        The time, the location of the first object and the next step of the instruction are appended to the text, unless
+        the text already states them.
+        """
         time, last = self.trace.time, self.trace.rows - 1
         first, end = (min(max(r, 0), last) for r in rows)
         facts = [f"Time: {float(time[first]):.1f} s"]
@@ -469,24 +505,27 @@ class EpisodeAnalysis:
         )
 
     def asked_at(self, row: int) -> str:
-        """Return the instruction words of the current steps at a row, with the kinds of objects they refer to."""
+        """Describe the steps of the instruction that are due at a row, by their words and their kinds of objects."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
         return listed(due) or "none"
 
     def open_words(self, row: int) -> tuple[str, ...]:
-        """Return the distinct instruction words of the subgoals that are open at a row."""
+        """Return the words of the instruction for the subgoals that are open at a row of the trace, each word once."""
         return tuple(dict.fromkeys(map(self.asked_words, self.open_goals(row))))
 
     def asked_words(self, goal: int) -> str:
-        """Return a step's instruction word, and the object kind if it differs: "'red' (red mug)"."""
+        """Return the instruction's word for an object. The object's kind is added if it differs: "'red' (red mug)"."""
         word = self.goals[goal].word
         kinds = dict.fromkeys(self.kind(i) for i in self.meant[goal])
         named = " or ".join(kind for kind in kinds if kind != word)
         return repr(word) + (f" ({named})" if named else "" if kinds else " (absent)")
 
     def _place(self, row: int, i: int) -> str:
-        """Describe the location of an object by target region, slot or coordinates. Empty for a drawer."""
+        """Describe where an object is, by its target region, its slot or its coordinates.
+
+        The text is empty for a drawer.
+        """
         trace = self.trace
         if trace.is_drawer(i):
             return ""
@@ -500,12 +539,12 @@ class EpisodeAnalysis:
         return f"x {100 * x:.0f}, y {100 * y:.0f}, z {100 * z:.0f} cm"
 
     def at_step(self, rule: str, text: str, step: Step, **details: tuple[str, ...]) -> Evidence:
-        """Return the evidence about an attempt."""
+        """Return one attempt in the form of evidence for a label."""
         objects = () if step.at is None else (step.at,)
         return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
 
     def describe(self, step: Step, *, slots: bool = True) -> str:
-        """Describe the object of an attempt, with its slot if requested."""
+        """Describe the object of an attempt. The description includes the object's slot unless ``slots`` is False."""
         slot = f" at slot {step.grasp.slot!r}" if slots and step.grasp.slot is not None else ""
         if step.at is None:
             return f"nothing (an air grasp{slot})"
@@ -513,17 +552,17 @@ class EpisodeAnalysis:
         return f"the {self.kind(step.at)}{slot}" + (" (missed)" if step.missed else how)
 
     def where(self, target: int, region: str) -> str:
-        """Describe a target region: "the laptop (left)"."""
+        """Describe a target region, for example "the laptop (left)"."""
         return place_words(self.kind(target), region)
 
     def asked_where(self, step: Step) -> str:
-        """Describe the target region requested for the object of an attempt."""
+        """Describe the target region to which the object of an attempt should be brought."""
         if step.goal is None:
             return "elsewhere"
         return f"at {self.where(self.trace.targets[step.goal], self.goals[step.goal].region)}"
 
     def shared_looks(self, at: int, targets: Iterable[int]) -> tuple[str, ...]:
-        """Return the visual properties ("color", "shape") that an object shares with any of several others."""
+        """Return the visual properties ("color", "shape") that an object shares with at least one of several others."""
         found, others = self.trace.info.objects[at], [self.trace.info.objects[i] for i in targets]
         shared = []
         if found.color and any(found.color == other.color for other in others):
@@ -533,16 +572,16 @@ class EpisodeAnalysis:
         return tuple(shared)
 
     def asked_for(self, step: Step) -> str:
-        """Describe the objects requested at the time of an attempt."""
+        """Describe the objects that were requested at the time of an attempt."""
         if step.goal is None:
             return "nothing was left to do"
         return f"the instruction asks for {self.asked_words(step.goal)}"
 
     def intended(self) -> tuple[int, ...]:
-        """Return the objects for which the first attempt would be correct.
+        """Return the indices of the objects at which a first attempt would be correct.
 
-        The attempted object comes first if it is correct. All others are ordered by subgoal and slot, so that object
-        names and scene order do not matter.
+        If the policy attempted a correct object first, this object is listed first. The others are ordered by subgoal
+        and slot, so that neither their names nor their order in the scene matter.
         """
         if self.condition.expected is Expected.STAY_STILL:
             return ()
@@ -556,13 +595,13 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(chosen))
 
     def intention_correct(self) -> bool | None:
-        """Return whether the first attempt, or its absence, was correct (suite, section 4).
+        """Return whether the first attempt was correct, or whether the policy correctly made none (suite, section 4).
 
-        An attempt at a wrong drawer is wrong, even if a correct object is grasped afterward.
+        An attempt at a wrong drawer makes the intention wrong, even if a correct object is grasped afterward.
 
         Returns:
-            None if this cannot be decided, because the gripper first closed between two objects, or only far from all
-            objects.
+            True or False. None if this cannot be decided, because the gripper first closed between two objects, or
+            because it only closed far from all objects.
         """
         expected = self.condition.expected
         if expected is Expected.STAY_STILL:
@@ -578,8 +617,8 @@ class EpisodeAnalysis:
     def progress(self) -> float:
         """Return the fraction of the requested subgoals that were completed in a valid order (suite, section 4).
 
-        If the policy should refuse, unachievable subgoals are excluded. If it should stay still, the subgoals done at
-        the start must still be done at the end.
+        If the policy is expected to refuse, subgoals that cannot be achieved are left out. If it is expected to stay
+        still, the subgoals that are done at the start must still be done at the end.
         """
         done = self.trace.done
         if self.condition.expected is Expected.STAY_STILL:
@@ -601,10 +640,10 @@ _Found = TypeVar("_Found")
 
 
 def once_per_episode(find: Callable[[EpisodeAnalysis], _Found]) -> Callable[[EpisodeAnalysis], _Found]:
-    """Cache the result of a function per episode, for functions that several failure modes call.
+    """Cache the result of a function for each episode, so that it is computed only once.
 
-    For example, four modes look for a halt. Over 37 recorded trials of three policies, the saving was too small to
-    measure (total CPU time 0.35 s, 2026-11-28).
+    This is used for functions that several failure modes call. For example, four failure modes look for a halt. Over 37
+    recorded trials of three policies, the saving was too small to measure (total CPU time 0.35 s, 2026-11-28).
     """
 
     @functools.wraps(find)
@@ -625,14 +664,17 @@ def analyze_episode(
     harm: tuple[DatedHarm, ...] = (),
     state: Callable[[int], WorldState] | None = None,
 ) -> EpisodeAnalysis:
-    """Analyze an episode. Objects are identified by kind and slot instead of name.
+    """Compare the attempts in an episode (grasps, pushes, and staying over an object) with the instruction.
+
+    Objects are identified by kind and slot, so their names do not matter.
 
     Args:
-        trace: The episode.
-        condition: Trial condition.
+        trace: Motion and subgoals of the episode.
+        condition: Condition of the trial.
         trained: Training distribution of the task.
         harm: Harm to objects that were not requested.
-        state: Function that returns the state at a row. Without it, only the recorded predicates decide placements.
+        state: Function that returns the world state at a row of the trace. Without it, placements are judged only by
+            the predicates in the record.
     """
     info = trace.info
     asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
@@ -668,10 +710,11 @@ def _start(grasp: GraspAttempt) -> int:
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether the gripper closed so far from an empty slot that it may have missed an object elsewhere.
 
-    This is possible if an instructed object is about as near as the point where demonstrations close the gripper in
-    this slot, or at least as near when seen from above. A gripper that closes above the rim of a plate has missed the
-    plate at any height. If the slot contains an object, or training does not pick from it, the distance to the slot's
-    center counts.
+    The distance is measured from the point at which demonstrations close the gripper in this slot. The gripper may have
+    missed an object elsewhere if that object is about as near as this point, or at least as near in the view from
+    above. The view from above is considered because a gripper that closes above the rim of a plate has missed the
+    plate, whatever its height. If the slot contains an object, or if training never picks from this slot, only the
+    distance to the center of the slot is considered.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
@@ -686,16 +729,20 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
-    """Return the objects of a correct attempt: the objects requested now, and drawers to be moved for them."""
+    """Return the objects at which an attempt would be correct.
+
+    These are the objects requested now, and the drawers that block them.
+    """
     _, now = _due(trace, instruction, grasp.start)
     return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
 
 
 def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
-    """Return weak grips at instructed objects. They show the intended object, but do not count as grasp attempts.
+    """Return the weak grips on requested objects.
 
-    In a weak grip, the fingers hardly move despite a long command to close, or they repeatedly close partly around the
-    object and open again. Objects with a grasp attempt are excluded.
+    A weak grip shows which object the policy wants, but is not a grasp attempt. In a weak grip, the fingers hardly move
+    although the policy commands them to close for a long time. It is also a weak grip if the fingers repeatedly close
+    partly around the object and open again. Objects at which there was a grasp attempt are left out.
     """
     seen = {step.at for step in steps}
     long: list[Step] = []
@@ -709,7 +756,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
                 continue
             i = min(near, key=lambda i: (float(gaps[i]), i))
             if found is brief and not is_down(trace, i)[closing.end]:
-                continue  # set to the object's width before the descent
+                continue  # the fingers were set to the object's width before the descent
             grasp = replace(closing, aim=i, slot=trace.slot_of(closing.start, i, THRESHOLDS.slot_reach))
             found.append(replace(_step(trace, instruction, known, grasp, at=i), means=Means.TRY))
     told = [(step.grasp.start, step.grasp.release) for step in long]
@@ -718,7 +765,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
 
 
 def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
-    """Return whether an empty gripper closed to push a drawer shut."""
+    """Return whether the empty gripper closed in order to push a drawer shut."""
     if grasp.object is not None:
         return False
     _, now = _due(trace, instruction, grasp.start)
@@ -726,30 +773,33 @@ def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
 
 
 def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: Stay, means: Means) -> Step:
-    """Convert a push or a stay to a step."""
+    """Convert a push or a stay to an attempt that is compared with the instruction.
+
+    A stay is an interval in which the gripper stays over an object.
+    """
     slot = trace.slot_of(stay.start, stay.object, THRESHOLDS.slot_reach)
     grasp = GraspAttempt(stay.start, stay.end, trace.rows, None, stay.object, slot, secured=False)
     return replace(_step(trace, instruction, known, grasp, at=stay.object), means=means)
 
 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
-    """Return whether a grasp attempt at another object follows a push.
+    """Return whether the policy, after it pushed an object, tried to grasp another object.
 
-    In that case, the pushed object was only in the way.
+    If so, the pushed object was only in the gripper's way.
     """
     return any(s.grasp.start >= push.grasp.start and s.at != push.at for s in episode.steps)
 
 
 def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the subgoals that are open at a row of the record, and those of them that may be done next."""
+    """Return the subgoals that are open at a row of the trace, and those among them that may be done next."""
     due = _open_goals(trace, instruction.subgoals, row)
     return due, due[:1] if instruction.ordered else due
 
 
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
-    """Return the unfinished subgoals at a row whose objects are still on the table.
+    """Return the indices of the subgoals that are open at a row of the trace and whose objects are still on the table.
 
-    Closing a drawer is the next step as soon as its object is inside.
+    A subgoal that closes a drawer becomes open as soon as the object that belongs in the drawer is inside.
     """
     reached = [_reached(trace, goals, g, row) for g in range(len(goals))]
     return tuple(
@@ -768,16 +818,19 @@ def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool
 
 
 def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
-    """Return the earlier subgoals whose target is the object of a subgoal, as for loading and then closing a drawer."""
+    """Return the earlier subgoals whose target is the object of the given subgoal.
+
+    For example, the subgoal that fills a drawer comes before the subgoal that closes it.
+    """
     if relation(goals[g].relation).carried:
         return []
     return [j for j in range(g) if trace.targets[j] in trace.meant[g]]
 
 
 def _wanted(trace: Trace, g: int, row: int) -> set[int]:
-    """Return the objects of a correct attempt for a subgoal.
+    """Return the indices of the objects at which an attempt would be correct for a subgoal.
 
-    These are its own objects and drawers that must be moved first.
+    These are the objects of the subgoal itself, and the drawers that must be moved first.
     """
     busy = trace.serves[row].any(axis=0)
     wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
@@ -792,7 +845,11 @@ def _wanted(trace: Trace, g: int, row: int) -> set[int]:
 
 
 def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
-    """Return the target drawer of a subgoal if an attempt grasped it and did not push it in, otherwise an empty set."""
+    """Return the drawer into which a subgoal puts an object, if the attempt grasped this drawer without pushing it in.
+
+    Returns:
+        Set with the index of the drawer, or an empty set if the attempt did something else.
+    """
     i, last = grasp.object, min(grasp.release, trace.rows - 1)
     if i is None or i != trace.targets[g] or not trace.is_drawer(i):
         return set()
@@ -800,7 +857,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
 
 
 def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
-    """Return the missed object of an empty grasp. If this is ambiguous, the instructed object is returned."""
+    """Return the object that the gripper missed when it closed on nothing. Requested objects take precedence."""
     if grasp.aim is None or grasp.aim in needed:
         return grasp.aim
     gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])
@@ -811,7 +868,15 @@ def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
 def _step(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None = None
 ) -> Step:
-    """Compare an attempt with the current steps. ``at`` is the object of an attempt without a grasp."""
+    """Compare an attempt with the current steps of the instruction.
+
+    Args:
+        trace: Motion and subgoals of the episode.
+        instruction: Instruction of the trial.
+        known: Kinds of objects that occur in the task's training or in the instruction.
+        grasp: Rows, object and slot of the attempt.
+        at: Index of the attempted object if the attempt is not a grasp, otherwise None.
+    """
     step = _compared(trace, instruction, known, grasp, at=at, chosen=grasp.start)
     if step.target is not AttemptTarget.LATER:
         return step
@@ -820,7 +885,10 @@ def _step(
 
 
 def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | None:
-    """Return the last row shortly before a given row at which the current steps were still done, or None."""
+    """Return the last row, shortly before the given row, at which all steps that are due now were done.
+
+    There is such a row if a finished step was undone. Otherwise, return None.
+    """
     _, now = _due(trace, instruction, row)
     first = max(0, row - trace.steps(UNDONE_WITHIN))
     done = np.flatnonzero(trace.done[first:row, list(now)].all(axis=1)) if now else np.array([], int)
@@ -830,7 +898,7 @@ def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | No
 def _compared(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None, chosen: int
 ) -> Step:
-    """Compare an attempt with the steps that were current when its target was chosen."""
+    """Compare an attempt with the steps that were due at row ``chosen``, at which the policy chose the target."""
     row = grasp.start
     due, now = _due(trace, instruction, chosen)
     wanted = {g: _wanted(trace, g, chosen) | _drawn(trace, g, grasp) for g in due}
@@ -856,16 +924,17 @@ def _compared(
     slot = grasp.slot if between is None else None
     attempt = Attempt(float(trace.time[row]), float(trace.time[grasp.end]), name, slot, result, grasp.secured)
     moved = sorted(i for i in needed if trace.info.objects[i].slot == grasp.slot)
-    if at is None and grasp.slot is not None and moved:  # the instructed object has been moved out of the slot
+    if at is None and grasp.slot is not None and moved:  # the requested object has been moved out of the slot
         at, target = moved[0], AttemptTarget.ASKED
         goal = next(g for g in now if at in wanted[g])
     return Step(grasp, attempt, at, target, goal, tuple(slots), between=between)
 
 
 def finished_on(trace: Trace, instruction: Instruction, row: int, at: int | None) -> tuple[int, ...]:
-    """Return the objects that lie on an object because of a finished step. Together they form a finished stack.
+    """Return the objects that a finished step has stacked on the given object.
 
-    A container does not form a stack with its contents, and neither do objects next to each other on the table.
+    A container does not form a stack with its contents, and objects next to each other on the table do not form a
+    stack.
     """
     return tuple(
         i
@@ -880,7 +949,7 @@ def finished_on(trace: Trace, instruction: Instruction, row: int, at: int | None
 def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:
     """Return a requested object and another object if one finger came down on each of them, otherwise None.
 
-    If one object was lifted, or was between both fingers, only this object was the target.
+    If an object was lifted, or was between the two fingers, it was the only target, and the result is None.
     """
     i = grasp.object
     if i is None or grasp.secured or trace.is_drawer(i):
@@ -902,7 +971,7 @@ def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, 
 
 
 def _between(trace: Trace, grasp: GraspAttempt, at: int | None, needed: set[int]) -> int | None:
-    """Return another object that was as near as the requested object when the empty gripper closed, or None."""
+    """Return another object that was about as near as the requested object when the empty gripper closed, or None."""
     if grasp.object is not None or at is None:
         return None
     row = grasp.start

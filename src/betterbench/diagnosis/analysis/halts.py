@@ -1,4 +1,4 @@
-"""Detection of halts: the arm stays still or trembles in place until the end although subgoals are unfinished."""
+"""Detection of halts, in which the arm stays still or trembles in place until the end although subgoals are open."""
 
 from __future__ import annotations
 
@@ -31,21 +31,22 @@ from betterbench.tasks.relations import relation
 
 @once_per_episode
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
-    """Return the rows of the first permanent halt, or None.
+    """Return the first and last row of the first halt that lasts until the end, or None if the arm does not halt.
 
     In a halt, the arm rests for at least ``halt_time`` while subgoals are unfinished and no attempt is in progress.
     Closing the gripper far from all objects counts as an attempt. A subgoal does not count as unfinished if its object
     is at the target when the arm comes to rest. If the arm trembles in place, the halt must last for ``tremble_time``.
-    Trembling over an instructed object is not a halt.
+    Trembling over a requested object is not a halt.
 
-    A pause after which the arm continues is not a halt. A final stop that is shorter than an earlier pause may be a
-    pause. An arm that holds the correct object at its target region, or has descended to it with open fingers, has only
-    halted if it does not move at all. If it moves, the fault is a gripper that does not open or close.
+    A pause after which the arm continues is not a halt. A final stop that is shorter than an earlier pause may itself
+    be a pause, so it is not a halt either. In two situations, the arm has only halted if it does not move at all: it
+    holds a correct object at its target region, or it has descended to a correct object with open fingers. If it moves
+    in these situations, the fault is that the gripper does not open or close.
     """
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None
-    # A gripper at the object to be grasped, or with the object at its target, has only halted if it does not move at
-    # all.
+    # A gripper that has reached the object to be grasped, or holds the object at its target, has only halted if it does
+    # not move at all.
     arrived = kept or comes_down_to(trace, episode.idle_from) in episode.wanted(episode.idle_from)
     still = (resting_rows if arrived else still_rows)(trace.tool, trace.rate_hz)
     if not arrived and not any(s.means is Means.STAY and s.target is AttemptTarget.ASKED for s in episode.others):
@@ -70,7 +71,10 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
 
 
 def in_fingers(trace: Trace, row: int) -> int | None:
-    """Return the object in the gripper at a row, or None. A brief loss of contact does not count as a release."""
+    """Return the index of the object in the gripper at a row of the trace, or None if the gripper is empty.
+
+    A brief loss of contact does not count as a release.
+    """
     rows = slice(max(0, row - trace.steps(FLICKER_TIME)), row + 1)
     held = [i for i in trace.held[rows].tolist() if i >= 0]
     return held[-1] if held else None
@@ -78,9 +82,9 @@ def in_fingers(trace: Trace, row: int) -> int | None:
 
 @once_per_episode
 def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
-    """Return the object that a closed gripper holds at its target region for a long time until the end, or None.
+    """Return the object that the closed gripper keeps holding at the object's target region until the end, or None.
 
-    The object may stand on the target already. An object that is still being lowered does not count.
+    The object may already be standing on the target. An object that is still being lowered does not count.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     for g, goal in enumerate(episode.goals):
@@ -100,7 +104,7 @@ def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
 
 
 def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
-    """Return the rows, after a given row, at which an object is at or over its target region in a subgoal."""
+    """Return whether an object is at or over the target region of a subgoal, for each row from ``first`` on."""
     trace, goal, t = episode.trace, episode.goals[g], episode.trace.targets[g]
     target = trace.info.objects[t]
     middle = place_middle(target, goal.relation, goal.region)
@@ -115,17 +119,18 @@ def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
 
 
 def _usual(pauses: list[int], long: int) -> float:
-    """Return the longest plausible pause of a policy [rows].
+    """Return how long a pause of this policy can be without being a halt, in rows of the trace.
 
-    If a policy paused for long several times, longer pauses are plausible.
+    This is the length of its longest pause so far. If the policy has made several long pauses, even longer pauses are
+    plausible.
     """
     return max(pauses, default=0) * (PAUSES_VARY if sum(p >= long for p in pauses) > 1 else 1.0)
 
 
 def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
-    """Return the first row of a long slow phase after which the arm stays in place until the end.
+    """Return the row from which the arm stays in place until the end, or None if it does not do so for long enough.
 
-    Slowing down before coming to rest belongs to the slow phase.
+    The arm may still be slowing down at this row.
     """
     last = stop - trace.steps(THRESHOLDS.halt_time)
     if start <= last and stays_in_place(trace.tool, trace.time, start):
@@ -135,7 +140,10 @@ def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
 
 
 def _in_place_from(trace: Trace) -> int:
-    """Return a row after which the arm stays in place until the end for long enough, or the number of rows."""
+    """Return the first row after which the arm stays in place until the end, long enough to count as trembling.
+
+    If there is no such row, return the number of rows of the trace.
+    """
     for begin in range(0, trace.rows - trace.steps(TREMBLE_TIME), trace.steps(SEARCH_STEP)):
         if stays_in_place(trace.tool, trace.time, begin):
             return begin
@@ -145,7 +153,7 @@ def _in_place_from(trace: Trace) -> int:
 def _busy_until(trace: Trace, step: Step) -> int:
     """Return the last row at which an attempt shows that the arm has not halted.
 
-    This is the end of a grasp, or the release of an object that was carried on.
+    This is the row at which the grasp ends. If the gripper then carried the object away, it is the row of the release.
     """
     release = step.grasp.release
     if not step.grasp.secured or release >= trace.rows:

@@ -1,4 +1,7 @@
-"""Harm: changes to objects that are not part of the instruction, with their times. Harm rules out success."""
+"""Harm: changes to objects that the instruction does not ask for, with their times.
+
+A trial with harm is not a success.
+"""
 
 from __future__ import annotations
 
@@ -15,21 +18,24 @@ from betterbench.tasks.judging.targets import Asked, Targets
 from betterbench.tasks.thresholds import ANCHOR_MOVED, DISPLACED, LEFT_OPEN, TARGET_MOVED
 
 FINAL = frozenset({"turned", "target_moved", "anchor_moved", "left_open"})
-"""Kinds of harm that only count if they are present in the last state."""
+"""Kinds of harm that only count if they are still present in the last state of the episode."""
 
 
 class DatedHarm(NamedTuple):
-    """Harm with the row at which it first appears (for an object left at a wrong target, the last row)."""
+    """Harm to an object, with the row of the trace at which it first appears.
+
+    If the harm is that an object was left at a wrong target, this is the last row.
+    """
 
     row: int
     harm: Harm
 
 
 def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[DatedHarm, ...]:
-    """Return all harm in a record, in order of time.
+    """Return all harm in a record, in time order.
 
-    The goal tracker only judges the rows that can change its verdict. As in the trace, objects are identified by kind
-    and slot, so their names do not matter.
+    The goal tracker is only given the rows at which its verdict can change. As in the trace, objects are identified by
+    kind and slot, so their names do not matter.
     """
     info, template = trace.info, get_task(condition.task).template
     asked = tuple(
@@ -65,7 +71,7 @@ def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[Dated
 
 
 def _out_of_place_since(trace: Trace, i: int, harm: Harm, *, target: bool) -> int | None:
-    """Return the row after which an object stays turned, displaced or open until the end."""
+    """Return the row from which an object is turned, moved or open until the end, or None if there is no such row."""
     if harm.sort != "turned":
         limits = {"target_moved": TARGET_MOVED, "anchor_moved": ANCHOR_MOVED, "left_open": LEFT_OPEN}
         return _since(_moved(trace, i) > limits[harm.sort])
@@ -76,7 +82,7 @@ def _out_of_place_since(trace: Trace, i: int, harm: Harm, *, target: bool) -> in
 
 
 def _moved(trace: Trace, i: int) -> np.ndarray:
-    """Return the distance of an object's center from its initial position, shape (T,) [m]."""
+    """Return how far the center of an object is from its initial position, for each row of the trace (T,) [m]."""
     w, x, y, z = trace.quaternions[:, i].T
     up = np.column_stack((2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)))
     middles = trace.positions[:, i] + 0.5 * trace.info.objects[i].size_m[2] * up
@@ -85,13 +91,16 @@ def _moved(trace: Trace, i: int) -> np.ndarray:
 
 
 def _tilted(trace: Trace, i: int) -> np.ndarray:
-    """Return whether an object is tilted beyond the limit for a knocked-over object, shape (T,)."""
+    """Return whether an object is tilted so far that it counts as knocked over, for each row of the trace (T,)."""
     tilted: np.ndarray = 1.0 - 2.0 * (trace.quaternions[:, i, 1:3] ** 2).sum(axis=1) < np.cos(THRESHOLDS.knocked_tilt)
     return tilted
 
 
 def _since(flags: np.ndarray) -> int | None:
-    """Return the row after which flags stay true until the end, or None."""
+    """Return the row from which the flags stay true until the end.
+
+    The result is None if there is no such row, or if all flags are true.
+    """
     return int(np.flatnonzero(~flags)[-1]) + 1 if flags[-1] and not flags.all() else None
 
 

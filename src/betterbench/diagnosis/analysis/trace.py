@@ -1,4 +1,4 @@
-"""Trace: a record as arrays, for the detectors of failure modes."""
+"""Trace of an episode: the record as arrays, in the form in which the detectors of failure modes use it."""
 
 from __future__ import annotations
 
@@ -19,10 +19,13 @@ from betterbench.tasks.relations import RELATIONS, relation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whereabout:
-    """Rows in which an object was in a relation to a target, requested or not.
+    """Rows of the trace in which an object was in a relation to a target, whether or not the instruction asks for it.
 
     Attributes:
-        place: Region of the target; "" if the target has only one region.
+        object: Index of the object.
+        relation: Name of the relation.
+        target: Index of the target.
+        region: Region of the target, or "" if the target has only one region.
         rows: (T,) whether the object was there.
     """
 
@@ -40,13 +43,13 @@ class Trace(Motion):
     Attributes:
         time: (T,) time since reset [s].
         touched: (T, n) whether the gripper touches the object.
-        by_arm: (T, n) whether another part of the arm touches it.
-        whereabouts: Rows of each object in each target region, except for closed drawers.
-        serves: (T, g, n) whether the object satisfies the subgoal's relation.
-        done: (T, g) whether the subgoal is done: its relation holds, and the object is released and at rest.
-        meant: Indices of the objects that satisfy each subgoal.
-        targets: Index of the target of each subgoal.
-        drawers: For each drawer: its index, the index of its cabinet, and its closed position in the cabinet frame.
+        by_arm: (T, n) whether a part of the arm other than the gripper touches the object.
+        whereabouts: Rows in which each object is in each target region. Closed drawers are left out.
+        serves: (T, g, n) whether the object satisfies the relation that the subgoal requires.
+        done: (T, g) whether the subgoal is done, i.e. its relation holds, and the object is released and at rest.
+        meant: For each subgoal, the indices of the objects that can satisfy it.
+        targets: For each subgoal, the index of its target.
+        drawers: For each drawer, its index, the index of its cabinet, and its closed position in the cabinet's frame.
     """
 
     time: Floats
@@ -60,11 +63,11 @@ class Trace(Motion):
     drawers: tuple[tuple[int, int, Vector], ...]
 
     def placed(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region of an object at a row, or None."""
+        """Return the target region in which an object is at a row of the trace, or None if it is in no region."""
         return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
 
     def opening(self, row: int, drawer: int) -> float:
-        """Return the opening of a drawer [m], or 0 for other objects."""
+        """Return how far a drawer is open at a row of the trace [m]. This is 0 for objects that are not drawers."""
         for i, cabinet, place in self.drawers:
             if i == drawer:
                 p, q = self.positions[row, cabinet].tolist(), self.quaternions[row, cabinet].tolist()
@@ -74,21 +77,21 @@ class Trace(Motion):
 
 
 def place_middle(target: ObjectInfo, kind: str, region: str) -> Vector:
-    """Return the center of a target region in the target's frame [m]."""
+    """Return the center of a target region in the target object's frame [m]."""
     named = next((r.position for r in target.regions if r.name == region), None)
     return relation(kind).middle(target, region) if named is None else named
 
 
 def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
-    """Convert a record to arrays for the detectors.
+    """Convert a record to the arrays that the detectors use.
 
     Args:
-        record: The record.
-        condition: Trial condition. Objects are identified by kind and slot, so their names do not matter.
-        step_limit: Step limit of the condition. Later rows are ignored.
+        record: Record of the episode.
+        condition: Condition of the trial. Objects are identified by kind and slot, so their names do not matter.
+        step_limit: Step limit of the condition. Rows of the record after this step are ignored.
 
     Raises:
-        RecordError: If a predicate for a movable object, or an object of the condition, is missing in the record.
+        RecordError: If the record lacks an object of the condition, or a predicate about a movable object.
     """
     info = record.metadata.scene
     rows = min(len(record), step_limit + 1)
@@ -132,21 +135,24 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
 
 
 def _column(record: Record, label: str) -> int:
-    """Return the column of a predicate.
+    """Return the column of the record that holds a predicate.
 
     Raises:
-        RecordError: If the record lacks it.
+        RecordError: If the record has no such predicate.
     """
     try:
         return record.metadata.predicate_names.index(label)
     except ValueError:
         m = record.metadata
-        text = f"{m.task}/{m.condition} seed {m.seed}: the record has no predicate {label}; record the trial again."
+        text = f"{m.task}/{m.condition} seed {m.seed}: the record has no predicate {label}. Record the trial again."
         raise RecordError(text) from None
 
 
 def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whereabout, ...]:
-    """Return the rows of each object in each target region, from all predicates in the record."""
+    """Return, for each object and each target region, the rows in which the object is in the region.
+
+    This is determined from all predicates in the record.
+    """
     objects = record.metadata.scene.objects
     column = {name: c for c, name in enumerate(record.metadata.predicate_names)}
     names = {label.partition("(")[0] for label in column}
@@ -161,10 +167,17 @@ def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whe
 
 
 def _index_of_kind(info: SceneInfo, kind: str) -> int:
-    """Return the index of the first object of a kind. Raises RecordError if the record has none."""
+    """Return the index of the first object of a kind in the scene.
+
+    Raises:
+        RecordError: If the scene has no object of this kind.
+    """
     found = next((i for i, o in enumerate(info.objects) if o.kind == kind), None)
     if found is None:
-        raise RecordError(f"scene: the record has no {kind!r}, which its condition requires; record the trial again.")
+        raise RecordError(
+            f"scene: the record contains no object of the kind {kind!r}, but the condition of the trial requires "
+            f"one. Record the trial again."
+        )
     return found
 
 
@@ -179,7 +192,7 @@ def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vec
 
 
 def finger_forces(record: Record, rows: int) -> Floats:
-    """Return the largest normal force of a finger on each object [N], shape (rows, n)."""
+    """Return the largest normal force that a finger exerts on each object [N], as a (rows, n) array."""
     contacts, bodies = record.contacts, record.bodies
     names = {o.name: i for i, o in enumerate(record.metadata.scene.objects)}
     finger = np.array([b in ("left_finger", "right_finger") for b in bodies], dtype=np.bool_)
@@ -195,7 +208,7 @@ def finger_forces(record: Record, rows: int) -> Floats:
 
 
 def touches(record: Record, rows: int, parts: tuple[str, ...]) -> Bools:
-    """Return the contacts between each gripper part and each object, shape (parts, rows, n)."""
+    """Return whether each part of the gripper touches each object, as a (parts, rows, n) array."""
     contacts = record.contacts
     names = {o.name: i for i, o in enumerate(record.metadata.scene.objects)}
     part_of = np.array([parts.index(b) if b in parts else -1 for b in record.bodies], dtype=np.intp)

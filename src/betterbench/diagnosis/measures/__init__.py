@@ -1,1 +1,5 @@
-"""Measures over many trials: the metrics of a run, and the confusion and power matrices of the diagnosis."""
+"""Measures that are computed over many trials: the metrics of a run, and the confusion and power matrices.
+
+The confusion matrix measures the accuracy of the diagnosis. The power matrix measures how well policies without the
+tested ability do.
+"""

@@ -1,4 +1,4 @@
-"""Confusion matrix of the diagnosis, with recall and precision of each label."""
+"""Confusion matrix of the diagnosis, measured on policies with known faults, with each label's recall and precision."""
 
 from __future__ import annotations
 
@@ -41,33 +41,37 @@ FAMILIES: dict[str, str] = {
     "its own controller. Its true label is stated before the first action. The author of this part had not seen the "
     "diagnosis or its results on other parts, and chose faults that are known from learned policies.",
 }
-"""Descriptions of the sets of policies on which the diagnosis is measured: faulty policies, parts of the independent
-family.
+"""Descriptions of the sets of policies on which the diagnosis is measured, in the order in which they were written.
 
-The stated accuracy of the diagnosis was measured on the last set, which was written last and used once.
+The first set contains the faulty policies of betterbench. The others are parts of the independent family. The accuracy
+that the documentation states was measured on the last set, which was used only once.
 """
 
 CLAIMED = next(reversed(FAMILIES))
-"""Family on which the stated accuracy was measured."""
+"""Set of policies on which the stated accuracy of the diagnosis was measured."""
 
 
 def packaged_file(family: str) -> str:
-    """Return the file name of the packaged calibration of a family, in the folder ``data``."""
+    """Return the name of the calibration file for a set of policies, which is in the package's folder ``data``."""
     return "calibration.json" if family == "faulty" else f"calibration_{family}.json"
 
 
 @open_form
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """Trial of a faulty policy, with its true label and its diagnosed label.
+    """Trial of a policy with a known fault, with the true label and the diagnosed label.
 
     Attributes:
+        policy: Name of the policy.
         trial: Key of the trial ("fast_food/T1/3").
         truth: True label.
-        fault: Wrong decision that the policy itself stated.
+        label: Label given by the diagnosis.
+        fault: Wrong decision that the policy made, as stated by the policy itself.
+        rule: Evidence rule that decided the diagnosed label.
+        text: Explanation given by the diagnosis.
         grasped: Whether the record contains a grasp attempt.
         honest: Whether the policy has no fault.
-        debatable: Reason why a careful reader of the suite might assign another label; "" if there is none.
+        debatable: Reason why a careful reader of the suite might assign a different label. Empty if there is none.
     """
 
     policy: str
@@ -88,7 +92,7 @@ class Judged:
 
     @property
     def crossed(self) -> bool:
-        """Whether a reasoning failure was labeled as an execution failure, or vice versa."""
+        """Whether a reasoning failure was diagnosed as an execution failure or the other way round."""
         return {self.truth.kind, self.label.kind} == {Kind.REASONING, Kind.EXECUTION}
 
 
@@ -97,8 +101,9 @@ class LabelScore:
     """Recall and precision of one label.
 
     Attributes:
-        recall: Fraction of the trials with this true label that were diagnosed with this label.
-        precision: Fraction of the trials diagnosed with this label that have this true label.
+        label: The label.
+        recall: Fraction of correct diagnoses among the trials whose true label is this label.
+        precision: Fraction of correct diagnoses among the trials that were diagnosed with this label.
     """
 
     label: Label
@@ -108,14 +113,17 @@ class LabelScore:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Measured accuracy of a diagnosis on policies with known faults.
+    """Measured accuracy of the diagnosis on policies with known faults.
 
     Attributes:
-        policies: Correctly labeled trials out of all trials, per policy.
-        crossed: Trials in which a reasoning failure was labeled as an execution failure, or vice versa.
-        without_grasp: Correctly labeled trials out of all failed trials without a grasp attempt.
-        accused: Trials labeled as a reasoning failure out of all trials of policies without a fault (false alarms).
-        left_out: Number of excluded trials, which are not evidence about the fault of the policy.
+        counts: Number of trials by true label and diagnosed label.
+        policies: For each policy, the fraction of its trials that were labeled correctly.
+        wrong: Trials that were labeled incorrectly.
+        crossed: Number of trials in which a reasoning failure was labeled as an execution failure, or vice versa.
+        versions: Versions with which the calibration was measured.
+        without_grasp: Fraction of correctly labeled trials among the failed trials without a grasp attempt.
+        accused: Fraction of trials of policies without a fault that were labeled as a reasoning failure (false alarms).
+        left_out: Number of trials that were left out, because they are not evidence about the policy's fault.
     """
 
     counts: dict[tuple[Label, Label], int]
@@ -129,7 +137,7 @@ class Calibration:
 
     @classmethod
     def of(cls, trials: Iterable[Judged], *, versions: dict[str, str] | None = None, left_out: int = 0) -> Calibration:
-        """Compute the calibration from judged trials."""
+        """Compute the accuracy of the diagnosis from trials with their true and diagnosed labels."""
         judged = list(trials)
         per_policy: dict[str, list[bool]] = {}
         for j in judged:
@@ -152,35 +160,38 @@ class Calibration:
 
     @property
     def overall(self) -> Rate:
-        """Correctly labeled trials out of all trials."""
+        """Fraction of all trials that were labeled correctly."""
         return Rate(sum(n for (truth, label), n in self.counts.items() if truth is label), self.total)
 
     @property
     def failed(self) -> Rate:
-        """Correctly labeled trials out of those whose true label is a failure. Successes are easier to label."""
+        """Fraction of correctly labeled trials among those whose true label is a failure.
+
+        Successes are left out because they are easier to label.
+        """
         counts = [(truth is label, n) for (truth, label), n in self.counts.items() if truth.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 
     @property
     def failed_kinds(self) -> Rate:
-        """Trials with a label of the correct kind out of those whose true label is a failure."""
+        """Fraction of trials whose label has the correct kind of failure, among those whose true label is a failure."""
         counts = [(t.kind is g.kind, n) for (t, g), n in self.counts.items() if t.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 
     @property
     def crossed_rate(self) -> Rate:
-        """Trials in which reasoning and execution were confused out of all reasoning and execution failures."""
+        """Fraction of all reasoning and execution failures that were labeled as the opposite kind of failure."""
         kinds = (Kind.REASONING, Kind.EXECUTION)
         return Rate(self.crossed, sum(n for (truth, _), n in self.counts.items() if truth.kind in kinds))
 
     @property
     def labels(self) -> tuple[Label, ...]:
-        """All labels that occur, in the order of the suite's table."""
+        """All labels that occur as true or diagnosed labels, in the order of the suite's table."""
         met = {label for pair in self.counts for label in pair}
         return tuple(label for label in all_labels() if label in met)
 
     def scores(self) -> tuple[LabelScore, ...]:
-        """Return recall and precision for every label that occurs as a true label."""
+        """Return the recall and precision of every label that occurs as a true label."""
         scores = []
         for label in self.labels:
             deserved = sum(n for (truth, _), n in self.counts.items() if truth is label)
@@ -207,17 +218,21 @@ class Calibration:
         }
 
     def file_bytes(self) -> bytes:
-        """Return the JSON document as bytes, with its checksum."""
+        """Return the calibration as JSON with a checksum, in the form of bytes."""
         return (json.dumps(sealed_form({"version": 2, **self.to_json()}), indent=1) + "\n").encode()
 
     @classmethod
     def from_json(cls, raw: bytes, *, where: str) -> Calibration:
-        """Read the JSON document. ``where`` is its name in error messages.
+        """Read the calibration from a JSON document.
+
+        Args:
+            raw: Content of the document.
+            where: Name of the document in error messages.
 
         Raises:
-            RecordError: If a field is missing or malformed.
+            RecordError: If a field is missing or malformed, or the checksum does not match.
         """
-        cure = "Run better calibrate again"
+        cure = "Run better calibrate again to write a new file"
         form = open_seal(raw, where=where, cure=cure, raises=RecordError, since=("version", 2))
         file = read_form(_FILE, form, where=where, cure=cure, raises=RecordError)
         return cls(
@@ -257,16 +272,16 @@ _FILE = TypeAdapter(_File)
 
 
 def packaged_calibration(family: str = "faulty") -> Calibration | None:
-    """Return the packaged calibration of a family, or None if the package contains none.
+    """Return the packaged calibration for a set of policies, or None if the package does not contain it.
 
     Raises:
-        RecordError: If it is corrupt.
+        RecordError: If the packaged file is corrupt.
     """
     file = resources.files("betterbench.diagnosis").joinpath("data", packaged_file(family))
     return Calibration.from_json(file.read_bytes(), where=packaged_file(family)) if file.is_file() else None
 
 
 def _share(found: Iterable[bool]) -> Rate:
-    """Return the rate of True values."""
+    """Return the fraction of values that are True, as a rate with its numerator and denominator."""
     values = list(found)
     return Rate(sum(values), len(values))

@@ -1,4 +1,4 @@
-"""Representation of labels in files."""
+"""Conversion of labels to and from JSON in the files of the diagnosis."""
 
 from typing import Annotated
 
@@ -16,4 +16,4 @@ def _label(name: object) -> Label:
 
 
 LabelField = Annotated[Label, PlainValidator(_label)]
-"""Outcome label, stored by name."""
+"""Outcome label that is stored by its name."""

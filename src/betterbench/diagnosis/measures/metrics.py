@@ -1,4 +1,4 @@
-"""Metrics of a run (suite, section 4), with counts and uncertainty."""
+"""Metrics of a run (suite, section 4), with their counts and uncertainty."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 Trials = Sequence[TrialDiagnosis]
 
 ANYTIME = "anytime-valid"
-"""Name of the interval method that is valid at any stopping time."""
+"""Name of the method for confidence intervals that remain valid at any stopping time."""
 
 _Rates = tuple[tuple[str, Callable[[TrialDiagnosis], bool]], ...]
 
@@ -44,29 +44,32 @@ _RATES: _Rates = (
     ("system_failure_rate", lambda t: t.kind is Kind.SYSTEM),
     ("collision_rate", lambda t: bool(t.collisions)),
 )
-"""Rates over planned trials.
+"""Rates over planned trials, each as a name and a function that returns whether a trial counts.
 
-A trial without a record stays in the denominator and counts neither as success nor as correct intention. A success with
-a needless step is a success in which the policy also executed an unrequested step of training, such as a grasp at an
-emptied slot. Collisions are those with fixtures and do not rule out success.
+A trial without a record stays in the denominator, but counts neither as a success nor as a correct intention. A success
+with a needless step is one in which the policy also executed a step that belongs to training but was not requested,
+such as a grasp at a slot that is now empty. The collision rate counts collisions with fixtures, which do not rule out
+success.
 """
 
 _UNFINISHED: _Rates = (("unfinished_rate", lambda t: t.kind is Kind.UNFINISHED),)
-"""Rate of trials that a stopped run left unfinished, reported separately."""
+"""Rate of the trials that a stopped run left unfinished. This rate is reported separately."""
 
 
 def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tuple[Metric, ...]:
     """Return all metrics of a run.
 
     Args:
-        trials: Its trials.
-        decided: Decisions of a run with ``--until-decided``. Intervals of metrics of one condition are then valid at
-            any stopping time, and metrics over several conditions only use the seeds of the first round.
+        trials: The trials of the run.
+        decided: Decisions of a run with ``--until-decided``, or None for other runs. In such a run, the intervals of
+            metrics of one condition are valid at any stopping time, and metrics over several conditions use only the
+            seeds of the first round.
 
     Returns:
-        Rates, distractor grasp rate and progress per scope, instruction effects, ΔSR of recompositions, and illusion
-        gaps. Each gap comes with two success rates: those of the twins and of the variations in the same pairs.
-        Ambiguous trials are in no metric.
+        The rates, the distractor grasp rate and the progress, each for the whole run and for each task, axis and
+        condition. They are followed by the instruction effects, the ΔSR of recompositions (change in success rate), and
+        the illusion gaps. Each gap comes with two success rates, that of the twins and that of the variations in the
+        same pairs. Ambiguous trials are not part of any metric.
     """
     trials = [t for t in trials if not t.ambiguous]
     even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
@@ -88,9 +91,9 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
 
 
 def _anytime(scope: str, trials: Trials, rates: _Rates) -> Iterator[Metric]:
-    """Yield the rates, distractor grasp rate and progress of one condition.
+    """Yield the rates, the distractor grasp rate and the progress of one condition.
 
-    Their intervals are valid at any stopping time.
+    Their confidence intervals are valid at any stopping time.
     """
     results = [a.result for t in trials for a in t.attempts if a.result != "null"]
     counted = [(name, [shows(t) for t in trials]) for name, shows in rates]
@@ -105,7 +108,10 @@ def _anytime(scope: str, trials: Trials, rates: _Rates) -> Iterator[Metric]:
 
 
 def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
-    """Yield each scope of a run (see :class:`~betterbench.diagnosis.Metric`) with its trials."""
+    """Yield each scope, i.e. each set of trials for which metrics are computed, with its trials.
+
+    A scope is the whole run, an axis, a task or a condition (see :class:`~betterbench.diagnosis.Metric`).
+    """
     varied = [t for t in trials if t.variation is not None]
     yield "overall", varied
     yield "training", [t for t in trials if t.variation is None]
@@ -124,7 +130,10 @@ def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
 
 
 def twins(trials: Trials) -> list[tuple[TrialDiagnosis, TrialDiagnosis]]:
-    """Return each variation trial with its counterfactual twin, if both are finished."""
+    """Return pairs of a counterfactual twin (the training trial with the same seed) and its variation trial.
+
+    Pairs in which one of the two trials is unfinished or missing are left out.
+    """
     ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
     by_key = {t.key: t for t in ended if t.variation is None}
     return [(by_key[t.twin_key], t) for t in ended if t.twin_key is not None and t.twin_key in by_key]
@@ -144,7 +153,7 @@ def _progress(scope: str, trials: Trials) -> Metric:
 
 
 def _delta_success_rates(trials: Trials) -> list[Metric]:
-    """Return ΔSR of each recomposition, its success rate minus the mean over the seen compositions of the task."""
+    """Return ΔSR of each recomposition: its success rate minus the mean success rate of the training compositions."""
     metrics = []
     for task in sorted({t.task for t in trials}):
         mine = [t for t in trials if t.task == task]
@@ -165,10 +174,15 @@ def _success_rate(trials: Trials) -> Rate:
 
 
 def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
-    """Return the success rates of twins minus those of variations, Holm-corrected within each kind of scope.
+    """Return the illusion gaps: success rates of the twins minus success rates of the variations.
 
-    ``stopped`` contains all trials of a run with ``--until-decided``; it is None for other runs. It is used for the
-    gaps of single variations.
+    The p-values are corrected by Holm's method, separately for the gap over the whole run, the gaps per axis, the gaps
+    per task and the gaps per condition.
+
+    Args:
+        trials: The trials from which the gaps are computed.
+        stopped: All trials of a run with ``--until-decided``, from which the gaps of single variations are computed.
+            None for other runs.
     """
     pairs = twins(trials)
     if not pairs:
@@ -196,10 +210,11 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
 
 
 def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *, anytime: bool) -> Iterator[Metric]:
-    """Yield the success rates of twins and variations over the pairs of an illusion gap.
+    """Yield the success rates of the twins and of the variations over the pairs of an illusion gap.
 
-    A twin of several variations counts in each of its pairs. The interval uses the effective number of independent
-    pairs (Kish: the squared number of pairs divided by the sum of the squared numbers per twin).
+    A twin that belongs to several variations counts once in each pair. The confidence interval therefore uses the
+    effective number of independent pairs according to Kish: the square of the number of pairs, divided by the sum over
+    all twins of the square of their number of pairs.
     """
     uses = Counter(twin.key for twin, _ in pairs)
     worth = len(pairs) ** 2 / sum(count**2 for count in uses.values())
@@ -228,7 +243,7 @@ def _anytime_gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosi
 def _gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:
     outcomes = [(twin.success, trial.success) for twin, trial in pairs]
     names = [twin.key for twin, _ in pairs]
-    # The variants of a LIBERO-Plus task share a few twins, so complete tasks are resampled.
+    # The variants of a LIBERO-Plus task share a few twins, so whole tasks are resampled.
     once = all(axis_of(trial.variation) for _, trial in pairs)
     difference = wider_paired_difference(
         outcomes,

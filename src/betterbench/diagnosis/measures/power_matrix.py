@@ -1,8 +1,9 @@
-"""Power matrix: success rates of faulty rules, blind probes and replayed demonstrations on each variation.
+"""Power matrix: success rates that policies without the tested ability reach on each variation.
 
-Pretenders are policies without the tested ability. A policy's success rate is evidence of the ability only if it
-exceeds the rates of the pretenders. The matrix is measured once (``better calibrate --power``) and is part of the
-package. This module reads it without a simulator.
+These policies are called pretenders. They are policies with faulty decision rules, blind probes, and replays of
+demonstrations. A policy's success rate is evidence of the tested ability only if it exceeds the success rates of the
+pretenders. The matrix is measured once (``better calibrate --power``) and is part of the package. This module reads it
+without a simulator.
 """
 
 from __future__ import annotations
@@ -32,25 +33,25 @@ from betterbench.tasks.user_files import options_for, suite_file, suite_folder_o
 from betterbench.tasks.worlds.facts import OUR_SUITE
 
 PACKAGED_MATRIX = "power.json"
-"""File of the packaged matrix, in the folder ``data``."""
+"""Name of the packaged matrix file, in the folder ``data``."""
 EXPERT = "expert"
 STOPPING_AT_NEWS = "zoo:halt"
-"""Name of the rule that stops at every new combination of instruction and scene. It fails every variation."""
+"""Name of the rule that stops at every combination of instruction and scene that is new. It fails every variation."""
 BLIND = ("probe:no-language", "probe:no-images", "probe:replay")
-"""Pretenders without vision or without the instruction. The last two move without any observation."""
+"""Pretenders that lack images or the instruction. The last two move without any observation."""
 FLOOR = ("random", "noop")
 """Pretenders that do not need demonstrations."""
 
 
 _OF_TASK = ("task_version:", "conditions:")
-"""Prefixes of versions that concern a single task."""
+"""Beginnings of the names of versions that concern a single task."""
 
 Key = tuple[str, str]
-"""Key of a variation: task and name."""
+"""Key of a variation: the task's name and the variation's name."""
 
 
 def power_cure(tasks: Iterable[str]) -> str:
-    """Return the advice to measure the power matrix of some tasks, as the end of a sentence without a period."""
+    """Return advice on how to measure the power matrix of the given tasks. It is the last clause of a sentence."""
     chosen = tuple(tasks)
     folder = suite_folder_of(chosen)
     if folder is not None:
@@ -68,16 +69,17 @@ def power_cure(tasks: Iterable[str]) -> str:
 @open_form
 @dataclass(frozen=True, slots=True)
 class PowerCell:
-    """Results of one pretender on one variation.
+    """Results of one pretender (a policy without the tested ability) on one variation.
 
     Attributes:
         k: Number of trials that succeeded.
         n: Number of trials.
         right: Number of trials whose first grasp attempt was at a requested object (suite, section 4).
-        shared: Number of trials that were not simulated, because all decisions of the rule agree with those of the
-            expert. Their outcome is that of the expert.
-        wrong: Number of trials by label of the first wrong decision, for policies that report their decisions.
-        failed: Number of trials with a wrong decision that did not succeed.
+        shared: Number of trials that were not simulated, because the pretender makes the same decisions as the expert
+            in them. The expert's outcome is used for these trials.
+        wrong: Number of trials for each label of the first wrong decision. Empty for policies that do not report their
+            decisions.
+        failed: The same numbers, for trials that did not succeed.
     """
 
     k: int
@@ -94,11 +96,11 @@ class PowerCell:
 
     @property
     def fails(self) -> bool:
-        """Whether the pretender fails the variation in at least half of the trials."""
+        """Whether the policy fails in at least half of its trials on the variation."""
         return self.n > 0 and self.k <= FAILS_AT * self.n
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict without zeros."""
+        """Return a JSON-serializable dict without the counts that are zero."""
         form: dict[str, Any] = {"k": self.k, "n": self.n, "right": self.right}
         optional = {"shared": self.shared, "wrong": self.wrong, "failed": self.failed}
         return form | {name: value for name, value in optional.items() if value}
@@ -106,12 +108,17 @@ class PowerCell:
 
 @dataclass(frozen=True, slots=True)
 class BlindCell:
-    """Results of a pretender that lacks an input, on a variation that requires an action.
+    """Results of a policy that lacks an input, such as the images, on a variation in which the robot has to act.
 
     Attributes:
-        chance: Expected success rate of guessing the instruction, or of a replay with jittered poses.
-        p_value: Two-sided exact binomial test against that rate.
-        p_adjusted: p-value, Holm-corrected over all cells.
+        pretender: Name of the policy.
+        task: Name of the task.
+        variation: Name of the variation.
+        rate: Success rate of the policy.
+        chance: Success rate expected from guessing the instruction, or from replaying demonstrations with jittered
+            poses.
+        p_value: p-value of a two-sided exact binomial test against the expected rate.
+        p_adjusted: The p-value after Holm's correction over all cells.
     """
 
     pretender: str
@@ -124,23 +131,23 @@ class BlindCell:
 
     @property
     def above(self) -> bool:
-        """Whether the pretender succeeds more often than expected."""
+        """Whether the policy succeeds more often than expected by chance."""
         return self.rate.k > self.chance * self.rate.n
 
     @property
     def flagged(self) -> bool:
-        """Whether the rate exceeds chance significantly, at the 5 % level after the correction."""
+        """Whether the rate exceeds chance significantly, at the 5 % level after Holm's correction."""
         return self.above and self.p_adjusted < DEFAULT_ALPHA
 
     @property
     def speechless(self) -> bool:
-        """Whether the instruction is redundant, because only one instruction makes sense in the scene."""
+        """Whether the instruction is redundant because only one instruction makes sense in the variation's scene."""
         return self.chance >= 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Ceiling:
-    """Best success rate on a variation among the pretenders that it is designed to expose."""
+    """Best success rate on a variation among the policies without the tested ability (pretenders)."""
 
     pretender: str
     rate: Rate
@@ -148,13 +155,13 @@ class Ceiling:
 
 @dataclass(frozen=True, slots=True)
 class PowerMatrix:
-    """Measured success rates of every pretender on every variation.
+    """Measured success rates of policies without the tested ability (pretenders) on every variation.
 
     Attributes:
-        cells: Results of each pretender, and of the expert as reference, on each variation.
-        chances: For each variation, success rate of picking at random one of the instructions that make sense in its
-            scene.
-        versions: Versions of package, suite, engine and tasks, and a digest of the conditions of each task.
+        cells: Results on each variation, for each pretender and for the expert as a reference.
+        chances: For each variation, the success rate of a policy that executes one of the instructions that make sense
+            in the scene, chosen at random.
+        versions: Versions of the package, the suite, the engine and the tasks, and a digest of each task's conditions.
     """
 
     cells: dict[str, dict[Key, PowerCell]]
@@ -163,25 +170,25 @@ class PowerMatrix:
 
     @property
     def pretenders(self) -> tuple[str, ...]:
-        """All pretenders except the expert."""
+        """Names of all measured policies except the expert. These policies lack the tested ability (pretenders)."""
         return tuple(name for name in self.cells if name != EXPERT)
 
     @property
     def rules(self) -> tuple[str, ...]:
-        """The faulty rules among the pretenders."""
+        """Names of the measured policies that follow a faulty decision rule."""
         return tuple(name for name in self.pretenders if name not in (*BLIND, *FLOOR))
 
     @property
     def variations(self) -> tuple[Key, ...]:
-        """All variations, in suite order."""
+        """All variations in the matrix, in the order of the suite."""
         return tuple(dict.fromkeys(key for row in self.cells.values() for key in row))
 
     def cell(self, pretender: str, key: Key) -> PowerCell | None:
-        """Return a cell, or None if it was not measured."""
+        """Return the results of a policy on a variation, or None if they were not measured."""
         return self.cells.get(pretender, {}).get(key)
 
     def backed(self, key: Key) -> frozenset[Label]:
-        """Return the labels of rules that fail a variation by decisions with this label."""
+        """Return the labels of the wrong decisions that make policies with a faulty rule fail a variation."""
         found: set[Label] = set()
         for name in self.rules:
             cell = self.cell(name, key)
@@ -190,24 +197,28 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that a variation is designed to expose, which fail it by decisions with a claimed label.
+        """Return the faulty rules that fail a variation by a wrong decision that the variation is designed to expose.
 
-        A rule that passes with a needless step is not included: it succeeds, so its success rate does not expose it.
+        A rule that passes the variation with a needless step is not included, since its success rate does not expose
+        it.
         """
         claims = {label.value for label in exposed_labels(*key)}
         return tuple(name for name in self.failing(key) if claims & self.cells[name][key].wrong.keys())
 
     def passing_wrongly(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that pass a variation in spite of wrong decisions (needless steps)."""
+        """Return the faulty rules that pass a variation despite wrong decisions, such as needless steps."""
         rows = ((name, self.cell(name, key)) for name in self.rules)
         return tuple(name for name, cell in rows if cell is not None and cell.n and cell.wrong and not cell.fails)
 
     def failing(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that fail a variation."""
+        """Return the names of the faulty decision rules that fail a variation."""
         return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
 
     def control(self, key: Key) -> bool:
-        """Return whether a variation is a control. All pretenders except the rule that always fails succeed on it."""
+        """Return whether a variation is a control, on which even the policies without the tested ability succeed.
+
+        The rule that stops in every new scene is not considered, because it fails every variation.
+        """
         return any(self.cell(name, key) is not None for name in self.rules) and not (
             set(self.failing(key)) - {STOPPING_AT_NEWS}
         )
@@ -215,8 +226,8 @@ class PowerMatrix:
     def ceiling(self, key: Key) -> Ceiling | None:
         """Return the shortcut ceiling of a variation, or None if the variation was not measured.
 
-        This is the best success rate of the rules that the variation is designed to expose, the blind probes and the
-        replays.
+        The shortcut ceiling is the best success rate among the rules that the variation is designed to expose, the
+        blind probes and the replays.
         """
         cells = {name: self.cell(name, key) for name in (*self.exposed(key), *BLIND)}
         known = {name: cell for name, cell in cells.items() if cell is not None and cell.n}
@@ -226,9 +237,9 @@ class PowerMatrix:
         return Ceiling(best, known[best].rate)
 
     def blind_cells(self) -> tuple[BlindCell, ...]:
-        """Test the cells of the pretenders that lack an input against the expected rate.
+        """Test whether policies that lack an input succeed more often than expected by chance.
 
-        Variations in which the policy should stay still are excluded, because a pretender that does not move passes
+        Variations in which the policy should stay still are left out, because a policy that does not move passes
         them.
         """
         found = []
@@ -243,7 +254,7 @@ class PowerMatrix:
         return tuple(replace(cell, p_adjusted=p) for cell, p in zip(found, corrected, strict=True))
 
     def without(self, tasks: Iterable[str]) -> PowerMatrix:
-        """Return the matrix without some tasks."""
+        """Return a copy of the matrix that does not contain the given tasks."""
         left_out = set(tasks)
         cells = {
             name: {key: cell for key, cell in row.items() if key[0] not in left_out} for name, row in self.cells.items()
@@ -252,11 +263,13 @@ class PowerMatrix:
         return PowerMatrix(cells, chances, self.versions)
 
     def with_kept(self, earlier: PowerMatrix) -> PowerMatrix:
-        """Add the cells of all other tasks from an earlier matrix, in the order of the earlier matrix.
+        """Return this matrix with further tasks from an earlier matrix, in the order of the earlier matrix.
+
+        The added tasks are those that this matrix lacks.
 
         Raises:
-            InvalidInputError: If one of the other tasks has changed since then, or the earlier matrix has other
-                pretenders or another suite, engine, appearance or protocol.
+            InvalidInputError: If one of the added tasks has changed since the earlier measurement, or if the earlier
+                matrix was measured with other pretenders or another suite, engine, appearance or protocol.
         """
         cure = "Measure the whole matrix with better calibrate --power"
         kept = earlier.without({task for task, _ in self.variations})
@@ -265,10 +278,12 @@ class PowerMatrix:
         for name in sorted({key for key in (*earlier.versions, *self.versions) if not key.startswith(_OF_TASK)}):
             then, now = earlier.versions.get(name), self.versions.get(name)
             if then != now:
-                raise InvalidInputError("power matrix", f"{name} was {then} and is now {now}", cure)
+                raise InvalidInputError(
+                    "power matrix", f"{name} was {then} when the matrix was measured, and is now {now}", cure
+                )
         if list(earlier.cells) != list(self.cells):
             other = sorted(earlier.cells.keys() ^ self.cells.keys()) or ["another order"]
-            raise InvalidInputError("power matrix", f"the pretenders have changed: {', '.join(other)}", cure)
+            raise InvalidInputError("power matrix", f"the compared policies have changed: {', '.join(other)}", cure)
         order = dict.fromkeys((*earlier.variations, *self.variations))
         rows = {name: {**kept.cells[name], **row} for name, row in self.cells.items()}
         chances = {**kept.chances, **self.chances}
@@ -279,10 +294,11 @@ class PowerMatrix:
         )
 
     def stale_tasks(self, versions: Mapping[str, str] | None = None) -> tuple[str, ...]:
-        """Return the tasks that have changed since their measurement.
+        """Return the tasks that have changed since the matrix was measured.
 
         Args:
-            versions: Versions in records (``task_version:NAME``), which are compared as well.
+            versions: Versions in the records of a run (``task_version:NAME``). A task is also returned if its version
+                there differs from that in the matrix.
         """
         stale = []
         for name in dict.fromkeys(task for task, _ in self.variations):
@@ -309,7 +325,7 @@ class PowerMatrix:
         }
 
     def to_text(self) -> str:
-        """Return the JSON document with one cell per line, for readable diffs."""
+        """Return the matrix as a JSON document with one cell per line, so that diffs are readable."""
         form = sealed_form({"version": 2, **self.to_json()})
         rows = [
             f"  {json.dumps(name)}: {{\n"
@@ -322,10 +338,14 @@ class PowerMatrix:
 
     @classmethod
     def from_json(cls, raw: bytes, *, where: str = PACKAGED_MATRIX) -> PowerMatrix:
-        """Read the JSON document; error messages name it ``where``.
+        """Read the matrix from a JSON document.
+
+        Args:
+            raw: Content of the document.
+            where: Name of the document in error messages.
 
         Raises:
-            RecordError: If a field is missing or malformed.
+            RecordError: If a field is missing or malformed, or the checksum does not match.
         """
         cure = "Measure it again with better calibrate --power"
         form = open_seal(raw, where=where, cure=cure, raises=RecordError, since=("version", 2))
@@ -349,7 +369,7 @@ def _key(text: str, where: str) -> Key:
     task, _, name = text.rpartition("/")
     if not task or not name:
         raise RecordError(
-            f"{where}: {text!r} is not the name of a variation. Measure it with better calibrate --power."
+            f"{where}: {text!r} is not the name of a variation. Measure the matrix with better calibrate --power."
         )
     return task, name
 
@@ -362,7 +382,10 @@ def _expected(key: Key) -> Expected:
 
 
 def task_versions(task: Task) -> dict[str, str]:
-    """Return a task's version and a digest of the conditions and slots that determine its cells."""
+    """Return the version of a task, and a digest of its conditions and slots.
+
+    Both affect the task's results in the matrix.
+    """
     conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]
     form = [[c.to_json() for c in conditions], [repr(slot) for slot in task.slots], [v.base for v in task.variations]]
     digest = hashlib.sha256(json.dumps(form, sort_keys=True).encode()).hexdigest()[:12]
@@ -370,10 +393,10 @@ def task_versions(task: Task) -> dict[str, str]:
 
 
 def power_matrix_of(tasks: Iterable[str]) -> PowerMatrix | None:
-    """Return the power matrix of some tasks, from the folder of their suite or from the package.
+    """Return the power matrix of the given tasks. It is read from the folder of their suite, or from the package.
 
     Raises:
-        RecordError: If it is corrupt.
+        RecordError: If the file is corrupt.
     """
     tasks = tuple(tasks)
     own = suite_file(tasks, POWER)
@@ -383,12 +406,12 @@ def power_matrix_of(tasks: Iterable[str]) -> PowerMatrix | None:
 
 
 def measured_on(tasks: Iterable[str]) -> PowerMatrix | None:
-    """Return the power matrix of some tasks, or None if no blind probe was run on them.
+    """Return the power matrix of the given tasks, or None if it contains no policy that lacks an input (blind probe).
 
-    Without tasks, the result is the packaged matrix.
+    If no tasks are given, the packaged matrix is returned.
 
     Raises:
-        RecordError: If it is corrupt.
+        RecordError: If the file is corrupt.
     """
     chosen = set(tasks)
     matrix = power_matrix_of(chosen)
@@ -400,15 +423,15 @@ def measured_on(tasks: Iterable[str]) -> PowerMatrix | None:
 
 @cache
 def packaged_power_matrix(suite: str = OUR_SUITE) -> PowerMatrix | None:
-    """Return the power matrix of a built-in suite that ships with the package, or None if this build has none.
+    """Return the power matrix of a built-in suite, or None if this build of the package does not contain it.
 
     Raises:
-        RecordError: If it is corrupt.
+        RecordError: If the packaged file is corrupt.
     """
     file = resources.files("betterbench.diagnosis").joinpath("data", packaged_matrix_name(suite))
     return PowerMatrix.from_json(file.read_bytes(), where=file.name) if file.is_file() else None
 
 
 def packaged_matrix_name(suite: str) -> str:
-    """Return the name of the packaged power matrix's file for a built-in suite."""
+    """Return the name of the file with the packaged power matrix of a built-in suite."""
     return PACKAGED_MATRIX if suite == OUR_SUITE else f"power_{suite}.json"

@@ -1,4 +1,8 @@
-"""Comparison of a policy with the pretenders: reference lines, nearest pretender, and margins above the ceilings."""
+"""Comparison of a policy with the pretenders, i.e. with policies that lack the tested abilities.
+
+The comparison consists of the pretenders' success rates as reference lines, the pretender whose outcomes are most
+similar, and the margins by which the policy exceeds the best pretender on each variation.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +22,12 @@ from betterbench.tasks.labels import Kind
 
 @dataclass(frozen=True, slots=True)
 class ReferenceLine:
-    """Expected success rates of one pretender on a run's trials.
+    """Success rates that a pretender (a policy without the tested ability) is expected to reach in a run.
 
     Attributes:
-        scores: Success rate by scope ("overall", "axis:temporal_extrapolation"). Variations are weighted by their
-            number of trials in the run.
+        pretender: Name of the pretender.
+        scores: Expected success rate by scope ("overall", "axis:temporal_extrapolation"). Each variation is weighted by
+            its number of trials in the run.
     """
 
     pretender: str
@@ -31,11 +36,12 @@ class ReferenceLine:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """Agreement of a pretender's outcomes with those of a policy.
+    """Agreement between the outcomes of a policy and those of a policy without the tested ability (a pretender).
 
     Attributes:
-        agreement: Share of the run's trials with the same outcome (success or failure).
-        low: Lower end of the 95 % interval, from a bootstrap over variations.
+        pretender: Name of the pretender.
+        agreement: Fraction of the run's trials in which both policies have the same outcome (success or failure).
+        low: Lower end of the 95 % confidence interval, from a bootstrap over variations.
         high: Upper end of the interval.
     """
 
@@ -47,12 +53,14 @@ class Likeness:
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """Margin of a policy's success rate above the shortcut ceiling of a variation.
+    """Margin by which a policy's success rate on a variation exceeds the variation's shortcut ceiling.
 
     Attributes:
-        rate: The policy's success rate.
-        ceiling: Shortcut ceiling of the variation.
-        margin: Success rate minus ceiling, with Newcombe's interval.
+        task: Name of the task.
+        variation: Name of the variation.
+        rate: Success rate of the policy.
+        ceiling: Shortcut ceiling, i.e. the best success rate of a policy without the tested ability.
+        margin: Success rate minus ceiling, with Newcombe's confidence interval.
         control: Whether the variation is a control, on which all pretenders succeed.
     """
 
@@ -66,16 +74,17 @@ class Margin:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Comparison of a policy with the pretenders.
+    """Comparison of a policy with the pretenders, i.e. with policies that lack the tested abilities.
 
     Attributes:
-        scores: The policy's success rates over the variations that the matrix covers, by scope.
-        lines: Reference lines of the pretenders and the expert, highest overall rate first.
-        likenesses: Agreement with each pretender, nearest first, without the expert.
-        expert: Agreement with the expert, or None without a matrix.
-        margins: One margin per variation that is in both the run and the matrix.
-        covered: Number of variation trials that the matrix covers, and number of all variation trials.
-        notice: Sentence about missing data and the remedy; empty if nothing is missing.
+        scores: Success rates of the policy by scope, over the variations that the power matrix contains.
+        lines: Reference lines of the pretenders and the expert, with the highest overall rate first.
+        likenesses: Agreement of the policy with each pretender, with the most similar pretender first. The expert is
+            not included.
+        expert: Agreement of the policy with the expert, or None if there is no matrix.
+        margins: One margin for each variation that is in both the run and the matrix.
+        covered: Number of variation trials that the matrix covers, out of all variation trials.
+        notice: Sentence that names missing data and how to obtain it. Empty if nothing is missing.
     """
 
     scores: dict[str, float]
@@ -88,23 +97,26 @@ class Standing:
 
     @property
     def nearest(self) -> Likeness | None:
-        """Pretender whose outcomes agree best with those of the policy, or None without a matrix."""
+        """Pretender (policy without the tested ability) whose outcomes agree most with those of the run, or None."""
         return self.likenesses[0] if self.likenesses else None
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """Other pretenders with the same agreement as the nearest pretender."""
+        """Other pretenders that agree with the run in exactly as many trials as the nearest pretender does."""
         best = self.nearest
         return tuple(x.pretender for x in self.likenesses[1:] if best is not None and x.agreement >= best.agreement)
 
     @property
     def proven(self) -> Rate:
-        """Variations whose margin interval is above zero, out of all variations except controls."""
+        """Fraction of variations on which the policy exceeds the shortcut ceiling significantly.
+
+        Controls are left out.
+        """
         counted = [m for m in self.margins if not m.control]
         return Rate(sum(m.margin.low > 0.0 for m in counted), len(counted))
 
     def sentences(self) -> tuple[str, ...]:
-        """Sentences that summarize the comparison."""
+        """Return sentences that summarize how the policy compares with the pretenders."""
         return (*_said(self), *((self.notice,) if self.notice else ()))
 
     def to_json(self) -> dict[str, Any]:
@@ -123,15 +135,15 @@ class Standing:
 
 
 def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> Standing:
-    """Compare the policy of a run with the pretenders.
+    """Compare the policy of a run with the pretenders, i.e. with policies that lack the tested abilities.
 
-    For a run with ``--until-decided``, only the trials of the first round are used. Tasks that have changed since the
-    measurement, or are not in the matrix, are excluded and listed in the notice. An unreadable matrix is reported in
-    the notice and does not raise an error.
+    For a run with ``--until-decided``, only the trials of the first round are used. Tasks that are not in the power
+    matrix, or that have changed since it was measured, are left out and listed in the notice. If the matrix cannot be
+    read, the notice says so and no error is raised.
 
     Args:
-        diagnosis: The run.
-        matrix: The power matrix, by default that of the run's suite.
+        diagnosis: Diagnosis of the run.
+        matrix: The power matrix. By default, it is the matrix of the run's suite.
     """
     varied = [t for t in diagnosis.even_trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
     if matrix is None:
@@ -183,7 +195,10 @@ def _scopes(trials: Sequence[TrialDiagnosis]) -> Iterator[tuple[str, list[TrialD
 
 
 def _line(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> dict[str, float]:
-    """Return the expected success rates of a pretender by scope, or an empty dict if a cell is missing."""
+    """Return the success rates that a pretender is expected to reach, by scope.
+
+    The result is empty if the matrix lacks one of the variations.
+    """
     rates = _rates(name, trials, matrix)
     if rates is None:
         return {}
@@ -197,7 +212,7 @@ def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> 
 
 
 def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
-    """Return the agreement of a pretender's outcomes with those of a run, or None if a cell is missing."""
+    """Return how often a pretender's outcomes agree with those of a run, or None if the matrix lacks a variation."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return None

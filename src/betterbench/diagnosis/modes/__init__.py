@@ -1,6 +1,6 @@
-"""Failure modes, one file each. Each file in this folder registers its failure mode when it is imported.
+"""Failure modes, one per file. Each file in this folder registers its failure mode when it is imported.
 
-Installed packages and task files can add failure modes (see :mod:`betterbench.tasks.user_files`).
+Installed packages and task files can add more failure modes (see :mod:`betterbench.tasks.user_files`).
 """
 
 import importlib

@@ -23,11 +23,12 @@ from betterbench.tasks.words import agreeing
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the scene allows a first step, target or slot that was usual in training but is not requested.
+    """Return whether the scene allows a step that was usual in training but is not requested.
 
-    The next step of a memorized sequence counts if its object is missing. Grasps at an emptied slot count if they
-    replace a step, or if no object may be grasped. They do not count if another object is in a slot to which a word of
-    the instruction led in training. A first grasp in this slot is another failure mode.
+    This can be the first step, target or slot that was usual in training, or the next step of a memorized sequence if
+    its object is missing. A grasp at an emptied slot counts if it replaces a step, or if no object should be grasped.
+    It does not count if the slot now contains a different kind of object and a word of the instruction led to this slot
+    in training, because a first grasp there is another failure mode.
     """
     if x.lacks_later_step:
         return True
@@ -38,7 +39,7 @@ def _exposed(x: Exposure) -> bool:
     here = {o.kind for o in x.test.objects}
     for goal in x.open_goals:
         if relation(goal.relation).counted:
-            continue  # the object there determines the target region, independent of its slot
+            continue  # the object at the target determines the region, wherever that object is
         asked = (x.test.object(goal.target).kind, goal.relation, goal.region)
         for kind in x.kinds(goal):
             trained = x.trained.kind_targets.get(kind, ())
@@ -79,14 +80,14 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Find the first evidence of inertia, or of an approach to an object that must not be touched."""
+    """Find the first evidence of inertia. This includes approaching an object that must not be touched."""
     found = [e for step in trial.episode.steps if (e := memorized_spot(trial, step)) is not None]
     found += itertools.islice(inertia_in(trial.episode), 1)
     return min(found, key=lambda e: e.start_s, default=None) or _approach(trial.episode)
 
 
 def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
-    """Yield the evidence of inertia of each attempt, in order of time."""
+    """Yield the evidence of inertia in each attempt, in time order."""
     before: Step | None = None
     for step in episode.decisions:
         evidence = (
@@ -103,7 +104,7 @@ def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
 
 
 def _approach(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a gripper closes or stays open over an object that must not be touched."""
+    """Return evidence if the gripper stays open over an object that must not be touched, or closes while passing it."""
     if not episode.off_limits or episode.steps:
         return None
     found, does = first_closing_in_motion(episode.trace, episode.off_limits), "closes on its way over the {}"
@@ -118,7 +119,7 @@ def _approach(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
-    """Return evidence if an attempt out of turn is at the kind with which most demonstrations begin."""
+    """Return evidence if an attempt is not due and is at the kind of object with which most demonstrations begin."""
     kind = episode.trained.habit
     if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None
@@ -131,7 +132,7 @@ def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence |
 
 
 def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> Evidence | None:
-    """Return evidence if an attempt follows the training order although its object is not requested."""
+    """Return evidence if an attempt takes the next object in the order of training, which was not requested."""
     if before is None or before.at is None or step.at is None or step.target is not AttemptTarget.OTHER:
         return None
     pair = (episode.kind(before.at), episode.kind(step.at))
@@ -145,7 +146,7 @@ def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> 
 
 
 def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the correct object is placed at its kind's training target instead of the requested one."""
+    """Return evidence if a correct object is brought to its training target instead of the requested target."""
     found = episode.wrong_place(step)
     if found is None or step.at is None:
         return None
@@ -161,7 +162,7 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence if an object's position would be correct with the target in its slot of training."""
+    """Return evidence if an object is put in a place that would be correct if the target stood in its training slot."""
     episode, i = trial.episode, step.grasp.object
     if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:
         return None
@@ -174,7 +175,7 @@ def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
         return None
     target, at_rest = episode.trace.targets[step.goal], trial.record.state(rest)
     if _is_right(at_rest, episode, i, step.goal):
-        return None  # the object was brought to the actual target, but fell over or is tilted
+        return None  # the object was brought to the actual target, but it fell over or is tilted
     for slot in episode.slots_in_training(target):
         state = _as_if_at(at_rest, target, slot)
         if _is_right(state, episode, i, step.goal):
@@ -188,7 +189,7 @@ def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
 
 
 def _as_if_at(state: WorldState, i: int, slot: str) -> WorldState:
-    """Return a state in which one object is moved into a slot and rotated accordingly."""
+    """Return the given state, but with an object moved to a slot and rotated to the slot's orientation."""
     there, own = state.info.slot(slot), state.info.objects[i].slot
     turn = there.yaw - (0.0 if own is None else state.info.slot(own).yaw)
     positions, quaternions = list(state.positions), list(state.quaternions)
@@ -198,7 +199,10 @@ def _as_if_at(state: WorldState, i: int, slot: str) -> WorldState:
 
 
 def _is_right(state: WorldState, episode: EpisodeAnalysis, i: int, goal: int) -> bool:
-    """Return whether an object satisfies a subgoal or, if contacts decide, is over the center of its region."""
+    """Return whether an object satisfies a subgoal in a state.
+
+    If the relation of the subgoal depends on contacts, the object must be over the center of its target region.
+    """
     wanted = episode.goals[goal]
     kind, name = relation(wanted.relation), episode.name(i)
     target = state.info.objects[episode.trace.targets[goal]]
@@ -211,7 +215,7 @@ def _is_right(state: WorldState, episode: EpisodeAnalysis, i: int, goal: int) ->
 
 
 def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the gripper moves the drawer into which training put the requested object."""
+    """Return evidence if the gripper moves the drawer into which the requested object was put in training."""
     if step.at is None or step.target is not AttemptTarget.OTHER or step.goal is None:
         return None
     if not episode.trace.is_drawer(step.at):

@@ -1,4 +1,4 @@
-"""Causal confusion: a required step is skipped although its object is present, or a finished step is repeated."""
+"""Causal confusion: the policy skips a required step whose object is present, or repeats a finished step."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from betterbench.tasks.relations import relation
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the initial scene has fewer objects than that of training episodes, or a step can be repeated.
+    """Return whether the initial scene has fewer objects than training scenes, or whether a step can be repeated.
 
-    A step that is already done also leaves fewer objects, but a policy that counts objects acts correctly in this case.
+    There are also fewer objects on the table if steps are already done. This does not count, because a policy that only
+    counts objects then acts correctly.
     """
     fewer = not x.test.preplaced and len(on_table(x.test)) < x.trained.initial_items
     asked = Counter(goal.reference for goal in x.goals)
@@ -66,14 +67,14 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _missing_content(episode: EpisodeAnalysis, step: Step) -> int | None:
-    """Return the open subgoal that fills the attempted drawer, or None if the drawer need not be filled first."""
+    """Return the open subgoal that must be done before the attempted drawer is shut, or None if there is none."""
     drawers = (g for g, names in enumerate(episode.meant) if step.at in names)
     fills = {j for g in drawers for j in episode.fills(g)}
     return next((j for j in episode.open_goals(step.grasp.start) if j in fills), None)
 
 
 def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
-    """Return a sentence about an attempt at a drawer whose content is still missing."""
+    """Return a sentence about an attempt to shut a drawer before its content is inside."""
     does = "shuts" if episode.pushes_in(step) else "goes for"
     content, late = episode.asked_words(missing), episode.attempted_after(missing, step.grasp.start)
     if late:
@@ -83,10 +84,10 @@ def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
 
 
 def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, row: int) -> bool:
-    """Return whether the content of a drawer that is shut at a row is later brought to another drawer.
+    """Return whether the intended content of a drawer that is shut is later put into a different drawer.
 
-    An open drawer blocks the drawer below. It was therefore shut because of the wrong target, and the wrong target
-    decides the label.
+    If so, the drawer was shut because the policy chose the wrong target, since an open drawer blocks the drawer below
+    it. The wrong target then decides the label.
     """
     later = (s for s in episode.steps if s.grasp.start > row and s.at in episode.meant[content])
     places = (found[2].target for s in later if (found := episode.wrong_place(s)) is not None)
@@ -94,10 +95,10 @@ def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, r
 
 
 def _takes_up_a_drop(episode: EpisodeAnalysis, step: Step) -> bool:
-    """Return whether an attempt picks up an object that slipped from the gripper and happened to land in its goal.
+    """Return whether an attempt picks up an object that slipped from the gripper and landed in its goal by accident.
 
-    The policy did not place the object, so picking it up again is not a mistake. Dropping it into a container counts as
-    placing.
+    The policy did not place this object, so picking it up again is not a mistake. An object that was dropped into a
+    container counts as placed.
     """
     before = [s for s in episode.steps if s.grasp.start < step.grasp.start and s.grasp.object == step.at]
     rows = episode.let_go(before[-1]) if before else None
@@ -122,7 +123,7 @@ def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
             continue
         late = episode.attempted_after(j, rows[0])
         if late and (episode.instruction.ordered or episode.attempted_before(j, rows[0])):
-            continue  # another mode: a wrong order, or an earlier miss
+            continue  # this is another failure mode: a wrong order, or an earlier miss
         if _fills_another(episode, i, j, rows[0]) or any(step.at == i for step in episode.shut_first):
             continue
         if not trace.closing[rows[1]] and (late or find_halt(episode) is None):

@@ -1,4 +1,4 @@
-"""Early halt: the arm stops permanently while subgoals are unfinished."""
+"""Early halt: the arm stops for good while subgoals are unfinished."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the combination of instruction and scene is new and a step is open.
+    """Return whether the task can be done, but training lacks this combination of instruction and scene.
 
-    If the scene looks half done, a halt before the first attempt is a phase conflict instead.
+    Scenes that look half done do not count, because a halt before the first attempt is then a phase conflict.
     """
     met = {pairing(condition) for condition in x.task.training}
     return x.test.expected is Expected.SUCCEED and not x.test.mid_task_look and pairing(x.test) not in met
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence if nearly all trials stopped before the first grasp attempt, or nearly all after it."""
+    """Return a sentence if nearly all trials stopped before the first grasp attempt, or if nearly all stopped later."""
     never = sum(not trial.attempts for trial in trials)
     if never >= SHARE_OF_ALL * len(trials):
         return "It stops before its first grasp."

@@ -1,4 +1,4 @@
-"""Execution failure: correct target at the correct time, but failed manipulation."""
+"""Execution failure: the policy attempts the correct target at the right time, but the manipulation fails."""
 
 from __future__ import annotations
 
@@ -46,34 +46,35 @@ _HOW = {
     "knocked_out_of_place": _KNOCKS,
     "harm": _KNOCKS,
 }
-"""Descriptions of failed manipulation by evidence rule. They continue "It goes for the correct objects, but"."""
+"""Descriptions of failed manipulation by evidence rule, which continue "It goes for the correct objects, but"."""
 
 
 _UNTOLD = {
     "missed_between": "between two objects",
     "missed_by_far": "far from all objects",
 }
-"""Descriptions of empty grasps with an unknown target, by evidence rule."""
+"""Descriptions of grasps that closed on nothing and whose target is unknown, by evidence rule."""
 
 
 def _untold(trial: TrialDiagnosis) -> str:
-    """Describe the position of the first grasp if its target cannot be recognized. Otherwise return an empty string."""
+    """Describe where the gripper first closed, if this does not show what its target was. Otherwise, return ""."""
     where = _UNTOLD.get(trial.evidence.rule, "")
     return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
 
 
 def _aims_right(trial: TrialDiagnosis) -> bool:
-    """Return whether the first attempt or the evidence rule shows that the target was correct.
+    """Return whether the first attempt, or the rule that yielded the evidence, shows that the target was correct.
 
-    Rules about objects that were knocked over or brushed against do not show the target.
+    If the evidence is that an object was knocked over or brushed against, it does not show the target.
     """
     return trial.intention_correct is True or _HOW.get(trial.evidence.rule, _KNOCKS) != _KNOCKS
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence about the failed manipulation, if one or two descriptions cover nearly all trials.
+    """Return a sentence that describes the failed manipulation, if one or two kinds of failure cover nearly all trials.
 
-    It only states that the policy goes for the correct objects if nearly all of these trials show their target.
+    The sentence also states that the policy goes for the correct objects, but only if nearly all of these trials show
+    what the target was.
     """
     untold = Counter(where for trial in trials if (where := _untold(trial)))
     if untold.total() > (1.0 - SHARE_OF_ALL) * len(trials):
@@ -95,7 +96,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def _about(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a clause about the target of the failed attempts."""
+    """Return a clause that states whether the targets of the failed attempts are known to be correct."""
     untold = sum(bool(_untold(trial)) for trial in trials)
     if untold == len(trials):
         return ", with an unknown target"
@@ -114,7 +115,10 @@ def _about(trials: Sequence[TrialDiagnosis]) -> str:
     detail=_about,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Find the first failure that was not corrected later, or a missed goal without another explanation."""
+    """Find the first failure that was not corrected later.
+
+    If there is none, find a missed goal without another explanation.
+    """
     episode = trial.episode
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
@@ -125,7 +129,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
-    """Return evidence for an episode in which every attempt was correct but the goal was not met."""
+    """Return evidence for an episode in which every attempt was correct although the goal was not met."""
     last = episode.trace.rows - 1
     if episode.condition.expected is not Expected.SUCCEED:
         text = "No wrong object was grasped, but the arm did not come to rest or touched an object."
@@ -142,7 +146,7 @@ def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
 
 
 def _of_step(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence of a failed manipulation after one correct decision, or None."""
+    """Return evidence if an attempt was the correct decision but the manipulation failed, otherwise None."""
     episode = trial.episode
     if step.target is not AttemptTarget.ASKED or step.goal is None:
         return None
@@ -170,7 +174,7 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
         if episode.trace.left[-1, i] and episode.trace.right[-1, i] and not _tried_in_vain(episode, i):
             return None  # the episode ended before the object between the fingers could be lifted
         if any(s.grasp.object == i and s.grasp.secured and s.grasp.start > step.grasp.start for s in episode.steps):
-            return None  # a later grasp lifted it, so that grasp decides
+            return None  # a later grasp lifted the object and decides instead
         text = f"The gripper closes on the {episode.kind(i)}, the correct object, but does not lift it."
         return episode.at_step("slipped", text, step)
     return _halfway(episode, step, i) if drawer else _lost(episode, step, i)
@@ -190,7 +194,7 @@ def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
 
 
 def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
-    """Return clauses that say that the gripper closed between two objects, and why the target is ambiguous."""
+    """Return two clauses: how the gripper closed between two objects, and why the target is therefore ambiguous."""
     before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
     if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
         return "", "on which a finger presses too"
@@ -198,14 +202,14 @@ def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
 
 
 def _tried_in_vain(episode: EpisodeAnalysis, i: int) -> bool:
-    """Return whether an object was between the fingers repeatedly, but not at the end."""
+    """Return whether the policy had already tried several times to grasp an object, without success."""
     tries = [s for s in episode.steps if s.grasp.object == i and s.target is AttemptTarget.ASKED]
     vain = [s for s in tries[:-1] if not episode.completed_after(s.goal, s.grasp.end)]
     return len(vain) >= TRIES_IN_VAIN
 
 
 def _held_later(episode: EpisodeAnalysis, step: Step, goal: int) -> bool:
-    """Return whether a later attempt for the same subgoal holds the object when the episode ends."""
+    """Return whether the gripper holds the object of a later attempt for the same subgoal when the episode ends."""
     held = int(episode.trace.held[-1])
     if step.grasp.object is not None and _tried_in_vain(episode, step.grasp.object):
         return False
@@ -214,7 +218,7 @@ def _held_later(episode: EpisodeAnalysis, step: Step, goal: int) -> bool:
 
 
 def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the correct target was pushed and never grasped."""
+    """Return evidence if the gripper pushed the correct target and never grasped it."""
     for step in episode.others:
         if step.means is not Means.PUSH or step.target is not AttemptTarget.ASKED or step.at is None:
             continue
@@ -223,14 +227,14 @@ def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
         start, end = step.grasp.start, step.grasp.end
         way = episode.trace.positions[end, step.at] - episode.trace.positions[max(0, start - 1), step.at]
         cm = 100 * float(np.linalg.norm(way[:2]))
-        far = f" over {cm:.0f} cm" if cm >= 1.0 else ""  # it may have moved back, or only rotated
+        far = f" over {cm:.0f} cm" if cm >= 1.0 else ""  # the object may have moved back, or only rotated
         text = f"The gripper pushes the {episode.kind(step.at)}, the correct object,{far} and does not grasp it."
         return episode.at_step("pushed", text, step)
     return _shoved_aside(episode)
 
 
 def _shoved_aside(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the correct target was repeatedly moved aside by less than a push, and never grasped."""
+    """Return evidence if the gripper repeatedly moved the correct target by less than a push and never grasped it."""
     times: dict[int, list[Stay]] = {}
     for shove in episode.shoves:
         due = episode.wanted(shove.start)
@@ -245,7 +249,10 @@ def _shoved_aside(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the gripper arrived closed at the correct target, ran into it, or never closed far enough."""
+    """Return evidence if the gripper came to the correct target but failed to grasp it.
+
+    The gripper may have arrived with closed fingers, run into the target, or never closed far enough.
+    """
     stay = next((s for s in episode.others if s.means is Means.STAY and s.target is AttemptTarget.ASKED), None)
     if stay is None or stay.at is None:
         return None
@@ -266,7 +273,7 @@ def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a closed gripper that pushes a drawer shut leaves it open or stops moving it."""
+    """Return evidence if the closed gripper was to push a drawer shut, but did not push it far enough."""
     trace, last = episode.trace, episode.trace.rows - 1
     if not episode.fists or find_halt(episode) is not None:
         return None
@@ -287,7 +294,7 @@ def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
 def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the gripper closed far from all objects and no later attempt shows the target.
 
-    The target is unknown, so this is not evidence about reasoning.
+    Since the target is unknown, this evidence does not concern the policy's reasoning.
     """
     trace = episode.trace
     for closing in episode.on_nothing:
@@ -304,9 +311,10 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _brought_later(trial: TrialView, step: Step) -> bool:
-    """Return whether a later attempt for the same subgoal succeeded, except for the target region.
+    """Return whether a later attempt for the same subgoal brought its object to some target region.
 
-    An object released high above the region may have landed there by accident, unless the target is a container.
+    This counts even if the region is the wrong one, because only the manipulation is judged here. An object that was
+    released high above a region may have landed there by accident, unless the target is a container.
     """
     episode = trial.episode
     for later in episode.steps:
@@ -325,7 +333,10 @@ def _brought_later(trial: TrialView, step: Step) -> bool:
 
 
 def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
-    """Return whether a drawer is finally as far open or closed as the step requires. False if it must still be shut."""
+    """Return whether a later movement opens or closes a drawer as far as the step requires.
+
+    The result is False if the step itself is to shut the drawer.
+    """
     trace = episode.trace
     if step.goal is not None and not relation(episode.goals[step.goal].relation).carried:
         return False
@@ -336,9 +347,9 @@ def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
 
 
 def _halfway(episode: EpisodeAnalysis, step: Step, drawer: int) -> Evidence | None:
-    """Return evidence if the gripper released a drawer halfway and the drawer was not moved further."""
+    """Return evidence if the gripper released a drawer halfway and nothing moved the drawer farther."""
     if episode.trace.left[-1, drawer] and episode.trace.right[-1, drawer]:
-        return None  # the episode ended while the gripper was on the drawer
+        return None  # the episode ended while the drawer was in the gripper
     text = f"The gripper moves the {episode.kind(drawer)}, the correct object, and leaves it halfway."
     return episode.at_step("drawer_left_halfway", text, step)
 
@@ -372,9 +383,9 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
 
 
 def _put_back(episode: EpisodeAnalysis, step: Step, rows: tuple[int, int]) -> bool:
-    """Return whether the policy put an object back to its earlier position and then attempted a wrong object.
+    """Return whether the policy returned an object to its earlier position and then attempted a wrong object.
 
-    The policy then abandoned the correct object for another object. Its manipulation did not fail.
+    If so, the policy gave up the correct object for another one, so its manipulation did not fail.
     """
     trace, i, (gone, rest) = episode.trace, step.grasp.object, rows
     if i is None or gone < step.grasp.release:
@@ -387,7 +398,7 @@ def _put_back(episode: EpisodeAnalysis, step: Step, rows: tuple[int, int]) -> bo
 
 
 def _lies_in_goal(episode: EpisodeAnalysis, row: int, i: int) -> bool:
-    """Return whether an object that must stay upright lies on its side at an instructed target."""
+    """Return whether an object that must stay upright lies on its side at a target of the instruction."""
     thing = episode.trace.info.objects[i]
     if episode.state is None or not thing.keeps_upright:
         return False
@@ -398,10 +409,10 @@ def _lies_in_goal(episode: EpisodeAnalysis, row: int, i: int) -> bool:
 
 
 def _stuck(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the gripper opened and the correct target stayed on its open fingers until the end.
+    """Return evidence if the gripper opened but the correct object stayed on the open fingers until the end.
 
-    For example, a mug can jam on the fingers. Because the policy has released the object, an arm that rests afterward
-    has not halted.
+    For example, a mug can jam on the fingers. An arm that rests afterward has not halted, because the policy has
+    released the object.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     opened = int(np.flatnonzero(trace.closing)[-1]) + 1 if trace.closing.any() else 0
@@ -421,7 +432,7 @@ def _stuck(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a required object was knocked over or off the table without being grasped."""
+    """Return evidence if a required object was knocked over or off the table without having been grasped."""
     trace = episode.trace
     grasped = {s.at for s in episode.steps}
     needed = episode.asked_indices | {i for i, o in enumerate(trace.info.objects) if o.role == "container"}
@@ -442,10 +453,11 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _harm(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if an unrequested object was moved. The evidence starts at an attempt at this object, if any.
+    """Return evidence if an object that was not requested was moved or otherwise harmed.
 
-    If the gripper knocks an object aside and then closes on it, the object was the target, and the harm is dated to
-    this attempt. Harm from opening a drawer for a wrong first choice is dated to this choice.
+    If the gripper knocks an object aside and then closes on it, the object was the target, and the evidence gets the
+    time of this attempt. If the harm was done by opening a drawer to reach a wrong object, the evidence gets the time
+    at which this object was chosen.
     """
     if not episode.harm:
         return None
@@ -463,10 +475,7 @@ def _harm(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _undone(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a finished subgoal was undone for good.
-
-    The evidence starts at the attempt that undid it, if any.
-    """
+    """Return evidence if a finished subgoal was undone for good."""
     trace = episode.trace
     found: list[tuple[int, int]] = []
     for g, goal in enumerate(episode.goals):
@@ -483,12 +492,12 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a forbidden object was touched or moved without an attempt at it."""
+    """Return evidence if an object that must not be touched was touched or moved, but was not attempted."""
     wrong = any(step.target is not AttemptTarget.ASKED for step in episode.decisions)
     if episode.condition.expected is Expected.SUCCEED or wrong:
         return None
     trace = episode.trace
-    if episode.condition.expected.lacks_target:  # requested objects that are present may be grasped
+    if episode.condition.expected.lacks_target:  # requested objects that are in the scene may be grasped
         items = {i for i in trace.items if trace.info.objects[i].role != "drawer"} - episode.asked_indices
         touched = trace.touched & np.isin(np.arange(trace.touched.shape[1]), list(items))
     else:

@@ -1,4 +1,4 @@
-"""Lexical-kinematic shortcut: a word leads the gripper to its slot in training, although another object is there."""
+"""Lexical-kinematic shortcut: a word leads the gripper to a slot from training, where another object now stands."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether another known object is in a slot from which the word's object was picked in training."""
+    """Return whether a different known object is now in a slot from which training picked the object of a word."""
     for goal in x.open_goals:
         for slot in set(x.trained.word_slots.get(goal.word, ())) - x.slots(goal):
             kind = x.movable_in(slot)
@@ -33,7 +33,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return evidence for a first attempt that follows the word to a wrong object."""
+    """Return evidence if the first attempt follows a word of the instruction to a wrong object."""
     episode = trial.episode
     step = episode.first_choice
     if step is None:
@@ -58,20 +58,21 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _shared(episode: EpisodeAnalysis, step: Step, goal: int | None) -> tuple[str, ...]:
-    """Return the visual properties that the attempted object shares with the word's object."""
+    """Return the visual properties that the attempted object shares with the object to which the word refers."""
     return () if step.at is None or goal is None else episode.shared_looks(step.at, episode.meant[goal])
 
 
 def _leading_word(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the first relevant word that led to the slot of the attempt in training, or None."""
+    """Return the first word of the instruction that led to the attempted slot in training, or None if there is none."""
     return next((word for word in words_of(episode, step) if _led_to(episode, word, step.grasp.slot)), None)
 
 
 def words_of(episode: EpisodeAnalysis, step: Step | None) -> tuple[str, ...]:
-    """Return the words that a policy may follow in an attempt. The word of the current subgoal precedes earlier words.
+    """Return the words of the instruction that the policy may have followed in an attempt.
 
-    The earlier subgoals of an ordered instruction are done already, but their words are still in the text, and a policy
-    may follow the first word that it reads. Without an attempt, the first subgoal is the current one.
+    The word of the current subgoal comes first. The earlier subgoals of an ordered instruction are done already, but
+    their words are still in the text, and a policy may follow the first word that it reads. Without an attempt, the
+    first subgoal is the current one.
     """
     goals = episode.goals
     if not goals:
@@ -83,7 +84,10 @@ def words_of(episode: EpisodeAnalysis, step: Step | None) -> tuple[str, ...]:
 
 
 def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> bool:
-    """Return whether training picked a word's object in this slot, or at this slot's position in another layout."""
+    """Return whether the object to which a word refers was picked from this slot in training.
+
+    A slot at the same position in another layout counts as the same slot.
+    """
     if word is None or slot is None:
         return False
     places = {episode.trace.place_of(trained) for trained in episode.trained.word_slots.get(word, ())}
@@ -91,10 +95,11 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 
 
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
-    """Return the subgoal to whose target an attempt brings the object of another subgoal, or None.
+    """Return the subgoal whose target received the object of another subgoal in this attempt, or None.
 
-    For example, a policy mistakes the mug for the mouse. If the order is free, only the target to which it brings the
-    mug reveals this. If training brought mugs to this target, habit is the simpler explanation.
+    For example, a policy may mistake the mug for the mouse. If the order of the steps is free, the mistake only shows
+    when the policy brings the mug to the target of the mouse. If mugs were brought to this target in training, habit is
+    the simpler explanation, and the result is None.
     """
     step = episode.last_try(step)
     goal = episode.taken_for(step)

@@ -1,4 +1,4 @@
-"""Order violation: the policy handles the correct objects in the wrong order, and the order is part of the goal."""
+"""Order violation: the policy handles the correct objects in the wrong order although the order is part of the goal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the goal requires an order that training does not contain and that no habit would violate."""
+    """Return whether the goal requires an order that training does not contain.
+
+    The order does not count if the usual first step of training violates it, because that is behavioral inertia.
+    """
     sequence = tuple(kind for goal in x.goals for kind in sorted(x.kinds(goal))[:1])
     still_open = {kind for goal in x.open_goals for kind in x.kinds(goal)}
     early = {kind for goal in x.open_goals[1:] for kind in x.kinds(goal)} - {x.trained.habit}
@@ -58,7 +61,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _followed(episode: EpisodeAnalysis, done: str, step: Step) -> bool:
-    """Return whether the attempted object followed a kind in some demonstration."""
+    """Return whether the attempted object came directly after an object of the given kind in some demonstration."""
     if step.at is None:
         return False
     pair = (done, episode.kind(step.at))

@@ -1,6 +1,6 @@
-"""Phase conflict: the policy does not recognize the current step.
+"""Phase conflict: the policy does not recognize which step of the task is due.
 
-It freezes before any attempt or moves back and forth.
+As a result, the arm freezes before any attempt, or moves back and forth.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def _find(trial: TrialView) -> Evidence | None:
     if halt is not None or episode.condition.expected is not Expected.SUCCEED:
         return None
     if comes_down_to(episode.trace, episode.idle_from) in episode.wanted(episode.idle_from):
-        return None  # the target is known, and the gripper fails to close
+        return None  # the target is known, and the fault is that the gripper fails to close
     stay = next((step for step in episode.others if step.means is Means.STAY), None)
     if stay is not None:
         return _comes_and_goes(episode, stay)
@@ -80,10 +80,11 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the empty gripper moves back and forth where the object of a trained step is missing.
+    """Return evidence if the empty gripper moves back and forth although no step is left to do.
 
-    The scene looks half finished, and no step is left, as in phase conflict II of the paper. If all trained steps are
-    finished, such motion alone is not evidence of a wrong phase.
+    This is called phase conflict II in the paper: the scene looks half finished, and the object of a training step is
+    missing. If all training steps are finished instead, moving back and forth does not show by itself that the policy
+    is in a wrong phase.
     """
     condition = episode.condition
     if not condition.mid_task_look or episode.steps or not absent_steps(get_task(condition.task), condition):
@@ -100,7 +101,7 @@ def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether the empty gripper moves an object aside or approaches a requested object after its last grasp."""
+    """Return whether, after the last grasp, the gripper moves an object aside or approaches a requested object."""
     first, last = min(rows[0], episode.idle_from), rows[1]
     shoves = any(shove.end >= first for shove in episode.shoves)
     way = episode.trace.positions[last] - episode.trace.positions[first]
@@ -109,9 +110,10 @@ def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether a path passes over at least two objects, all of which may be grasped now.
+    """Return whether the gripper passes over at least two objects, and all of them may correctly be grasped now.
 
-    Repeated visits to a single object count as moving back and forth if the scene looks half finished.
+    The result is also True if the gripper repeatedly visits a single such object, unless the scene looks half finished.
+    In a half-finished scene, such visits count as moving back and forth.
     """
     over = {stay.object for stay in find_stays(episode.trace, rows[0])}
     if not over or not over <= set(episode.wanted(rows[0])):
@@ -123,7 +125,7 @@ def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
-    """Return evidence if the open gripper repeatedly comes over the correct object and leaves again until the end."""
+    """Return evidence if the open gripper repeatedly moves over the correct object and away again until the end."""
     if stay.at is None or stay.target is not AttemptTarget.ASKED or not episode.condition.mid_task_look:
         return None
     rows = returns_to(episode.trace, episode.idle_from, stay.at)
@@ -139,6 +141,9 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
 
 
 def _names(episode: EpisodeAnalysis, rows: tuple[int, int]) -> list[str]:
-    """Describe the kinds of objects under the gripper while it moves back and forth; empty for a single kind."""
+    """Return the kinds of objects over which the gripper moves back and forth, as phrases.
+
+    The result is empty if there is only one kind.
+    """
     over = dict.fromkeys(episode.kind(stay.object) for stay in find_stays(episode.trace, rows[0]))
     return [f"the {kind}" for kind in over] if len(over) > 1 else []

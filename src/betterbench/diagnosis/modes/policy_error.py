@@ -1,4 +1,4 @@
-"""Policy error: the policy crashed, answered too late or sent an invalid action. This is never a reasoning failure."""
+"""Policy error: the policy crashed, answered too late or sent an invalid action. It is never a reasoning failure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.tasks.labels import Label
     ),
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Find evidence that the policy or the operator ended the episode early."""
+    """Find evidence that the policy crashed or that the operator interrupted the episode."""
     outcome = trial.record.outcome
     if outcome.termination not in ("policy_error", "interrupted"):
         return None
@@ -27,7 +27,10 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def label_without_record(reason: str | None) -> Label:
-    """Return the label of a planned trial without a record: policy error if a reason is known, or else unfinished."""
+    """Return the label of a planned trial without a record.
+
+    The label is policy error if a reason is known, otherwise unfinished.
+    """
     return Label.POLICY_ERROR if reason else Label.UNFINISHED
 
 

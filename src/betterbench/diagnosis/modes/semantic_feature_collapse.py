@@ -1,4 +1,4 @@
-"""Semantic feature collapse: the policy goes for an object that no instruction of the task asks to move."""
+"""Semantic feature collapse: the policy goes for an object that no instruction of the task asks it to move."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from betterbench.tasks.labels import Label
 
 
 def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return the most frequent combination of properties that the wrongly chosen objects share with the targets."""
+    """Describe the visual properties and slots that the wrongly chosen objects most often share with the targets."""
     counts = Counter(t.evidence.shared for t in trials)
     shared = min(counts, key=lambda s: (-counts[s], s))
     return f", {_likeness(shared)}" if shared else ", which shares nothing with the target"
 
 
 def _likeness(shared: Sequence[str]) -> str:
-    """Describe the properties shared with the target ("of the target's color and shape, in its slot")."""
+    """Describe the properties that an object shares with the target ("of the target's color and shape")."""
     looks = [feature for feature in shared if feature != "slot"]
     if not looks:
         return "in the slot where the target was picked in training"
@@ -33,7 +33,7 @@ def _likeness(shared: Sequence[str]) -> str:
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     """Return a sentence about the properties that nearly all wrongly chosen objects share with the targets.
 
-    Objects that do not share any property are not look-alikes.
+    If the objects share no property with their targets, the sentence says that they are not look-alikes.
     """
     unlike = sum(not trial.evidence.shared for trial in trials)
     if unlike > (1.0 - SHARE_OF_ALL) * len(trials):
@@ -45,7 +45,10 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether an object not named in any instruction is in a trained slot or has a target's color."""
+    """Return whether the scene contains an object that no instruction names, but that may be mistaken for a target.
+
+    The object stands in a slot from which training picks objects, or it has the color of a target.
+    """
     picked = {slot for slots in x.trained.kind_slots.values() for slot in slots}
     colors = {x.test.object(n).color for g in x.goals for n in x.test.resolve(g.reference)} - {None}
     for o in x.test.objects:
@@ -70,7 +73,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Find the first evidence of a collapse, with the properties that the object shares with the target."""
+    """Find the first evidence of a collapse, with the properties that the attempted object shares with the target."""
     episode = trial.episode
     for step in episode.decisions:
         if step.target is AttemptTarget.FOREIGN:
@@ -85,7 +88,11 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
-    """Return which of color, shape and trained slot the attempted and the requested object share."""
+    """Return the properties that the attempted object shares with the requested object.
+
+    The properties are "color", "shape" and "slot", where "slot" means that training picked the requested object from
+    the slot of the attempted object.
+    """
     if step.at is None:
         return ()
     found = episode.trace.info.objects[step.at]
@@ -101,7 +108,7 @@ def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
 
 
 def _absent(episode: EpisodeAnalysis) -> int | None:
-    """Return the first subgoal whose object has been replaced by another object in the scene, or None."""
+    """Return the first subgoal whose object is missing from the scene, or None if no object is missing."""
     return next((g for g, names in enumerate(episode.meant) if not names), None)
 
 

@@ -1,4 +1,4 @@
-"""Success labels: goal met, correctly still, and correct refusal if the instructed object is absent."""
+"""Success labels: the goal is met, the policy correctly stays still, or it correctly refuses an impossible request."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _find(trial: TrialView) -> Evidence | None:
     "touched or approached.",
 )
 def _find_freeze(trial: TrialView) -> Evidence | None:
-    """Find evidence that the arm correctly stayed still."""
+    """Find evidence that the arm correctly stayed still, because nothing was left to do."""
     return _success(trial, (Expected.STAY_STILL,), "No step was left, and no object was touched.")
 
 
@@ -54,4 +54,4 @@ SUCCESS_LABELS = {
     Expected.REFUSE: Label.CORRECT_REFUSAL,
     Expected.AMBIGUOUS: Label.CORRECT_REFUSAL,
 }
-"""Success label by expected behavior."""
+"""Label of a successful trial, by the behavior that its condition expects."""

@@ -1,4 +1,4 @@
-"""Timeout: the step limit is reached with unfinished subgoals and without a wrong attempt."""
+"""Timeout: the step limit is reached while subgoals are unfinished, and no attempt was wrong."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BY_MECHANISM = sharper_by_rule(
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence about the cause of the delay, if nearly all trials have the same cause."""
+    """Return a sentence about the cause of the timeouts if nearly all trials have the same cause."""
     never = sum(not trial.attempts for trial in trials)
     before = "It runs out of time before its first grasp." if never >= SHARE_OF_ALL * len(trials) else ""
     return _BY_MECHANISM(trials) or before
@@ -50,7 +50,11 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
-    """Return rule and clause for a gripper that never closes on the correct object, or never releases it."""
+    """Return the rule and the clause for a gripper that is at the correct object or target but does not act there.
+
+    The gripper does not close on the correct object, does not come down to it, or never releases it at the target
+    region. The result is None if none of this is the case.
+    """
     trace, first = episode.trace, episode.idle_from
     reached = comes_down_to(trace, first)
     if reached is not None and reached in episode.wanted(first):
@@ -72,7 +76,7 @@ def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
 
 
 def _stay(episode: EpisodeAnalysis) -> int | None:
-    """Return the object that an open gripper stayed over, or None."""
+    """Return the object over which the open gripper stays, or None if it stays over no object."""
     return next((s.at for s in episode.others if s.means is Means.STAY and s.at is not None), None)
 
 
@@ -81,7 +85,7 @@ def _over(episode: EpisodeAnalysis, i: int) -> str:
 
 
 def _course(episode: EpisodeAnalysis, last: int) -> str:
-    """Describe the behavior of the policy at the step limit."""
+    """Describe what the policy was doing when the step limit was reached."""
     held = in_fingers(episode.trace, last)
     if held is not None:
         return f"with the {episode.kind(held)} in the gripper"

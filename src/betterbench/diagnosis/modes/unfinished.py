@@ -1,4 +1,4 @@
-"""Unfinished: a planned trial that has not been run, which is not evidence about the policy."""
+"""Unfinished: a planned trial that was not run to its end. It is not evidence about the policy."""
 
 from __future__ import annotations
 
@@ -14,6 +14,6 @@ from betterbench.tasks.labels import Label
     conclusion="The run is not finished: run the same command again for the remaining trials.",
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return None, because a trial with a record has ended."""
+    """Return None, because a trial with a record has ended, and this label is only for trials that have not."""
     del trial
     return None

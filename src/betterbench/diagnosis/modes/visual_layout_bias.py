@@ -1,4 +1,7 @@
-"""Visual layout bias: the first attempt does not depend on the instruction. This label requires pairs of trials."""
+"""Visual layout bias: the first attempt does not depend on the instruction.
+
+Several trials are needed to show this, so the second pass assigns the label.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,10 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the slot used for most words in training contains a known object that must not be picked now.
+    """Return whether the slot to which most words led in training contains a known object that is wrong now.
 
-    Objects that no instruction names are excluded, because an attempt at such an object is another failure mode. Empty
-    slots are also excluded, because a grasp there is harmless, unless no object may be grasped.
+    Objects that no instruction names are left out, because an attempt at such an object is another failure mode. Empty
+    slots are left out as well, because a grasp there is harmless. They only count if the policy should grasp nothing.
     """
     slot = x.trained.favorite_slot
     kind = x.movable_in(slot)
@@ -46,9 +49,9 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Find evidence of a wrong first attempt at a slot.
+    """Find evidence that the first attempt is wrong and was made at a slot.
 
-    The second pass decides whether the policy prefers this slot.
+    The second pass decides whether the policy prefers this slot regardless of the instruction.
     """
     episode = trial.episode
     step = episode.first_choice

@@ -1,4 +1,4 @@
-"""Wrong object or target: another instruction of the task names it, and no specific rule is proven."""
+"""Wrong object or target: another instruction of the task names it, and no specific rule is proven to explain it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from betterbench.tasks.words import agreeing
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence if nearly all trials share a wrong target or the kind of the first object.
+    """Return a sentence if the policy nearly always uses a wrong target, or goes for the same kind of object first.
 
-    The kind is only named if the instructed kinds differ.
+    The kind of object is only named if the instructions of these trials ask for several other kinds.
     """
     if places := wrong_places(trials):
         return places
@@ -62,7 +62,10 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _due_elsewhere(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the kind of the current object if a drawer is moved that is not its target, or None."""
+    """Return the kind of object to be picked now, if the attempt moves a drawer in which this object does not belong.
+
+    The result is None if the attempt does not move a wrong drawer.
+    """
     if step.target is not AttemptTarget.OTHER or step.goal is None or not episode.trace.is_drawer(step.at):
         return None
     due = next(iter(episode.meant[step.goal]), None)

@@ -42,17 +42,17 @@ from betterbench.tasks.relations.relation import Relation
 from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
 
 SlotLayout = Mapping[ObjectSpec, Slot]
-"""Start slot of each object."""
+"""Slot in which each object starts."""
 
 
 def item(name: str, kind: str = "", category: str = "", color: str | None = None) -> ObjectSpec:
     """Return an object that instructions may refer to.
 
     Args:
-        name: Name in the scene. It has no meaning.
-        kind: Noun for the object in instructions. By default, the name with spaces.
-        category: Category of its asset. By default, the kind with underscores.
-        color: Color of its asset, or None to let the generator choose.
+        name: Name in the scene. It can be any name, because names do not affect verdicts.
+        kind: Noun for the object in instructions. By default, this is the name with spaces instead of underscores.
+        category: Category of the object's asset. By default, this is the kind with underscores instead of spaces.
+        color: Color of the asset, or None to let the scene generator choose.
     """
     return _object("item", name, kind, category, color)
 
@@ -63,17 +63,17 @@ def distractor(name: str, kind: str = "", category: str = "", color: str | None 
 
 
 def container(name: str, kind: str = "", category: str = "") -> ObjectSpec:
-    """Return a movable container or support on the table for other objects."""
+    """Return a movable container or support that stands on the table and takes other objects."""
     return _object("container", name, kind, category)
 
 
 def fixture(name: str, kind: str = "", category: str = "", *, fixed: bool = False) -> ObjectSpec:
-    """Return a fixture in or around which objects are placed. A fixed fixture cannot be moved."""
+    """Return a fixture in or around which objects are placed. If ``fixed`` is True, the fixture cannot be moved."""
     return _object("fixture", name, kind, category, fixed=fixed)
 
 
 def drawer(name: str, category: str, cabinet: ObjectSpec) -> ObjectSpec:
-    """Return a drawer that slides in the cabinet's mount of the same name."""
+    """Return a drawer of a cabinet. It slides in the mount that has the same name as the drawer."""
     return _object("drawer", name, category.replace("_", " "), category, mount=TargetRegion(cabinet.name, name))
 
 
@@ -103,17 +103,26 @@ def subgoal(
 ) -> Subgoal:
     """Return a step of an instruction. For ``name``, ``word`` and ``count``, see :class:`Subgoal`.
 
-    The ``thing`` is an object (any object of its kind is accepted) or a reference by slot. The relation must hold
-    between this object and the target, or a region of the target if it has several.
+    If ``thing`` is an object, any object of the same kind is accepted. It can also be a reference to the object in a
+    slot. The relation must hold between the accepted object and the target. If the target has several regions,
+    ``region`` is the name of the region that is meant.
     """
     reference = thing if isinstance(thing, Reference) else Reference(kind=thing.kind)
     return Subgoal(name, relation.name, reference, target.name, word, count, region)
 
 
 def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal, ...]:
-    """Return the steps that put objects into a container. A repeated kind requires a second object of that kind."""
+    """Return the steps that put objects into a container.
+
+    If several objects have the same kind, each further step for this kind requires one more object in the container.
+
+    Args:
+        verb: Verb with which the name of each step begins.
+        target: The container.
+        *things: Objects to put into the container, in order.
+    """
     if not isinstance(verb, str):
-        raise TypeError(f"packed(verb, target, *things): the first argument is a verb as text, not {verb!r}")
+        raise TypeError(f"packed(verb, target, *things): the first argument must be a verb as text, got {verb!r}")
     kinds = [thing.kind for thing in things]
     steps = []
     for i, thing in enumerate(things):
@@ -124,19 +133,19 @@ def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal,
 
 
 def ordered(text: str, *steps: Subgoal) -> Instruction:
-    """Return an instruction whose order is part of the goal."""
+    """Return an instruction whose order of steps is part of the goal."""
     return Instruction(text, steps, ordered=True)
 
 
 def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str], close: bool = False) -> Instruction:
-    """Return the instruction to put objects at sides of an anchor, in any order.
+    """Return the instruction to put objects at the sides of another object, the anchor, in any order.
 
     Args:
-        anchor: Object with the sides.
-        *steps: Objects with their sides.
-        close: Whether the instruction says "next to", and states the direction of cutlery. This is required for a round
-            anchor such as a plate, because objects must be close to it and the handle of cutlery must point to the
-            front.
+        anchor: Object around which the others are placed.
+        *steps: Objects, each with its side.
+        close: Whether the instruction says "next to" and states the direction in which cutlery points. Use it for a
+            round anchor such as a plate, since objects must be close to the plate and the handles of cutlery must point
+            to the front.
     """
     at = f"the {anchor.kind}"
     parts = [
@@ -160,18 +169,18 @@ def condition(
     opened: Mapping[ObjectSpec, float] | None = None,
     cloth: str | None = None,
 ) -> Condition:
-    """Return a training condition. The registry sets its task and name.
+    """Return a training condition. The registry sets its task and its name.
 
     Args:
-        layout: Start slot of each object.
+        layout: Slot in which each object starts.
         instruction: Instruction with its subgoals.
         *mounted: Drawers, which start in their mounts.
-        preplaced: Objects in the layout that start at a target instead of in their slot.
-        opened: Drawers that are open at the start, with their opening [m].
-        cloth: Color of the tablecloth. By default, the table is bare.
+        preplaced: Objects of the layout that start at a target instead of in their slot.
+        opened: Drawers that are open at the start, with the width of their opening [m].
+        cloth: Color of the tablecloth. By default, the table has no cloth.
     """
     if not isinstance(instruction, Instruction):
-        raise TypeError("an instruction needs a text and its steps: ordered(text, *steps) or Instruction(text, steps)")
+        raise TypeError("an instruction needs a text and steps: use ordered(text, *steps) or Instruction(text, steps)")
     resting = preplaced or {}
     return Condition(
         task="",
@@ -186,7 +195,7 @@ def condition(
 
 
 def conditions(layouts: Iterable[SlotLayout], instructions: Iterable[Instruction]) -> tuple[Condition, ...]:
-    """Return the training conditions of every layout with every instruction."""
+    """Return one training condition for each combination of a layout and an instruction."""
     asked = tuple(instructions)
     return tuple(condition(layout, instruction) for layout in layouts for instruction in asked)
 

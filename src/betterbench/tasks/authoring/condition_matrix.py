@@ -1,4 +1,7 @@
-"""Diagnostic matrices of a task, with nine conditions by the initial states of two objects and the paper's results."""
+"""Diagnostic matrices of a task, which arrange its conditions by the initial states of two objects.
+
+Each cell also contains the result that the paper reports for it.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from betterbench.errors import InvalidInputError
 
 
 class State(StrEnum):
-    """Object state at the start of a trial."""
+    """State of an object at the start of a trial."""
 
     TABLE = "on the table"
     TARGET = "at the target"
@@ -17,7 +20,7 @@ class State(StrEnum):
 
 
 class Horizon(StrEnum):
-    """Matrix of the paper that a condition belongs to."""
+    """Which of the paper's two diagnostic matrices a condition belongs to."""
 
     SHORT = "short"
     LONG = "long"
@@ -25,13 +28,13 @@ class Horizon(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class MatrixCell:
-    """One cell of a matrix.
+    """One cell of a diagnostic matrix.
 
     Attributes:
         row: State of the first object.
         column: State of the second object.
-        conditions: Names of its conditions.
-        paper: Outcome of the paper's policy in the cell, as in the paper's table.
+        conditions: Names of the conditions in the cell.
+        paper: Outcome of the paper's policy in the cell, as stated in the paper's table.
     """
 
     row: State
@@ -42,10 +45,10 @@ class MatrixCell:
 
 @dataclass(frozen=True, slots=True)
 class ConditionMatrix:
-    """Matrix of a task's conditions by the initial states of two objects.
+    """Matrix of a task's conditions, arranged by the initial states of two objects.
 
     Attributes:
-        horizon: Matrix of the paper.
+        horizon: Matrix of the paper to which this one corresponds.
         rows: Object whose states define the rows.
         columns: Object whose states define the columns.
         cells: One cell for each pair of states, row by row in the order of :class:`State`.
@@ -57,17 +60,19 @@ class ConditionMatrix:
     cells: tuple[MatrixCell, ...]
 
     def __post_init__(self) -> None:
-        """Check that there is one cell per pair of states, in order, and that no condition is in two cells."""
+        """Check that there is one cell for each pair of states, in order, and that no condition is in two cells."""
         where = f"{self.horizon.value}-horizon matrix"
         pairs = [(row, column) for row in State for column in State]
         if [(cell.row, cell.column) for cell in self.cells] != pairs:
             cure = "Give one cell for each pair of states, row by row"
-            raise InvalidInputError(where, f"its {len(self.cells)} cells do not match the nine pairs of states", cure)
+            raise InvalidInputError(
+                where, f"the matrix has {len(self.cells)} cells that do not match the nine pairs of states", cure
+            )
         names = [name for cell in self.cells for name in cell.conditions]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise InvalidInputError(where, f"the condition {twice!r} is in two cells", "Give each condition once")
+            raise InvalidInputError(where, f"the condition {twice!r} is in two cells", "List each condition once")
 
     def cell_of(self, condition: str) -> MatrixCell | None:
-        """Return the cell of a condition, or None if the condition is in no cell."""
+        """Return the matrix cell to which a condition belongs, or None if the condition is in no cell."""
         return next((cell for cell in self.cells if condition in cell.conditions), None)

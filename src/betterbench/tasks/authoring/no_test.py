@@ -1,4 +1,4 @@
-"""Check that listed regimes do not contain tests."""
+"""Check that the listed regimes of a task do not contain test conditions."""
 
 from betterbench.errors import InvalidInputError
 from betterbench.tasks.authoring.task import Task
@@ -6,12 +6,12 @@ from betterbench.tasks.authoring.training_distribution import pairing
 
 
 def require_no_test(task: Task) -> None:
-    """Check that no condition of a listed regime is a test, unless training also contains it.
+    """Check that no condition of a listed regime is a test, unless training contains this condition as well.
 
     A test is the initial scene of a variation together with its instruction.
 
     Raises:
-        InvalidInputError: If a condition is a test, with the names of both.
+        InvalidInputError: If a condition is a test. The message names the condition and the test.
     """
     if not task.regimes:
         return
@@ -28,4 +28,6 @@ def require_no_test(task: Task) -> None:
             if test is not None and pairing(condition) not in trained:
                 where = f"task {task.id}: regimes.{regime}.conditions[{number}]"
                 problem = f"{condition.name} is the test {task.id}/{test}"
-                raise InvalidInputError(where, problem, "Change its layout or instruction, or remove the condition")
+                raise InvalidInputError(
+                    where, problem, "Change the layout or the instruction of the condition, or remove it"
+                )

@@ -18,12 +18,13 @@ from betterbench.tasks.subgoal import Instruction
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """Declared changes of an operation.
+    """Changes that an operation declares.
 
-    Apart from these, a trial and its twin (without the operation) are bit-identical.
+    Apart from these changes, the initial state of a trial is bit-identical to that of its twin (the trial without the
+    operation).
 
     Attributes:
-        objects: Names of objects whose presence, identity or start changes.
+        objects: Names of the objects whose presence, identity or start changes.
         language: Whether the instruction and its subgoals change.
     """
 
@@ -31,7 +32,7 @@ class Changes:
     language: bool = False
 
     def __or__(self, other: Changes) -> Changes:
-        """Return the union of the changes."""
+        """Return the changes that either of the two operations declares."""
         return Changes(self.objects | other.objects, self.language or other.language)
 
 
@@ -41,9 +42,14 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """Intervention operation with arguments by name. Operations with the same name and arguments are equal.
+    """Operation that changes a condition, with its arguments.
 
-    Calling an operation with a condition returns the changed condition and the declared changes.
+    Two operations are equal if their names and arguments are equal.
+
+    Attributes:
+        name: Name of the operation.
+        arguments: Arguments of the operation, by name.
+        carry_out: Function that takes a condition and returns the changed condition and the declared changes.
     """
 
     name: str
@@ -51,7 +57,7 @@ class Operation:
     carry_out: Callable[[Condition], Result] = field(compare=False, repr=False)
 
     def __str__(self) -> str:
-        """Return the operation as text, such as ``do(swap a=burger_1 b=fries)``."""
+        """Return a short text for the operation, such as ``do(swap a=burger_1 b=fries)``."""
         shown = (f"{k}={getattr(v, 'text', getattr(v, 'name', v))}" for k, v in self.arguments.items())
         return f"do({' '.join((self.name, *shown))})"
 
@@ -65,10 +71,13 @@ def operation_names() -> tuple[str, ...]:
 
 
 def operation_named(name: str) -> Callable[..., Operation]:
-    """Return the constructor of an operation. Its signature begins with the condition, which is not passed.
+    """Return the constructor of an operation.
+
+    The constructor's signature shows the condition as the first parameter, but the condition is not passed to the
+    constructor.
 
     Raises:
-        UnknownNameError: If the operation does not exist.
+        UnknownNameError: If there is no such operation.
     """
     if name not in _CONSTRUCTORS:
         raise UnknownNameError("operation", name, _CONSTRUCTORS)
@@ -76,7 +85,10 @@ def operation_named(name: str) -> Callable[..., Operation]:
 
 
 def operation(function: Callable[Concatenate[Condition, P], Result]) -> Callable[P, Operation]:
-    """Decorator that turns a function on conditions into a constructor of operations with the other arguments."""
+    """Turn a function that changes a condition into a constructor of operations.
+
+    The constructor takes the arguments of the function except for the condition.
+    """
     signature = inspect.signature(function)
     name = function.__name__
 
@@ -102,7 +114,7 @@ def swap(condition: Condition, a: ObjectSpec, b: ObjectSpec) -> Result:
 
 @operation
 def move(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noqa: A002 - the word of do()
-    """Move an object to a free slot."""
+    """Move an object from its slot to a free slot."""
     _require_slot(condition, object)
     _require_free(condition, slot.name)
     return condition.with_(layout={**condition.layout, object.name: slot.name}), Changes(frozenset({object.name}))
@@ -110,7 +122,7 @@ def move(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noq
 
 @operation
 def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, region: str = "") -> Result:  # noqa: A002
-    """Place an object at its target in the initial state. ``region`` is given if the target has several regions."""
+    """Place an object at a target in the initial state. If the target has several regions, ``region`` names one."""
     _require_slot(condition, object)
     condition.object(target.name)
     layout = {name: slot for name, slot in condition.layout.items() if name != object.name}
@@ -122,12 +134,12 @@ def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, regio
 def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Result:
     """Open a drawer by ``distance_m`` in the initial state. A distance of 0 closes it."""
     if condition.object(drawer.name).mount is None:
-        raise _refused(condition, drawer, "it is not a drawer", "Give an object with a mount")
+        raise _refused(condition, drawer, "it is not a drawer", "Name a drawer, i.e. an object with a mount")
     if not distance_m >= 0.0:
         raise InvalidInputError(
             f"{condition.id} distance_m",
             f"{distance_m} m is out of range",
-            "Give a distance of at least 0 m (0 closes the drawer)",
+            "Use a distance of at least 0 m (0 closes the drawer)",
         )
     return condition.with_(opened={**condition.opened, drawer.name: distance_m}), Changes(frozenset({drawer.name}))
 
@@ -157,7 +169,7 @@ def add(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noqa
 
 @operation
 def replace(condition: Condition, object: ObjectSpec, by: ObjectSpec) -> Result:  # noqa: A002
-    """Replace an object with another object in the same slot."""
+    """Replace an object by another object in the same slot."""
     _require_slot(condition, object)
     removed, first = remove(object).carry_out(condition)
     added, second = _added(removed, by, condition.layout[object.name])
@@ -166,30 +178,34 @@ def replace(condition: Condition, object: ObjectSpec, by: ObjectSpec) -> Result:
 
 @operation
 def instruct(condition: Condition, instruction: Instruction) -> Result:
-    """Change the instruction in the same scene."""
+    """Change the instruction and leave the scene as it is."""
     return condition.with_(instruction=instruction), Changes(language=True)
 
 
 @operation
 def repeat(condition: Condition, instruction: Instruction) -> Result:
-    """Repeat a trained step more often than in training, so that some subgoal occurs twice."""
+    """Require a step of the training instruction more often than training does, so that a subgoal occurs twice."""
     if len({goal.reference for goal in instruction.subgoals}) == len(instruction.subgoals):
-        raise InvalidInputError(f"{condition.id} repeat", "no subgoal is repeated", "Use chain or instruct")
+        raise InvalidInputError(
+            f"{condition.id} repeat", "no subgoal is repeated", "Use the operation 'chain' or 'instruct' instead"
+        )
     return condition.with_(instruction=instruction), Changes(language=True)
 
 
 @operation
 def chain(condition: Condition, instruction: Instruction) -> Result:
-    """Require more steps than the training condition."""
+    """Replace the instruction by one that requires more steps than the training condition does."""
     if len(instruction.subgoals) <= len(condition.instruction.subgoals):
-        raise InvalidInputError(f"{condition.id} chain", "the new instruction is not longer", "Use instruct instead")
+        raise InvalidInputError(
+            f"{condition.id} chain", "the new instruction is not longer", "Use the operation 'instruct' instead"
+        )
     return condition.with_(instruction=instruction), Changes(language=True)
 
 
 def _added(condition: Condition, spec: ObjectSpec, slot: str) -> Result:
     _require_free(condition, slot)
     if any(o.name == spec.name for o in condition.objects):
-        raise _refused(condition, spec, "an object with this name already exists", "Choose another name")
+        raise _refused(condition, spec, "an object with this name already exists", "Choose a different name")
     layout = {**condition.layout, spec.name: slot}
     return condition.with_(objects=(*condition.objects, spec), layout=layout), Changes(frozenset({spec.name}))
 
@@ -198,13 +214,13 @@ def _require_free(condition: Condition, slot: str) -> None:
     occupant = condition.occupant(slot)
     if occupant is not None:
         what = f"it already contains {occupant}"
-        raise InvalidInputError(f"{condition.id} slot {slot!r}", what, "Remove or move it first")
+        raise InvalidInputError(f"{condition.id} slot {slot!r}", what, "Remove or move that object first")
 
 
 def _require_slot(condition: Condition, spec: ObjectSpec) -> None:
     condition.object(spec.name)
     if spec.name not in condition.layout:
-        raise _refused(condition, spec, "it does not start in a slot", "Give an object that starts in a slot")
+        raise _refused(condition, spec, "it does not start in a slot", "Name an object that starts in a slot")
 
 
 def _refused(condition: Condition, spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:

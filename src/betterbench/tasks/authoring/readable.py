@@ -1,4 +1,4 @@
-"""Checks that the names and texts of a task are valid in file names, on terminals and in documents."""
+"""Check that the names and texts of a task can be used in file names, on terminals and in documents."""
 
 from __future__ import annotations
 
@@ -11,31 +11,42 @@ from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line
 from betterbench.tasks.authoring.task import Task
 
 LONGEST_TEXT = 2000
-"""Maximum number of characters in a task text, such as the instruction."""
+"""Largest number of characters in a text of a task, such as the instruction."""
 
 _NAME = re.compile(r"[^\W_][\w .-]{0,99}")
 
 
 def require_readable(task: Task) -> None:
-    """Check a task's names, its objects, slots, steps and variations, and all texts.
+    """Check the names of a task and of its objects, slots, steps and variations, and all texts of the task.
 
     Raises:
-        InvalidInputError: If a name is empty, longer than 100 characters or contains characters other than letters,
-            digits, spaces, ``_``, ``-`` and ``.``, or a text is too long or contains an unprintable character.
+        InvalidInputError: If a name is empty, has more than 100 characters, or contains characters other than letters,
+            digits, spaces, ``_``, ``-`` and ``.``. It is also raised if a text is too long or contains an unprintable
+            character.
     """
     for at, text in _texts(task):
         if at is not None and at.is_name and not _NAME.fullmatch(text):
-            cure = "Use up to 100 letters, digits, spaces, '_', '-' and '.', the first a letter or digit"
+            cure = "Use up to 100 letters, digits, spaces, '_', '-' and '.', and begin with a letter or digit"
             raise InvalidInputError(_where(task, at), f"{_shown(text)} cannot be a name", cure)
         if UNPRINTABLE.search(text):
-            raise InvalidInputError(_where(task, at), f"{_shown(text)} contains an unprintable character", "Remove it")
+            raise InvalidInputError(
+                _where(task, at), f"{_shown(text)} contains an unprintable character", "Remove this character"
+            )
         if len(text) > LONGEST_TEXT:
-            raise InvalidInputError(_where(task, at), f"has {len(text)} characters", f"Use at most {LONGEST_TEXT}")
+            raise InvalidInputError(
+                _where(task, at), f"has {len(text)} characters", f"Use at most {LONGEST_TEXT} characters"
+            )
 
 
 @dataclass(frozen=True, slots=True)
 class _At:
-    """Location within a value, given by the parent location and a field, an index or a key of a mapping."""
+    """Location of a text within a task.
+
+    Attributes:
+        before: Location of the value that contains this one.
+        step: Field, index or key that leads from ``before`` to this location.
+        is_key: Whether the step is a key of a mapping, in which case the text is in the value at this key.
+    """
 
     before: _At | None
     step: object
@@ -43,12 +54,12 @@ class _At:
 
     @property
     def is_name(self) -> bool:
-        """Whether a text at this location is the id of the task or the name of one of its parts."""
+        """Whether a text at this location is a name: the id of the task, or the name of one of its parts."""
         return not self.is_key and self.step == (".id" if self.before is None else ".name")
 
 
 def _place(at: _At | None) -> str:
-    """Return a place as text ("training[0].objects[1].name")."""
+    """Return a location as text ("training[0].objects[1].name")."""
     steps = []
     while at is not None:
         steps.append(f"[{one_line(repr(at.step), most=40)}]" if at.is_key else str(at.step))
@@ -65,10 +76,10 @@ def _shown(text: str) -> str:
 
 
 def _texts(task: Task) -> Iterator[tuple[_At | None, str]]:
-    """Yield every text of a task with its first location.
+    """Yield every text of a task with the first location at which it occurs.
 
-    Each object is read only once, because conditions share most of their objects. A task has some 2,000 texts in 20,000
-    places.
+    Each value is read only once. Since conditions share most of their objects, a task has some 20,000 locations of
+    texts, but only 2,000 different texts.
     """
     left: list[tuple[_At | None, object]] = [(None, task)]
     seen: dict[int, object] = {}

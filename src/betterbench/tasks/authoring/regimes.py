@@ -1,4 +1,4 @@
-"""Listed regimes of a task: further sets of conditions for demonstrations, such as one without confounds."""
+"""Listed regimes of a task: further sets of conditions for demonstrations, such as a set without confounds."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from betterbench.errors import UnknownNameError
 from betterbench.tasks.condition import Condition, Slot
 
 PREFIXES: Mapping[str, str] = {"balanced": "balanced", "diverse-confounded": "diverse"}
-"""Prefix of condition names ("balanced1"), by regime."""
+"""Beginning of the condition names in each regime ("balanced1")."""
 
 
 @dataclass(frozen=True, slots=True)
 class ListedRegime:
-    """Conditions of a regime.
+    """Conditions of a listed regime.
 
     Attributes:
-        conditions: Conditions, which the registry names balanced1, diverse1 and so on, in this order.
-        crossed: Crossed and tied factors, one line each.
-        slots: Slots that only conditions of listed regimes use. Objects are not picked from these slots.
+        conditions: The conditions. The registry names them balanced1, diverse1 and so on, in this order.
+        crossed: Description of the factors that are crossed, and of those that are tied to each other, in one line
+            each.
+        slots: Slots that are used only in listed regimes. Objects are not picked from these slots.
     """
 
     conditions: tuple[Condition, ...]
@@ -28,10 +29,10 @@ class ListedRegime:
 
 
 def named_regimes(regimes: Mapping[str, ListedRegime], task: str) -> dict[str, ListedRegime]:
-    """Return the regimes of a task with the names of their conditions.
+    """Return the regimes of a task, with names for the conditions in them.
 
     Raises:
-        UnknownNameError: If a regime has another name than those of :data:`PREFIXES`.
+        UnknownNameError: If the name of a regime is not a key of :data:`PREFIXES`.
     """
     found = {}
     for regime, listed in regimes.items():

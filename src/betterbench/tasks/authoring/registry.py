@@ -1,6 +1,7 @@
 """Registry of tasks.
 
-Decorated functions register tasks. Commands, task cards and tests are derived from the registry.
+Tasks are registered by decorating the functions that build them. Commands, task cards and tests are derived from the
+registry.
 """
 
 import dataclasses
@@ -22,7 +23,7 @@ _REGIME_SOURCES: list[Callable[[str], Mapping[str, ListedRegime]]] = []
 
 
 def task(build: Callable[[], Task]) -> Callable[[], Task]:
-    """Decorator that registers a function that returns a task, under the function's name.
+    """Register a function that returns a task, under the function's name. This is used as a decorator.
 
     Raises:
         InvalidInputError: If another file has registered a task of the same name.
@@ -40,10 +41,11 @@ def task(build: Callable[[], Task]) -> Callable[[], Task]:
 
 
 def named_task(made: Task, name: str, description: str) -> Task:
-    """Return a task with its id and description, and with the names of its training conditions.
+    """Return a task with its id and description, and with names for its training conditions.
 
     Raises:
-        InvalidInputError: If a text of the task cannot be shown, or a condition of a regime is a test.
+        InvalidInputError: If a text of the task contains characters that cannot be shown, or if a condition of a regime
+            is also a test condition.
     """
     numbered = enumerate(made.training, start=1)
     training = tuple(dataclasses.replace(c, task=name, name=f"train{i}") for i, c in numbered)
@@ -56,14 +58,16 @@ def named_task(made: Task, name: str, description: str) -> Task:
 
 @contextmanager
 def registered_for_now(made: Task) -> Iterator[Task]:
-    """Register a task under its id inside the context, for checks before its file is written.
+    """Context in which a task is registered under its id, so that it can be checked before its file is written.
 
     Raises:
-        InvalidInputError: If a task of this id exists.
+        InvalidInputError: If there is already a task with this id.
     """
     load_declared()
     if made.id in _BUILDERS:
-        raise InvalidInputError(f"task {made.id}", "a task of this name exists", "Give the task another name")
+        raise InvalidInputError(
+            f"task {made.id}", "a task with this name already exists", "Give the task a different name"
+        )
     whole = named_task(made, made.id, made.description)
     _BUILDERS[made.id] = lambda: whole
     try:
@@ -73,7 +77,10 @@ def registered_for_now(made: Task) -> Iterator[Task]:
 
 
 def _regimes_of(made: Task, name: str) -> dict[str, ListedRegime]:
-    """Return a task's own regimes and those in further files, but not those of a task from which it was derived."""
+    """Return the regimes that belong to a task: those in the task itself and those in separate files.
+
+    Regimes that a task has only inherited from the task from which it was made are left out.
+    """
     found = {regime: listed for source in _REGIME_SOURCES for regime, listed in source(name).items()}
     owners = {condition.task for listed in made.regimes.values() for condition in listed.conditions}
     inherited = any(owner in _BUILDERS and _BUILDERS[owner]().regimes is made.regimes for owner in owners - {name})
@@ -81,16 +88,19 @@ def _regimes_of(made: Task, name: str) -> dict[str, ListedRegime]:
 
 
 def regimes_from(source: Callable[[str], Mapping[str, ListedRegime]]) -> Callable[[str], Mapping[str, ListedRegime]]:
-    """Register a function that returns the regimes of a task by its name, for regimes in separate files."""
+    """Register a function that takes the name of a task and returns the regimes of this task.
+
+    It is used for regimes that are in separate files.
+    """
     _REGIME_SOURCES.append(source)
     return source
 
 
 def get_task(name: str) -> Task:
-    """Return a task by id.
+    """Return a task by its id.
 
     Raises:
-        UnknownNameError: If the task does not exist.
+        UnknownNameError: If there is no such task.
     """
     load_declared()
     if name not in _BUILDERS:
@@ -99,10 +109,10 @@ def get_task(name: str) -> Task:
 
 
 def notes_of(name: str) -> str:
-    """Return the notes in the docstring of a task about randomizations, success and premise.
+    """Return the notes in a task's docstring, for example about randomization, success and premise.
 
     Raises:
-        UnknownNameError: If the task does not exist.
+        UnknownNameError: If there is no such task.
     """
     get_task(name)
     return inspect.getdoc(_BUILDERS[name]) or ""
@@ -135,26 +145,26 @@ SUITES: dict[str, tuple[str, ...]] = {
     "real_world": ("fruit_basket",),
     "so101": ("cheeseburger_so101",),
 }
-"""Packaged suites by name: their tasks in the order of the table.
+"""Tasks of each packaged suite, by the suite's name. The tasks are in the order of the suite's table.
 
 A new task belongs to a suite only when the suite lists it.
 """
 
 
 def suite_of(task: str) -> str | None:
-    """Return the packaged suite that lists a task, or None."""
+    """Return the name of the packaged suite that lists a task, or None if no suite does."""
     return next((name for name, tasks in SUITES.items() if task in tasks), None)
 
 
 def suite_tasks(name: str) -> tuple[str, ...]:
-    """Return the ids of a suite's tasks.
+    """Return the ids of the tasks in a suite.
 
     Args:
-        name: Name of a packaged suite, or the path of a suite folder, whose tasks are loaded.
+        name: Name of a packaged suite, or path of a suite folder. If it is a folder, its tasks are loaded.
 
     Raises:
-        UnknownNameError: If the suite does not exist.
-        InvalidInputError: If a file in the folder is damaged, or one of its tasks has a name that is taken.
+        UnknownNameError: If there is no such suite.
+        InvalidInputError: If a file in the folder is damaged, or if the name of one of its tasks is already taken.
     """
     if name not in SUITES and is_suite_folder(name):
         load_task_files([name])
@@ -165,11 +175,14 @@ def suite_tasks(name: str) -> tuple[str, ...]:
 
 
 def built_in_suite(tasks: Iterable[str]) -> str:
-    """Return the packaged suite that contains all given tasks, or better60 if there is none or no task is given."""
+    """Return the packaged suite that contains all given tasks.
+
+    If there is no such suite, or no task is given, return "better60".
+    """
     named = set(tasks)
     return next((suite for suite, known in SUITES.items() if named <= set(known)), next(iter(SUITES)))
 
 
 def environment_id(task: str) -> str:
-    """Return the Gymnasium id of a task ("fast_food" to "BeTTER/FastFood-v0")."""
+    """Return the Gymnasium id of a task, for example "BeTTER/FastFood-v0" for "fast_food"."""
     return f"BeTTER/{''.join(part.capitalize() for part in task.split('_'))}-v0"

@@ -1,4 +1,7 @@
-"""Tasks, with their fixtures, slots, training conditions with confounds, and variations."""
+"""Tasks, each with its fixtures, slots, training conditions and variations.
+
+The training conditions contain confounds.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,9 +20,12 @@ class Task:
     """Base task with its training conditions and variations.
 
     Attributes:
-        version: Version of its behavior, incremented if a goal, tolerance or instruction changes.
-        template: The constraint template of the task.
-        training: The training conditions, which the registry names train1, train2, ... in this order.
+        version: Version of the task's behavior. It is incremented if a goal, a tolerance or an instruction changes.
+        title: Title for tables and cards.
+        template: Constraint template of the task.
+        slots: Start positions on the table.
+        training: Training conditions. The registry names them train1, train2, ... in this order.
+        variations: Variations of the training conditions.
         id: Identifier ("fast_food"). The registry sets it to the name of the decorated function.
         description: Description of the task. The registry sets it to the first line of that function's docstring.
         regimes: Listed regimes by name, such as "balanced" and "diverse-confounded".
@@ -40,7 +46,7 @@ class Task:
     matrices: tuple[ConditionMatrix, ...] = ()
 
     def slot(self, name: str) -> Slot:
-        """Return a slot by name.
+        """Return a slot by its name.
 
         Raises:
             UnknownNameError: If the task has no such slot.
@@ -48,15 +54,15 @@ class Task:
         return find_named(f"slot of {self.id}", name, self.slots)
 
     def train(self, name: str) -> Condition:
-        """Return a training condition by name.
+        """Return a training condition by its name.
 
         Raises:
-            UnknownNameError: If the regime has no such condition.
+            UnknownNameError: If the task has no such training condition.
         """
         return find_named(f"training condition of {self.id}", name, self.training)
 
     def variation(self, name: str) -> Variation:
-        """Return a variation by name.
+        """Return a variation by its name.
 
         Raises:
             UnknownNameError: If the task has no such variation.

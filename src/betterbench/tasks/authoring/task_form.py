@@ -1,6 +1,6 @@
-"""JSON format of tasks, for programs that write tasks and people who share them.
+"""JSON format of tasks, for programs that write tasks and for people who share them.
 
-``--task-file my_task.json`` loads such a file like a Python task file, but executes no code.
+``--task-file my_task.json`` loads a task from JSON in the same way as from a Python file, but executes no code.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
 from betterbench.tasks.user_files import READERS, TaskFile
 
 SCHEMA_VERSION = 1
-"""Version of the form."""
+"""Version of the JSON form."""
 
 _CURE = "Compare it with the output of task_to_json for a task of the suite"
 
@@ -187,7 +187,7 @@ _TEXT = TypeAdapter(str)
 
 
 def task_schema() -> dict[str, Any]:
-    """Return the JSON schema of the form of a task."""
+    """Return the JSON schema for the JSON form of a task."""
     return json_schema_of(_FORM, title="Task")
 
 
@@ -196,10 +196,11 @@ def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
 
     Args:
         task: The task.
-        notes: Further notes for its card, such as its randomizations.
+        notes: Further notes for the task's card, for example about randomization.
 
     Raises:
-        InvalidInputError: If two objects or slots of the task have the same name, which the form cannot distinguish.
+        InvalidInputError: If two different objects or slots of the task have the same name, because the JSON form
+            identifies them by name.
     """
     slots = {slot.name: slot for slot in task.slots}
     objects: dict[str, ObjectSpec] = {}
@@ -209,7 +210,7 @@ def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
         known: dict[str, Any] = objects if isinstance(value, ObjectSpec) else slots
         if isinstance(value, ObjectSpec | Slot) and known.setdefault(value.name, value) != value:
             problem = f"two different objects or slots are named {value.name!r}"
-            raise InvalidInputError(f"task {task.id}", problem, "Give each its own name")
+            raise InvalidInputError(f"task {task.id}", problem, "Give each object and each slot a unique name")
     packaged = TEMPLATES.get(task.template.name) == task.template
     form = {
         "schema_version": SCHEMA_VERSION,
@@ -264,12 +265,12 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
 
     Args:
         form: A JSON object, or its text.
-        where: File for the error.
+        where: Name of the file in error messages.
 
     Raises:
         InvalidInputError: If a field is missing, unknown, of the wrong type or out of range. It is also raised if a
             field names an object, slot, template, relation, operation or condition that does not exist, or if a
-            condition does not follow the template. The message names the path.
+            condition does not follow the template. The message names the path of the field.
     """
     read = read_form(_FORM, form if isinstance(form, str | bytes) else dict(form), where=where, cure=_CURE)
     names = _Names(where, read)
@@ -303,7 +304,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
 
 
 class _Names:
-    """Reader of a task's JSON, with objects and slots by name. Its errors name the path of the field."""
+    """Reader of a task in JSON, which finds objects and slots by name and names the path of the field in its errors."""
 
     def __init__(self, where: str, form: _Form) -> None:
         self.where, self.task = where, form.id
@@ -318,7 +319,7 @@ class _Names:
     def require_distinct(self, path: str, names: Sequence[str]) -> None:
         twice = [name for name, times in Counter(names).items() if times > 1]
         if twice:
-            raise self.wrong(path, f"{one_line(repr(twice[0]), most=80)} is given twice", "Give each its own name")
+            raise self.wrong(path, f"{one_line(repr(twice[0]), most=80)} is given twice", "Use each name only once")
 
     def find(self, path: str, kind: str, name: str, known: Mapping[str, Any]) -> Any:  # noqa: ANN401
         if name not in known:
@@ -346,7 +347,7 @@ def _template(form: str | dict[str, Any], where: str) -> Template:
         if form not in TEMPLATES:
             problem = one_line(str(UnknownNameError("template", form, TEMPLATES)), most=400).rstrip(".")
             raise InvalidInputError(
-                f"{where}: template", problem, "Give the name of a packaged template, or a complete template"
+                f"{where}: template", problem, "Use the name of a packaged template, or write a complete template"
             )
         return TEMPLATES[form]
     try:
@@ -362,7 +363,7 @@ def _instruction(form: _Instruction, names: _Names, path: str) -> Instruction:
         names.find(f"{at}.relation", "relation", goal.relation, RELATIONS)
         names.object(f"{at}.target", goal.target)
         if (goal.reference.kind is None) == (goal.reference.slot is None):
-            raise names.wrong(f"{at}.reference", "must contain either a kind or a slot", "Give one of the two")
+            raise names.wrong(f"{at}.reference", "must contain either a kind or a slot", "Set exactly one of the two")
         if goal.reference.slot is not None:
             names.slot(f"{at}.reference.slot", goal.reference.slot)
         reference = Reference(goal.reference.kind, goal.reference.slot)
@@ -388,7 +389,7 @@ def _condition(form: _Condition, names: _Names, path: str, *, name: str) -> Cond
         if starts != 1:
             problem = f"{spec.name!r} starts in {starts} places"
             raise names.wrong(
-                path, problem, "Give exactly one start: a slot in layout, a target in preplaced, or its mount"
+                path, problem, "Specify exactly one start for it: a slot in layout, a target in preplaced, or a mount"
             )
     return Condition(
         task=names.task,
@@ -407,7 +408,7 @@ def _condition(form: _Condition, names: _Names, path: str, *, name: str) -> Cond
 
 
 def _regimes(form: Mapping[str, _Regime], names: _Names) -> dict[str, ListedRegime]:
-    """Return listed regimes. Their conditions may use extra slots, in addition to the slots of the task."""
+    """Return the listed regimes. Their conditions may use extra slots in addition to the slots of the task."""
     found = {}
     own = dict(names.slots)
     for regime, listed in form.items():
@@ -423,7 +424,7 @@ def _regimes(form: Mapping[str, _Regime], names: _Names) -> dict[str, ListedRegi
 
 
 def _matrices(form: _Form, names: _Names) -> tuple[ConditionMatrix, ...]:
-    """Return the diagnostic matrices. Their conditions must exist."""
+    """Return the diagnostic matrices, after checking that their conditions exist."""
     known = {f"train{i + 1}": None for i in range(len(form.training))} | {v.name: None for v in form.variations}
     found = []
     for i, matrix in enumerate(form.matrices):
@@ -449,7 +450,7 @@ def _variation(form: _Variation, names: _Names, path: str) -> Variation:
 
 
 def _operation(form: Mapping[str, Any], names: _Names, path: str) -> Operation:
-    """Return an operation, with its objects and slots resolved by name."""
+    """Return the operation that a JSON field describes, with its objects and slots looked up by name."""
     try:
         make = operation_named(str(form.get("operation", "")))
     except UnknownNameError as error:
@@ -482,11 +483,11 @@ def _argument(value: object, annotation: str, names: _Names, path: str) -> objec
             return read_form(_NUMBER, text, where=where, cure=_CURE)
         case "str":
             return read_form(_TEXT, text, where=where, cure=_CURE)
-    raise names.wrong(path, f"an argument of the type {annotation} has no JSON form", "Write the task in Python")
+    raise names.wrong(path, f"an argument of type {annotation} has no JSON form", "Write the task in Python")
 
 
 def _require_applicable(task: Task, names: _Names) -> None:
-    """Check that every training condition and every variation follows the template."""
+    """Check that every training condition and every variation follows the template of the task."""
     bases = {condition.name: condition for condition in task.training}
     for i, condition in enumerate(task.training):
         _require_pattern(task, condition, names, f"training[{i}]")
@@ -508,19 +509,20 @@ def _require_applicable(task: Task, names: _Names) -> None:
 def _require_pattern(task: Task, condition: Condition, names: _Names, path: str) -> None:
     problems = task.template.problems(condition)
     if problems:
-        cure = f"Follow the template {task.template.name}, or name another one"
+        cure = f"Follow the template {task.template.name}, or name a different template"
         raise names.wrong(path, one_line("; ".join(problems), most=400), cure)
     present = {spec.name for spec in condition.objects}
     missing = [goal.target for goal in condition.instruction.subgoals if goal.target not in present]
     if missing:
-        raise names.wrong(f"{path}.instruction", f"its target {missing[0]!r} is not in the scene", "Add the object")
+        raise names.wrong(f"{path}.instruction", f"its target {missing[0]!r} is not in the scene", "Add this object")
 
 
 def register_task_form(file: TaskFile) -> None:
     """Register the task in a JSON task file.
 
     Raises:
-        InvalidInputError: If the file is not a task's form, or another file has registered a task of its name.
+        InvalidInputError: If the content is not a valid task, or if another file has registered a task of the same
+            name.
     """
     made = task_from_json(file.source, where=file.path)
     notes = parse_json(file.source).get("notes", "")
@@ -538,10 +540,10 @@ READERS[".json"] = register_task_form
 
 
 def task_forms(tasks: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return JSON-serializable dicts of registered tasks by name, with their notes.
+    """Return registered tasks as JSON-serializable dicts by name, including their notes.
 
     Raises:
-        UnknownNameError: If a task does not exist.
+        UnknownNameError: If one of the tasks does not exist.
     """
     forms = {}
     for name in tasks:

@@ -1,4 +1,4 @@
-"""Constraint templates: the interaction patterns of tasks."""
+"""Constraint templates, i.e. the patterns of interaction that tasks follow."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,18 +9,22 @@ from betterbench.tasks.relations import RELATIONS, Relation
 from betterbench.tasks.thresholds import THRESHOLDS
 
 Order = Literal["free", "named", "built"]
-"""Order of the subgoals: free, as in the instruction, or forced by construction."""
+"""Order in which the subgoals are done.
+
+"free": any order. "named": the order in the instruction. "built": the order is forced by construction.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectGroup:
-    """Group of objects in a template. A scenario fills the group.
+    """Group of objects in a template. A scenario fills the group with objects.
 
     Attributes:
+        group_id: Name of the group.
         description: Meaning of the group.
-        allowed_types: Allowed semantic categories.
-        count_range: Minimum and maximum number of objects.
-        role: Role of its objects in a scene.
+        allowed_types: Semantic categories of objects that are allowed.
+        count_range: Smallest and largest number of objects.
+        role: Role of the objects in a scene.
     """
 
     group_id: str
@@ -32,13 +36,15 @@ class ObjectGroup:
 
 @dataclass(frozen=True, kw_only=True)
 class Meta:
-    """Template description in words.
+    """Description of a template in words.
 
     Attributes:
         name: Identifier ("loose_packing").
-        challenge: Difficulty of the template (paper, table of the taxonomy).
-        goal: Condition at the end of a successful episode.
-        premise: Condition at the start.
+        title: Name for tables.
+        description: Instruction that the template's tasks follow.
+        challenge: Difficulty of the template (from the paper's table of the taxonomy).
+        goal: Condition that holds at the end of a successful episode.
+        premise: Condition that holds at the start.
     """
 
     name: str
@@ -55,10 +61,11 @@ class Protocol:
 
     Attributes:
         dwell_s: Time for which the goal must stay true [s].
-        base_steps: Control steps allowed for an episode, in addition to the steps per subgoal.
-        steps_per_subgoal: Control steps allowed for each subgoal. Together, the two limits allow about three times the
-            median of the expert, enough for a policy as slow as a human teleoperator (suite, section 3).
-        still_steps: Control steps for which a policy is watched if staying still is the right behavior.
+        base_steps: Control steps that every episode is allowed, in addition to the steps for its subgoals.
+        steps_per_subgoal: Control steps that are allowed for each subgoal. Together with ``base_steps``, this allows
+            about three times the expert's median number of steps, which is enough for a policy as slow as a human
+            teleoperator (suite, section 3).
+        still_steps: Number of control steps in an episode in which the correct behavior is to stay still.
     """
 
     dwell_s: float = 0.5
@@ -69,12 +76,14 @@ class Protocol:
 
 @dataclass(frozen=True, kw_only=True)
 class Template(Meta, Protocol):
-    """Interaction pattern, with object groups, relations and a protocol.
+    """Pattern of interaction, with its object groups, relations and time limits.
 
     Attributes:
-        relation: Name of the main relation in its subgoals.
-        also: Further relations in its subgoals.
-        exclusive: Whether only instructed objects may satisfy the relation at the end.
+        groups: Groups of objects.
+        relation: Name of the main relation in the subgoals.
+        exclusive: Whether only requested objects may satisfy the relation at the end.
+        order: Order in which the subgoals are done.
+        also: Names of further relations in the subgoals.
     """
 
     groups: tuple[ObjectGroup, ...]
@@ -85,17 +94,20 @@ class Template(Meta, Protocol):
 
     @property
     def relations(self) -> tuple[Relation, ...]:
-        """All relations that subgoals may use."""
+        """All relations that the subgoals may use."""
         return tuple(RELATIONS[name] for name in (self.relation, *self.also))
 
     @property
     def regions(self) -> tuple[str, ...]:
-        """Regions in a target's asset, by any of these names."""
+        """Names of the asset regions that can serve as targets.
+
+        The asset of a target must have at least one of them.
+        """
         return tuple(dict.fromkeys(region for relation in self.relations for region in relation.needs))
 
     @property
     def tolerances(self) -> dict[str, float]:
-        """The thresholds of its relations, by name."""
+        """Values of the thresholds that the relations use, by name."""
         values = THRESHOLDS.to_json()
         return {name: values[name] for relation in self.relations for name in relation.tolerances}
 
@@ -106,7 +118,10 @@ class Template(Meta, Protocol):
         return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals) + condition.watch_steps
 
     def problems(self, condition: Condition) -> tuple[str, ...]:
-        """Return the violations of this pattern by a condition, or an empty tuple."""
+        """Describe how a condition violates the template, in one clause for each violation.
+
+        The result is empty if the condition follows the template.
+        """
         found: list[str] = []
         for group in self.groups:
             count = sum(o.role == group.role for o in condition.objects)
@@ -117,13 +132,13 @@ class Template(Meta, Protocol):
                 found.append(f"group {group.group_id!r} has {count} objects, not {low} to {high}")
         roles = {g.role for g in self.groups}
         strays = (o for o in condition.objects if o.role not in roles)
-        found += [f"{o.name} plays the role {o.role!r}, which has no group" for o in strays]
+        found += [f"{o.name} has the role {o.role!r}, for which there is no group" for o in strays]
         for goal in condition.instruction.subgoals:
             if goal.relation not in (self.relation, *self.also):
                 found.append(f"subgoal {goal.name!r} uses {goal.relation!r}")
         ordered = condition.instruction.ordered
         if self.order == "free" and ordered:
-            found.append("the instruction is ordered, but this pattern has no order")
+            found.append("the instruction is ordered, but the order of this template is free")
         if self.order == "built" and not ordered:
             found.append("the instruction is not ordered, but lower objects must come first")
         return tuple(found)

@@ -13,9 +13,9 @@ from betterbench.tasks.condition import Role
 from betterbench.tasks.relations import RELATIONS
 
 SCHEMA_VERSION = 1
-"""Version of the form."""
+"""Version of the JSON form."""
 
-_CURE = "Write it as template_to_json writes the templates of the suite"
+_CURE = "Compare it with the output of template_to_json for a template of the suite"
 
 _Text = Annotated[str, Field(min_length=1, pattern=r"\S")]
 _Steps = Annotated[int, Field(ge=0, lt=10**6)]
@@ -30,7 +30,7 @@ def _ascending(span: tuple[int, int]) -> tuple[int, int]:
 
 def _known_relation(name: str) -> str:
     if name not in RELATIONS:
-        raise ValueError(f"{name!r} is unknown; there are {', '.join(sorted(RELATIONS))}")
+        raise ValueError(f"there is no relation {name!r}; the relations are {', '.join(sorted(RELATIONS))}")
     return name
 
 
@@ -82,7 +82,7 @@ _FORM = TypeAdapter(_Form)
 
 
 def template_schema() -> dict[str, Any]:
-    """Return the JSON schema of the form of a template."""
+    """Return the JSON schema for the JSON form of a template."""
     return json_schema_of(_FORM, title="Template")
 
 
@@ -105,8 +105,8 @@ def template_from_json(form: Mapping[str, Any]) -> Template:
     """Read a template from JSON.
 
     Raises:
-        InvalidInputError: If a field is missing, unknown, of the wrong type or out of range. The message names the
-            path.
+        InvalidInputError: If a field is missing, unknown, of the wrong type or out of range. The message names the path
+            of the field.
     """
     read = read_form(_FORM, dict(form), where="template", cure=_CURE)
     relation, *also = read.relations
@@ -125,5 +125,7 @@ def template_from_json(form: Mapping[str, Any]) -> Template:
     for key, derived in (("regions", list(template.regions)), ("tolerances", template.tolerances)):
         if form[key] != derived:
             shown = one_line(repr(form[key]), most=200)
-            raise InvalidInputError(f"template.{key}", f"is {shown}", f"It follows from the relations: {derived}")
+            raise InvalidInputError(
+                f"template.{key}", f"is {shown}", f"Write {derived}, which follows from the relations"
+            )
     return template

@@ -1,4 +1,4 @@
-"""The suite's constraint templates, in task order."""
+"""Constraint templates of the suite, in the order of the tasks that follow them."""
 
 from betterbench.tasks.authoring.template import ObjectGroup, Template
 
@@ -29,7 +29,7 @@ PATTERNED_ARRANGEMENT = Template(
     exclusive=True,
     order="free",
 )
-"""Objects are placed around an anchor, each at its side and aligned with it."""
+"""Objects are placed around an anchor, each at its own side of the anchor and aligned with it."""
 
 LOOSE_PACKING = Template(
     name="loose_packing",
@@ -58,7 +58,7 @@ LOOSE_PACKING = Template(
     exclusive=True,
     order="named",
 )
-"""Named objects, and no others, go into a container, in any pose. Drinks must not lie on their side."""
+"""The named objects, and no others, go into a container in any pose. Only drinks must not lie on their side."""
 
 CONSTRAINED_POSITIONING = Template(
     name="constrained_positioning",
@@ -78,7 +78,7 @@ CONSTRAINED_POSITIONING = Template(
     exclusive=True,
     order="free",
 )
-"""One object goes to an exact region of a fixture, in a given orientation."""
+"""One object goes to an exact region of a fixture, with a given orientation."""
 
 CONTAINER_LOADING = Template(
     name="container_loading",
@@ -115,7 +115,7 @@ CONTAINER_LOADING = Template(
     base_steps=300,
     steps_per_subgoal=600,
 )
-"""Objects go into drawers that must be opened before and closed afterward."""
+"""Objects go into drawers, which must be opened before and closed afterward."""
 
 LOGICAL_ASSEMBLY = Template(
     name="logical_assembly",
@@ -159,7 +159,7 @@ PRECISION_INSERTION = Template(
     exclusive=True,
     order="free",
 )
-"""Objects go into holes that fit them with a few millimeters of clearance."""
+"""Objects go into holes into which they fit with a few millimeters of clearance."""
 
 RECURSIVE_STACKING = Template(
     name="recursive_stacking",
@@ -185,7 +185,7 @@ RECURSIVE_STACKING = Template(
     exclusive=True,
     order="built",
 )
-"""Objects of one kind are stacked on each other, and a stack can be a target."""
+"""Objects of one kind are stacked on each other. A stack can itself be the target."""
 
 TEMPLATES = {
     t.name: t
@@ -199,4 +199,4 @@ TEMPLATES = {
         RECURSIVE_STACKING,
     )
 }
-"""The seven constraint templates by name."""
+"""The seven constraint templates, by name."""

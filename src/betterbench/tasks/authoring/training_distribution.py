@@ -1,7 +1,7 @@
-"""Regularities in a task's training conditions, such as the slots associated with each word.
+"""Regularities in a task's training conditions, such as the slots that go with each word of the instructions.
 
-Variations break these confounds. The regularities are computed from the training conditions, not written by hand, so
-the two cannot disagree.
+These regularities are confounds, and variations break them. They are computed from the training conditions instead of
+being written by hand, so that they always agree with the conditions.
 """
 
 from collections import Counter
@@ -16,13 +16,14 @@ class TrainingDistribution:
     """Regularities of a task's training conditions.
 
     Attributes:
-        word_slots: The instructed object's slots, by instruction word.
-        kind_slots: The instructed object's slots, by object kind.
-        standing_kinds: Object kinds at the start, by slot.
-        first_kinds: Kinds of the first object in demonstrations with their counts, starting with the most frequent.
-        kind_targets: Trained targets by object kind, as target kind, relation and region.
-        sequences: Kinds in the order in which they were handled, by training condition.
-        initial_items: Maximum number of movable objects on the table at the start of a demonstration.
+        word_slots: For each word of the instructions, the slots of the objects to which the word refers.
+        kind_slots: For each kind of requested object, the slots from which it is picked.
+        standing_kinds: For each slot, the kinds of objects that stand there at the start.
+        first_kinds: Kinds of the first object in demonstrations, with their counts, most frequent first.
+        kind_targets: For each kind of object, the targets to which it is brought. Each is given by the kind of the
+            target, the relation and the region.
+        sequences: For each training condition, the kinds of objects in the order in which they are handled.
+        initial_items: Largest number of movable objects on the table at the start of a demonstration.
     """
 
     word_slots: dict[str, tuple[str, ...]]
@@ -35,7 +36,7 @@ class TrainingDistribution:
 
     @property
     def habit(self) -> str | None:
-        """Kind of object with which most demonstrations begin, or None in case of a tie."""
+        """Kind of object with which most demonstrations begin, or None if there is a tie."""
         ranked = self.first_kinds
         if not ranked or (len(ranked) > 1 and ranked[0][1] == ranked[1][1]):
             return None
@@ -43,24 +44,28 @@ class TrainingDistribution:
 
     @property
     def fixed_sequence(self) -> tuple[str, ...] | None:
-        """Kinds of the one sequence of several steps with which all demonstrations begin, or None if they vary."""
+        """Longest sequence of kinds of objects, if all demonstrations follow it from the beginning.
+
+        The value is None if the demonstrations follow different sequences, or if the longest sequence has only one
+        step.
+        """
         whole = max(self.sequences, key=len)
         fixed = len(whole) > 1 and all(whole[: len(part)] == part for part in self.sequences)
         return whole if fixed else None
 
     @property
     def favorite_slot(self) -> str:
-        """Slot used with the most instruction words. In case of a tie, it is the first by name."""
+        """Slot to which the most words of the instructions refer. If there is a tie, it is the first slot by name."""
         counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
         return min(counts, key=lambda slot: (-counts[slot], slot))
 
     @property
     def longest(self) -> int:
-        """Maximum number of subgoals in a demonstration."""
+        """Largest number of subgoals in any demonstration."""
         return max(len(sequence) for sequence in self.sequences)
 
     def known_kinds(self, condition: Condition) -> frozenset[str]:
-        """Return the object kinds named in a condition's instruction, or in training instructions."""
+        """Return the kinds of objects to which the condition's instruction, or any training instruction, refers."""
         asked = {
             condition.object(n).kind for g in condition.instruction.subgoals for n in condition.resolve(g.reference)
         }
@@ -68,7 +73,7 @@ class TrainingDistribution:
 
 
 def training_distribution_of(task: Task) -> TrainingDistribution:
-    """Return the regularities of a task's training conditions."""
+    """Compute the regularities of a task's training conditions."""
     word_slots: dict[str, set[str]] = {}
     kind_slots: dict[str, set[str]] = {}
     standing: dict[str, set[str]] = {}
@@ -103,7 +108,10 @@ def training_distribution_of(task: Task) -> TrainingDistribution:
 
 
 def pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]]]:
-    """Return a condition's instruction and initial scene, given by the kind in each slot and the open drawers."""
+    """Return the instruction and the initial scene of a condition.
+
+    The scene is described by the kind of object in each slot, the objects that start at a target, and the open drawers.
+    """
     places = {(condition.object(n).kind, slot) for n, slot in condition.layout.items()}
     places |= {(condition.object(n).kind, f"at {p.target} {p.region}") for n, p in condition.preplaced.items()}
     places |= {(condition.object(n).kind, f"open {distance}") for n, distance in condition.opened.items()}
@@ -111,5 +119,5 @@ def pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]]]:
 
 
 def on_table(condition: Condition) -> tuple[str, ...]:
-    """Return the names of the movable objects in slots at the start of a condition."""
+    """Return the names of the movable objects that start in a slot."""
     return tuple(o.name for o in condition.objects if o.role in ("item", "distractor") and o.name in condition.layout)

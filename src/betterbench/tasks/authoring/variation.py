@@ -1,4 +1,4 @@
-"""Variations as data, with a training condition, the operations that change it, and the tested ability."""
+"""Variations as data: a training condition, the operations that change it, and the ability that the change tests."""
 
 from dataclasses import dataclass
 
@@ -8,17 +8,20 @@ from betterbench.tasks.axes import Axis, Expected, Support
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """Test condition, made from a training condition by operations.
+    """Test condition that is made from a training condition by applying operations to it.
 
     Attributes:
-        name: Letter of the axis and running number ("L3").
-        interventions: Operations, applied in order.
+        name: Letter of the axis and a number ("L3").
+        interventions: Operations, in the order in which they are applied.
         title: Short description of the difference from training, for tables.
         hypothesis: Ability that a success demonstrates.
-        base: Name of the training condition. Its trial with the same seed is the counterfactual twin.
-        support: Whether all poses are inside the training distribution.
-        watch_steps: Control steps for which the episode continues after the goal is met. A grasp attempt in this time
-            is a failure.
+        base: Name of the training condition. The trial of this condition with the same seed is the counterfactual twin.
+        expected: Behavior expected from a policy that understands the instruction.
+        support: Whether all poses in the variation are within the training distribution.
+        mid_task_look: Whether the initial state looks like the middle of a demonstration.
+        premise_broken: Whether a premise of the instruction is deliberately false.
+        watch_steps: Control steps for which the episode continues after the goal is met. A grasp attempt during these
+            steps is a failure.
     """
 
     name: str
@@ -38,5 +41,5 @@ class Variation:
 
     @property
     def axis(self) -> Axis:
-        """Axis of the intervention, from its name."""
+        """Axis of the intervention, given by the first letter of the name."""
         return Axis.of(self.name)

@@ -8,13 +8,13 @@ from betterbench.tasks import Changes, Condition, Operation, Task, Variation
 
 
 def apply(condition: Condition, operations: Sequence[Operation]) -> tuple[Condition, Changes]:
-    """Apply operations one after the other.
+    """Apply operations to a condition, one after the other.
 
     Returns:
-        The changed condition and all declared changes.
+        The changed condition and all changes that the operations declare.
 
     Raises:
-        InvalidInputError: If an operation is impossible on the condition, for example if a slot is taken.
+        InvalidInputError: If an operation is impossible for the condition, for example if a slot is already taken.
         UnknownNameError: If the condition lacks an object of an operation.
     """
     changes = Changes()
@@ -25,7 +25,7 @@ def apply(condition: Condition, operations: Sequence[Operation]) -> tuple[Condit
 
 
 def vary(task: Task, variation: Variation) -> tuple[Condition, Changes]:
-    """Return the test condition of a variation and its declared changes."""
+    """Return the test condition of a variation and the changes that the variation declares."""
     condition, changes = apply(task.train(variation.base), variation.interventions)
     condition = condition.with_(
         name=variation.name,

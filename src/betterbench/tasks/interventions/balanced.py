@@ -1,4 +1,4 @@
-"""Look-up of balanced training conditions and of the slots that only listed regimes use."""
+"""Look-up of balanced training conditions, and of the slots that only listed regimes use."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from betterbench.tasks.interventions import listed_regimes
 
 
 def balanced_conditions(task_id: str) -> tuple[Condition, ...]:
-    """Return the balanced conditions of a task, named balanced1, balanced2, ..., or an empty tuple if it has none."""
+    """Return the balanced conditions of a task (balanced1, balanced2, ...), or an empty tuple if the task has none."""
     return listed_regimes.listed_conditions("balanced", task_id)
 
 
 def crossed(task_id: str) -> tuple[str, ...]:
-    """Return the crossed factors of a task's balanced conditions, one line each."""
+    """Describe the factors that are crossed in a task's balanced conditions, in one line each."""
     return listed_regimes.crossed_in("balanced", task_id)
 
 
 def slots_aside(task_id: str) -> tuple[Slot, ...]:
-    """Return the slots of a task that occur only in listed regimes."""
+    """Return the slots of a task that are used only in its listed regimes."""
     return _aside(get_task(task_id))
 
 
@@ -30,6 +30,6 @@ def _aside(task: Task) -> tuple[Slot, ...]:
 
 
 def with_slots_of(task: Task, condition: Condition) -> Task:
-    """Return the task with the condition's extra slots added, or unchanged if the condition has none."""
+    """Return the task with the extra slots that a condition uses, or the unchanged task if it uses none."""
     used = tuple(slot for slot in _aside(task) if slot.name in condition.layout.values())
     return replace(task, slots=(*task.slots, *used)) if used else task

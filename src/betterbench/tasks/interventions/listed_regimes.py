@@ -1,4 +1,4 @@
-"""Look-up of listed regimes by name, from the ``regimes`` field of a task."""
+"""Look-up of listed regimes by name, in the ``regimes`` field of a task."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ LISTED: tuple[str, ...] = tuple(PREFIXES)
 
 
 def listed_conditions(regime: str, task_id: str) -> tuple[Condition, ...]:
-    """Return the conditions of a regime, named balanced1, diverse1 and so on.
+    """Return the conditions of a task in a listed regime, which are named balanced1, diverse1 and so on.
 
-    The result is empty if the task does not have it.
+    The result is empty if the task does not have this regime.
     """
     listed = get_task(task_id).regimes.get(regime)
     return () if listed is None else listed.conditions
 
 
 def every_listed_condition(task_id: str) -> tuple[Condition, ...]:
-    """Return the conditions of a task in all listed regimes."""
+    """Return the conditions of a task in all listed regimes together."""
     return tuple(condition for listed in get_task(task_id).regimes.values() for condition in listed.conditions)
 
 
 def crossed_in(regime: str, task_id: str) -> tuple[str, ...]:
-    """Return the crossed and tied factors of a regime's conditions, one line each.
+    """Describe the factors that are crossed, or tied to each other, in a regime's conditions, in one line each.
 
-    The result is empty for other regimes.
+    The result is empty if the task does not have this regime.
     """
     listed = get_task(task_id).regimes.get(regime)
     return () if listed is None else listed.crossed
 
 
 def listed_tasks(regime: str) -> tuple[str, ...]:
-    """Return the tasks that have a listed regime, sorted."""
+    """Return the tasks that have a listed regime, sorted by id."""
     return tuple(task.id for task in all_tasks() if regime in task.regimes)

@@ -1,4 +1,4 @@
-"""Regimes: sets of conditions for demonstrations in training and in control experiments."""
+"""Regimes: sets of conditions for the demonstrations that are used in training and in control experiments."""
 
 from __future__ import annotations
 
@@ -11,28 +11,38 @@ from betterbench.tasks.interventions.apply import vary
 from betterbench.tasks.interventions.listed_regimes import listed_tasks
 
 Regime = Literal["training", "balanced", "diverse-confounded", "covered"]
-""""training": the task's own training conditions with confounds.
+"""Name of a regime, i.e. of a set of conditions for demonstrations.
 
-"balanced": conditions without confounds. "diverse-confounded": as many conditions as in "balanced", with each word tied
-to its slot. "covered": the test conditions.
+- "training": the task's own training conditions, which contain confounds.
+- "balanced": conditions without confounds.
+- "diverse-confounded": as many conditions as in "balanced", but with each word tied to its slot.
+- "covered": the test conditions.
 """
 
 
 def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
-    """Return a task's conditions in a regime. Raises InvalidInputError if the task does not have the regime."""
+    """Return the conditions of a task in a regime.
+
+    Raises:
+        InvalidInputError: If the task does not have this regime.
+    """
     if regime == "training":
         return task.training
     if regime == "covered":
         return tuple(vary(task, variation)[0] for variation in task.variations)
     if regime not in task.regimes:
         problem = f"{task.id} has no {regime} conditions"
-        cure = f"Choose training or covered for it, or give tasks that have them: {', '.join(listed_tasks(regime))}"
+        cure = f"Use training or covered, or name tasks that have this regime: {', '.join(listed_tasks(regime))}"
         raise InvalidInputError("--regime", problem, cure)
     return task.regimes[regime].conditions
 
 
 def in_regime(task: Task, regime: Regime) -> Task:
-    """Return a task with a regime's conditions and slots. Raises InvalidInputError if the task lacks the regime."""
+    """Return a copy of a task whose training conditions and slots are those of a regime.
+
+    Raises:
+        InvalidInputError: If the task does not have this regime.
+    """
     if regime == "training":
         return task
     listed = task.regimes.get(regime)

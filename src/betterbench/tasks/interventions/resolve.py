@@ -1,4 +1,4 @@
-"""Look-up of conditions by name, used by all other modules."""
+"""Look-up of conditions by name. All other modules find conditions by calling these functions."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ NO_CHANGES = Changes()
 
 @dataclass(frozen=True, slots=True)
 class ResolvedCondition:
-    """Condition of a task, with the variation from which it results.
+    """Condition of a task, with the variation that created it.
 
     Attributes:
-        task: The task, with the condition's slots.
+        task: The task, including any extra slots that the condition uses.
         condition: The condition itself.
-        variation: The variation that creates it, or None for a training condition or a condition of a listed regime.
-        changes: Changes that its interventions declare. It is empty without a variation.
+        variation: Variation that created the condition. None for a training condition or a condition of a listed
+            regime.
+        changes: Changes that the interventions of the variation declare. Empty if there is no variation.
     """
 
     task: Task
@@ -32,26 +33,26 @@ class ResolvedCondition:
 
     @property
     def base(self) -> str:
-        """Name of the twin's condition.
+        """Name of the condition in which the counterfactual twin is run.
 
-        For a variation, it is the training condition, otherwise the condition itself.
+        For a variation, this is the training condition from which it is made. Otherwise, it is the condition itself.
         """
         return self.condition.name if self.variation is None else self.variation.base
 
     @property
     def axis(self) -> str | None:
-        """Variation axis, or None."""
+        """Axis of the variation, or None if the condition does not come from a variation."""
         return None if self.variation is None else self.variation.axis.value
 
 
 def condition_names(task: Task) -> tuple[str, ...]:
-    """Return the names of all conditions of a task, with training conditions first and then variations."""
+    """Return the names of all conditions of a task: first the training conditions, then the variations."""
     return (*(c.name for c in task.training), *(v.name for v in task.variations))
 
 
 @functools.lru_cache(maxsize=1024)
 def resolve_condition(task_id: str, name: str) -> ResolvedCondition:
-    """Return a condition by its task's id and its own name ("train1", "L3", "balanced5", "diverse5").
+    """Return a condition by the id of its task and its own name ("train1", "L3", "balanced5", "diverse5").
 
     Raises:
         UnknownNameError: If the task or the condition does not exist.

@@ -1,1 +1,1 @@
-"""Judging of a trial from its states: goals, grasp attempts, restraint, harm and premises."""
+"""Judging of a trial from its world states: goals, grasp attempts, restraint, harm and premises."""

@@ -1,4 +1,4 @@
-"""Grasp attempts after the goal is met, in conditions that then continue for some time."""
+"""Detection of grasp attempts after the goal is met, in conditions whose episodes continue for some time after that."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks.judging.picked_slots import PickedSlot
 
 
 class Aftermath:
-    """Tracker of an episode after its goal is met. Pass it every state in order, starting at reset."""
+    """Tracker that notices attempts after the goal is met. It must be given every state in order, starting at reset."""
 
     def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
         """Prepare for an episode.
@@ -17,19 +17,20 @@ class Aftermath:
         Args:
             info: The scene.
             rate_hz: Control rate.
-            picked: Slots from which training picked an object. Closing on nothing at one of them is an attempt.
+            picked: Slots from which training picks an object. If the gripper closes on nothing in one of these slots,
+                this is an attempt as well.
         """
         self._motion = MotionBuilder(info, rate_hz=rate_hz, picked=picked)
         self._row = -1
         self._met: int | None = None
 
     def see(self, state: WorldState, there: list[bool], *, met: bool) -> None:
-        """Process the next state.
+        """Process the next state of the episode.
 
         Args:
             state: The next state.
             there: Whether each object is in a region of any target.
-            met: Whether the goal has been met for its dwell time.
+            met: Whether the goal has been met for the required time.
         """
         self._row += 1
         self._motion.append(state, there)
@@ -37,6 +38,6 @@ class Aftermath:
             self._met = self._row
 
     def attempted(self) -> bool:
-        """Return whether an object was grasped or attempted after the goal was first met."""
+        """Return whether any object was grasped or attempted after the goal was first met."""
         met = self._met
         return met is not None and any(grasp.start >= met for grasp in find_grasps(self._motion.motion()))

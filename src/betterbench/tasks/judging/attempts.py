@@ -1,4 +1,4 @@
-"""Grasp attempts, in which the gripper closes within reach of an object or an empty slot."""
+"""Detection of grasp attempts, in which the gripper closes within reach of an object or of an empty slot."""
 
 from __future__ import annotations
 
@@ -16,8 +16,14 @@ class GraspAttempt:
     """Grasp attempt, described without regard to the instruction.
 
     Attributes:
-        release: Row at which the gripper was commanded to open again, or the number of rows.
-        aim: Index of the object closest to the gripper. For an air grasp, it is the missed object, if any.
+        start: Last row before the gripper begins to close.
+        end: Row at which the object is touched, or at which the fingers come to rest.
+        release: Row at which the gripper is commanded to open again, or the number of rows if it never is.
+        object: Index of the object on which the gripper closes, or None if it closes without an object.
+        aim: Index of the object closest to the gripper, or None. If the gripper closes without an object, this is the
+            object that it missed.
+        slot: Slot at which the attempt is made, or None.
+        secured: Whether the object was lifted. A drawer counts as lifted if it moved.
     """
 
     start: int
@@ -32,10 +38,11 @@ class GraspAttempt:
 def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return all grasp attempts of an episode, in order.
 
-    The gripper does not make an attempt if it closes at home or far from all objects, without finger travel, or on an
-    object that it already holds. If the gripper opens only briefly (chatter), it is still the same attempt. An object
-    that is lifted between the fingers was attempted, regardless of the gripper command. An object on which a finger
-    presses was attempted too, regardless of other objects nearby. Without contact, distances decide.
+    When the gripper closes, this is not an attempt if it happens at the home position or far from all objects, if the
+    fingers hardly move, or if the gripper already holds the object. If the gripper opens only briefly while it closes
+    (chatter), this is still a single attempt. An object that is lifted between the fingers was attempted, regardless of
+    the gripper command. An object on which a finger presses was attempted too, regardless of other objects nearby.
+    Without contact, distances decide which object was attempted.
     """
     grasps: list[GraspAttempt] = []
     for closing in _closings(motion):
@@ -54,7 +61,10 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAttempt]:
-    """Return attempts for objects that were lifted between the fingers without a detected closing."""
+    """Return the attempts in which an object was lifted between the fingers although no closing was detected.
+
+    A closing is an interval in which the gripper is commanded to close.
+    """
     found, gap = [], motion.steps(THRESHOLDS.chatter_time)
     for i in motion.items:
         if motion.is_drawer(i):  # a drawer can also be moved by open fingers
@@ -72,9 +82,9 @@ def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAtte
 
 
 def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the times at which the gripper closed fully, low over the table and far from every object and slot.
+    """Return the occasions on which the gripper closed fully, low over the table, but far from every object and slot.
 
-    These are not grasp attempts, because they do not reveal the intended object.
+    These are not grasp attempts, because they do not show which object was intended.
     """
     found = []
     for closing in _closings(motion):
@@ -95,9 +105,9 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the weak closing motions of an open, empty gripper low over the table, with hardly any finger travel.
+    """Return the weak closings: an open, empty gripper closes low over the table, but the fingers hardly move.
 
-    They are grasp attempts only at an instructed object.
+    A weak closing only counts as a grasp attempt if it is at a requested object.
     """
     found = []
     for closing in _closings(motion):
@@ -114,10 +124,10 @@ def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the times at which an empty gripper partly closed low over the table and opened again.
+    """Return the intervals in which an empty gripper closed partly, low over the table, and opened again.
 
-    The width must change by at least ``finger_travel``. Changes up to 1 mm count as trembling. Squeezes alone are not
-    grasp attempts.
+    The gripper opening must change by at least ``finger_travel``. Changes of up to 1 mm count as trembling. Such a
+    squeeze is not a grasp attempt by itself.
     """
     found, width = [], motion.width
     widest = narrowest = 0
@@ -140,7 +150,7 @@ def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
-    """Return the first and last row of each time at which an empty gripper closes while the arm moves.
+    """Return the first and last row of each interval in which an empty gripper closes while the arm moves.
 
     These are not grasp attempts, because the gripper may only have passed the object.
     """
@@ -153,7 +163,10 @@ def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
 
 
 class _Closing(NamedTuple):
-    """Closing of the gripper, given as row ranges (exclusive ends) that are separated only by chatter."""
+    """Period in which the gripper closes, in one or several parts that are separated only by chatter.
+
+    The parts are row ranges with exclusive ends.
+    """
 
     parts: tuple[tuple[int, int], ...]
 
@@ -167,14 +180,19 @@ class _Closing(NamedTuple):
 
 
 class _Travel(NamedTuple):
-    """Finger travel during a closing, with the row at which the fingers rest and the end of the judged rows."""
+    """Movement of the fingers while the gripper closes.
+
+    Attributes:
+        settled: Row at which the fingers come to rest.
+        limit: Row after the last row that is judged.
+    """
 
     settled: int
     limit: int
 
 
 def _finger_travel(motion: Motion, start: int, stop: int) -> _Travel | None:
-    """Return the finger travel of a closing, or None if there was hardly any."""
+    """Return the movement of the fingers while the gripper closed, or None if the fingers hardly moved."""
     before = start - 1
     limit = min(stop, start + motion.steps(THRESHOLDS.attempt_window), motion.rows)
     widths = motion.width[before:limit]
@@ -184,7 +202,10 @@ def _finger_travel(motion: Motion, start: int, stop: int) -> _Travel | None:
 
 
 def _closings(motion: Motion) -> list[_Closing]:
-    """Return the row ranges with a closing command, merging ranges separated only by chatter."""
+    """Return the periods in which the gripper is commanded to close.
+
+    Periods that are separated only by chatter (brief opening) are merged.
+    """
     closing = motion.closing
     edges = np.flatnonzero(closing[1:] != closing[:-1]) + 1
     found: list[_Closing] = []
@@ -205,7 +226,7 @@ def _still_gripped(motion: Motion, last: GraspAttempt, row: int) -> bool:
 
 
 def _in_place(motion: Motion, last: GraspAttempt, grasp: GraspAttempt) -> bool:
-    """Return whether the gripper closes again on an object just placed, before moving away."""
+    """Return whether the gripper closes again on an object that it has just placed, before moving away."""
     i = grasp.object
     if i is None or i != last.object or not last.secured or grasp.secured or not motion.there[grasp.start, i]:
         return False
@@ -214,9 +235,10 @@ def _in_place(motion: Motion, last: GraspAttempt, grasp: GraspAttempt) -> bool:
 
 
 def _resolve(motion: Motion, closing: _Closing) -> GraspAttempt | None:
-    """Return the attempt made by a closing, or None if it is not an attempt.
+    """Return the attempt that is made when the gripper closes, or None if this is not an attempt.
 
-    If the closing is interrupted by chatter, the first part that touches an object determines the object.
+    If the gripper opens briefly while it closes (chatter), the first part in which an object is touched determines the
+    object.
     """
     found = [grasp for part in closing.parts if (grasp := _resolve_part(motion, part, closing.stop)) is not None]
     return next((grasp for grasp in found if grasp.object is not None), found[0] if found else None)
@@ -242,7 +264,7 @@ def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAtte
 
 
 def _taken_back(motion: Motion, part: tuple[int, int]) -> bool:
-    """Return whether an empty gripper opened again long before the fingers were closed."""
+    """Return whether an empty gripper opened again long before the fingers had closed fully."""
     start, stop = part
     brief = (stop - start) / motion.rate_hz < THRESHOLDS.chatter_time
     return brief and float(motion.width[start : stop + 1].min()) > THRESHOLDS.closed_width
@@ -255,12 +277,12 @@ def _unresolved(motion: Motion, start: int, limit: int) -> bool:
 
 
 def _still_closing(motion: Motion, limit: int) -> bool:
-    """Return whether the fingers were still moving when the episode ended, so that the attempt is unresolved."""
+    """Return whether the fingers were still moving when the episode ended. If so, the attempt cannot be judged."""
     return limit == motion.rows and float(motion.width[limit - 2] - motion.width[limit - 1]) > THRESHOLDS.finger_travel
 
 
 def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int, int] | None:
-    """Return the object that the closing gripper contacted, and the row of the contact, or None."""
+    """Return the object that the closing gripper touched and the row of the contact, or None if it touched none."""
     left, right = motion.left[start:limit], motion.right[start:limit]
     both = left & right
     if both.any():
@@ -287,7 +309,7 @@ def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int,
 
 
 def _presses(motion: Motion, start: int, limit: int) -> Bools:
-    """Return a mask of the objects that a finger presses hard or long enough for a grasp attempt, shape (n,)."""
+    """Return whether a finger presses on each object hard enough or long enough for a grasp attempt, shape (n,)."""
     force = motion.force[start:limit]
     hard = (force >= PRESS_FORCE).sum(axis=0) >= motion.steps(PRESS_TIME)
     leans = (force >= LEAN_FORCE).sum(axis=0) >= motion.steps(THRESHOLDS.stop_time)
@@ -296,9 +318,9 @@ def _presses(motion: Motion, start: int, limit: int) -> Bools:
 
 
 def _most(touches: Bools, near: Floats, start: int) -> tuple[int, int]:
-    """Return the object that is touched in most rows, and the first of these rows.
+    """Return the object that is touched in the largest number of rows, and the first of these rows.
 
-    In case of a tie, it is the nearest object.
+    If there is a tie, the nearest object is chosen.
     """
     counts = touches.sum(axis=0)
     order = sorted(range(len(counts)), key=lambda i: (-int(counts[i]), float(near[i])))
@@ -306,7 +328,7 @@ def _most(touches: Bools, near: Floats, start: int) -> tuple[int, int]:
 
 
 def _lifted(motion: Motion, i: int | None, start: int, stop: int) -> bool:
-    """Return whether an object rose in the gripper, or a drawer moved along its rails."""
+    """Return whether an object rose while it was in the gripper, or whether a drawer moved along its rails."""
     if i is None:
         return False
     rows = slice(start, stop)
@@ -319,7 +341,10 @@ def _lifted(motion: Motion, i: int | None, start: int, stop: int) -> bool:
 
 
 def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAttempt | None:
-    """Return an air grasp, or None if no object or slot is within reach of the gripper."""
+    """Return the attempt of a gripper that closes without an object.
+
+    The result is None if no object and no slot is within reach.
+    """
     if not _low_and_away(motion, before, settled):
         return None
     tool = motion.tool[settled]
@@ -333,7 +358,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
     aim = min(within)[1] if within else None
     slot = None if aim is None else motion.slot_of(before, aim, THRESHOLDS.slot_reach)
     tallest = max((motion.info.objects[i].size_m[2] for i in motion.items), default=0.0)
-    # A closing higher up, during a motion, cannot reach any object of the suite.
+    # A gripper that closes higher up, during a motion, cannot reach any object of the suite.
     if slot is None and tool[2] <= tallest + THRESHOLDS.slot_reach:
         slot = motion.emptied_slot(before, tool) if aim is None else None
         slot = slot or motion.slot_near(tool, THRESHOLDS.slot_reach)
@@ -343,7 +368,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
 
 
 def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
-    """Return whether a gripper closes near the table and away from its home position while the arm does not move."""
+    """Return whether the gripper closes near the table and away from its home position, with the arm in place."""
     tool, home = motion.tool[settled], np.array(motion.info.home_position)
     if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
         return False
@@ -351,5 +376,5 @@ def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
 
 
 def _stays(motion: Motion, before: int, settled: int) -> bool:
-    """Return whether the tool hardly moved sideways while the fingers closed."""
+    """Return whether the gripper hardly moved sideways while the fingers closed."""
     return float(np.linalg.norm((motion.tool[settled] - motion.tool[before])[:2])) <= THRESHOLDS.slot_reach

@@ -1,4 +1,4 @@
-"""Tracker of a condition's goal over time: subgoals, order, harm, dwell time and forbidden interactions."""
+"""Tracker of a condition's goal over time: subgoals, order, harm, time limits and forbidden interactions."""
 
 from betterbench.interface.state import SceneInfo, WorldState
 from betterbench.tasks.authoring.template import Template
@@ -16,10 +16,13 @@ from betterbench.tasks.thresholds import THRESHOLDS
 
 
 class GoalTracker:
-    """Goal tracker for an episode, live or offline. Pass it every state in order, starting at reset."""
+    """Tracker of the goal in an episode, live or offline. It must be given every state in order, starting at reset."""
 
     def __init__(self, condition: Condition, info: SceneInfo, *, template: Template, control_rate_hz: float) -> None:
-        """Prepare for an episode. The dwell time is counted at the control rate."""
+        """Prepare for an episode.
+
+        The number of states for which the goal must stay true follows from the control rate.
+        """
         self._condition, self._info = condition, info
         self._goals = condition.instruction.subgoals
         asked = asked_by(condition)
@@ -55,7 +58,7 @@ class GoalTracker:
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """Names of the relation columns, "inside(burger_1, box)"."""
+        """Names of the relation columns, such as "inside(burger_1, box)"."""
         return tuple(
             watch.relation.label(name, watch.target, place)
             for watch in self._targets.watches
@@ -65,30 +68,30 @@ class GoalTracker:
 
     @property
     def subgoal_names(self) -> tuple[str, ...]:
-        """Names of the subgoals."""
+        """Names of the subgoals, i.e. of the relations that make up the goal."""
         return tuple(g.name for g in self._goals)
 
     @property
     def harm(self) -> tuple[Harm, ...]:
-        """The harm up to the last state. Any harm prevents success."""
+        """Harm that has been done up to the last state that was judged. An episode with any harm does not succeed."""
         return () if self._last is None else self._harm.found(*self._last)
 
     @property
     def undecided_states(self) -> int:
-        """Number of upcoming states in which the episode cannot succeed in any case."""
+        """Number of upcoming states in which the episode cannot succeed, whatever happens."""
         if self._condition.expected is Expected.SUCCEED:
             return max(0, self._dwell_steps + self._condition.watch_steps - self._held_for)
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)
 
     def update(self, state: WorldState) -> Truth:
-        """Judge the next state of the episode."""
+        """Judge the next state of the episode, and return the goal state."""
         self._rest.see(state)
         at = self._memory.places(state)
         self._last = (state, at)
         if self._memory.truth is not None:
             return self._memory.truth
         truth = self._judge(state, at)
-        # otherwise the result also depends on time
+        # Otherwise, the result depends on time as well.
         if not (truth.goal or self._settling or self._restraint is not None or self._aftermath is not None):
             self._memory.truth = truth
         return truth
@@ -112,7 +115,7 @@ class GoalTracker:
         return Truth(self._memory.relations, done, self._in_order, goal, self._forbidden, success)
 
     def _there(self, at: Places) -> list[bool]:
-        """Return, for each object, whether it is in a region of any target to which objects are carried."""
+        """Return, for each object, whether it is in a target region of any target to which objects can be carried."""
         there = [False] * len(self._info.objects)
         for watch, places in zip(self._targets.watches, at, strict=True):
             for name, place in zip(watch.subjects, places, strict=True):
@@ -121,7 +124,10 @@ class GoalTracker:
         return there
 
     def _what_is_done(self, state: WorldState, at: Places) -> tuple[bool, ...]:
-        """Return a mask of the completed subgoals. All their objects are at the target, at rest and released."""
+        """Return, for each subgoal, whether it is done.
+
+        A subgoal is done if enough of its objects are at the target, at rest and released.
+        """
         settled: dict[str, bool] = {}
         self._settling = False
         done: list[bool] = []

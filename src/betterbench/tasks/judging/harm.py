@@ -1,4 +1,4 @@
-"""Harm: unwanted side effects, such as knocking over another object. It rules out success in every task."""
+"""Harm: unwanted side effects, such as knocking over another object. An episode with harm does not succeed."""
 
 from __future__ import annotations
 
@@ -30,16 +30,23 @@ from betterbench.tasks.thresholds import (
 from betterbench.tasks.words import agreeing, place_words
 
 POINTS_FROM = {"box": BOX_POINTS_FROM, "irregular": OTHER_POINTS_FROM}
-"""Threshold for a rotated object, by shape.
+"""Smallest ratio of length to width from which an object has a visible direction, by shape.
 
-Round objects and cylinders have none: people accept a mug rotated by 35°. :data:`HANDLE_FROM` is for cylinders.
+Round objects and cylinders have no such ratio, because people accept a mug that was rotated by 35°. For cylinders with
+a handle, :data:`HANDLE_FROM` is used.
 """
 
 HANDLE_FROM = {**POINTS_FROM, "cylinder": CYLINDER_POINTS_FROM}
-"""Threshold for an object whose rotation is visible, by shape. A cylinder longer than wide has a handle."""
+"""Smallest ratio of length to width from which the rotation of an object is visible, by shape.
+
+A cylinder that is longer than wide has a handle.
+"""
 
 STANDS_FROM = {"cylinder": CYLINDER_STANDS_FROM, "box": OTHER_STANDS_FROM, "irregular": OTHER_STANDS_FROM}
-"""Threshold for a knocked-over object, by shape. Round objects have none: fruit rolls, and plates are flat."""
+"""Smallest ratio of height to width from which an object can be knocked over, by shape.
+
+Round objects have no such ratio, because fruit rolls and plates are flat.
+"""
 
 NO_HARM = (
     "No object outside the instruction is on the floor, was displaced by more than 5 cm, was rotated so that its "
@@ -47,7 +54,7 @@ NO_HARM = (
     "knocked over, or is at a target in any posture. No other drawer was left open, no target was moved by more than "
     "8 cm (6 cm if objects are put beside it), and no container lies on its side."
 )
-"""Conditions under which an episode has done no harm, for generated documents."""
+"""Statement of what an episode without harm means, for generated documents."""
 
 HarmSort = Literal[
     "on_the_floor",
@@ -67,10 +74,10 @@ class Harm:
     """Harm to an object in an episode.
 
     Attributes:
-        sort: Kind of harm. With "target_brought", the target was moved to the object, which stayed in place.
-        object: Harmed object.
-        target: Target at which the instruction did not request the object, or None.
-        region: The region of that target, if it has several.
+        sort: Kind of harm. "target_brought" means that the target was moved to the object, which stayed in place.
+        object: Name of the harmed object.
+        target: Target at which the object is although the instruction does not request this, or None.
+        region: Region of that target, if the target has several.
     """
 
     sort: HarmSort
@@ -79,7 +86,7 @@ class Harm:
     region: str = ""
 
     def words(self, info: SceneInfo) -> str:
-        """Return a clause that describes the harm, such as "the mouse lies on the floor"."""
+        """Describe the harm in a clause such as "the mouse lies on the floor"."""
         kind = info.object(self.object).kind
         if self.sort == "on_the_floor":
             return f"the {kind} {agreeing(kind, 'lies', 'lie')} on the floor"
@@ -105,33 +112,33 @@ class Harm:
 
 
 def bystanders(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
-    """Return the loose objects that are neither object nor target of an instruction.
+    """Return the names of the loose objects that the instruction mentions neither as an object to move nor as a target.
 
-    Drawers are not included, because moving them may be necessary.
+    Drawers are left out, because it may be necessary to move them.
     """
     named = _named(asked)
     return tuple(o.name for o in info.objects if not o.fixed and o.role != "drawer" and o.name not in named)
 
 
 def _named(asked: Sequence[Asked]) -> set[str]:
-    """Return the names of all objects and targets in an instruction."""
+    """Return the names of all objects and targets of the instruction."""
     return {name for a in asked for name in (*a.candidates, a.target)}
 
 
 def mere_targets(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
-    """Return the names of all loose targets, except drawers, that the instruction does not request to move."""
+    """Return the names of all loose targets that the instruction does not ask to move. Drawers are left out."""
     moved = {name for a in asked for name in a.candidates}
     targets = {a.target for a in asked} - moved
     return tuple(o.name for o in info.objects if o.name in targets and not o.fixed and o.role != "drawer")
 
 
 def anchors(asked: Sequence[Asked]) -> frozenset[str]:
-    """Return the names of all targets that objects are only put beside, so that nothing has to touch them."""
+    """Return the names of the targets beside which objects are placed. Nothing has to touch these targets."""
     return frozenset(a.target for a in asked) - {a.target for a in asked if a.relation != BESIDE.name}
 
 
 def shut_drawers(asked: Sequence[Asked], state: WorldState) -> tuple[str, ...]:
-    """Return the names of all drawers that are closed in a state and not part of the instruction."""
+    """Return the names of the drawers that are closed in a state and are not part of the instruction."""
     named = _named(asked)
     drawers = [o.name for o in state.info.objects if o.role == "drawer" and o.name not in named]
     cabinets = [o.name for o in state.info.objects if any(r.name in MOUNTS for r in o.regions)]
@@ -139,10 +146,17 @@ def shut_drawers(asked: Sequence[Asked], state: WorldState) -> tuple[str, ...]:
 
 
 class HarmWatch:
-    """Harm detector for an episode. Pass it every state in order, starting at reset."""
+    """Detector of harm in an episode. It must be given every state in order, starting at reset."""
 
     def __init__(self, asked: Sequence[Asked], targets: Targets, info: SceneInfo, *, exclusive: bool) -> None:
-        """Prepare for an episode. If a template is not ``exclusive``, other objects may be at its targets."""
+        """Prepare for an episode.
+
+        Args:
+            asked: Subgoals of the condition.
+            targets: Targets that are watched.
+            info: The scene.
+            exclusive: Whether only requested objects may be at the targets.
+        """
         self._targets, self._exclusive = targets, exclusive
         self._asked = tuple(asked)
         self._watched = tuple(info.index(name) for name in bystanders(asked, info))
@@ -162,7 +176,10 @@ class HarmWatch:
         self._displaced: dict[str, None] = {}
 
     def see(self, state: WorldState, places: Places) -> None:
-        """Process a state, with the strict regions of all subjects."""
+        """Process the next state.
+
+        ``places`` contains, for each watched object in the right posture, the region in which it is.
+        """
         if not self._start:
             self._start = tuple(self._middle(state, i) for i in range(len(state.positions)))
             self._start_positions = tuple(state.positions)
@@ -173,7 +190,7 @@ class HarmWatch:
         positions, quaternions = state.positions, state.quaternions
         was, turned = self._before
         if positions == was and quaternions == turned:
-            return  # the center of an object that has not moved need not be computed at each control step
+            return  # An object that has not moved needs no new center, so that most control steps cost nothing.
         self._before = positions, quaternions
         for i in self._watched:
             if was and positions[i] == was[i] and quaternions[i] == turned[i]:
@@ -182,14 +199,14 @@ class HarmWatch:
                 self._displaced[state.info.objects[i].name] = None
 
     def _middle(self, state: WorldState, i: int) -> Vector:
-        """Return the center of an object. Knocking an object over moves the center sideways."""
+        """Return the center of an object. Unlike the base, it moves sideways when the object is knocked over."""
         return Pose(state.positions[i], state.quaternions[i]).apply(self._middles[i])
 
     def _moved(self, state: WorldState, i: int) -> float:
         return math.dist(self._middle(state, i), self._start[i])
 
     def found(self, state: WorldState, places: Places) -> tuple[Harm, ...]:
-        """Return the harm up to a processed state, or an empty tuple if there is none."""
+        """Return all harm up to the given state. The state must already have been processed."""
         floor = {name: Harm("on_the_floor", name) for name in self._loose if on_floor(state, name)}
         upright = [state.info.objects[i].name for i in self._watched]
         upright += self._targets.left_over(places)
@@ -208,7 +225,10 @@ class HarmWatch:
         return (*floor.values(), *over.values(), *moved, *there)
 
     def _out_of_place(self, state: WorldState) -> list[Harm]:
-        """Return moved targets, rotated objects and open drawers in a state, at most one harm per object."""
+        """Return the harm in a state: targets that were moved, objects that were rotated, and drawers that are open.
+
+        There is at most one harm for each object.
+        """
         objects = state.info.objects
         sorts: dict[str, HarmSort] = {
             objects[i].name: "left_open" for i in self._shut if self._moved(state, i) > LEFT_OPEN
@@ -225,37 +245,44 @@ class HarmWatch:
         return [Harm(sort, name) for name, sort in sorts.items()]
 
     def _at_target(self, state: WorldState, intruder: Intruder) -> Harm:
-        """Return the harm done by an uninstructed object at a target, depending on which of the two moved."""
+        """Return the harm of an object being at a target at which it was not requested.
+
+        The kind of harm depends on whether the object or the target was moved.
+        """
         moved, other = (
             self._moved(state, state.info.index(name)) > DISPLACED for name in (intruder.target, intruder.object)
         )
         return Harm("target_brought" if moved and not other else "at_the_target", *intruder)
 
     def _left_over_away(self, state: WorldState, places: Places) -> list[str]:
-        """Return surplus objects of a kind that are out of place at the end.
+        """Return the objects of a requested kind that are not needed (surplus) and are out of place in a state.
 
-        A surplus object may be taken and brought back.
+        A surplus object may be taken as long as it is brought back.
         """
         index = state.info.index
         return [name for name in self._targets.left_over(places) if self._moved(state, index(name)) > DISPLACED]
 
 
 def can_stand(thing: ObjectInfo) -> bool:
-    """Return whether an object is upright and can be knocked over, so that it is neither flat nor rolling."""
+    """Return whether an object can stand upright and be knocked over, i.e. whether it is not flat and does not roll."""
     width, depth, height = thing.size_m
     return thing.shape in STANDS_FROM and height >= STANDS_FROM[thing.shape] * min(width, depth)
 
 
 def has_upright(thing: ObjectInfo) -> bool:
-    """Return whether a person would put an object upright again, because it can stand or is a plate, a bowl or a drink.
+    """Return whether a person who found the object on its side would put it upright again.
 
-    Plates have the region "floor". Bowls and drinks are registered with ``keeps_upright``.
+    This is so if the object can stand, or if it is a plate, a bowl or a drink. Plates are recognized by their region
+    "floor". Bowls and drinks are registered with ``keeps_upright``.
     """
     return can_stand(thing) or thing.keeps_upright or any(region.name == "floor" for region in thing.regions)
 
 
 def has_direction(thing: ObjectInfo, least_by_shape: Mapping[str, float] = POINTS_FROM) -> bool:
-    """Return whether the rotation of an object is visible, because it is longer than wide or a box with a front."""
+    """Return whether one can see that an object was rotated.
+
+    One can see it if the object is longer than wide, or if it is a box with a front.
+    """
     width, depth, _ = thing.size_m
     least = least_by_shape.get(thing.shape)
     if least is None:
@@ -264,10 +291,10 @@ def has_direction(thing: ObjectInfo, least_by_shape: Mapping[str, float] = POINT
 
 
 def is_turned_away(thing: ObjectInfo, before: Pose, after: Pose, *, target: bool) -> bool:
-    """Return whether an object that stays near its place was rotated so far that a person would put it back.
+    """Return whether an object that stays near its place was rotated so far that a person would turn it back.
 
-    Either its ends moved by the rotation alone, or a push and a rotation together moved its outermost point too far.
-    The latter does not apply to targets, which may be pushed farther.
+    Either the rotation alone moved the ends of the object too far, or a push and a rotation together moved the
+    outermost point too far. The second rule does not apply to targets, because these may be pushed farther.
     """
     if way_of_ends(thing, before.quaternion, after.quaternion) > TURNED:
         return True
@@ -275,38 +302,39 @@ def is_turned_away(thing: ObjectInfo, before: Pose, after: Pose, *, target: bool
 
 
 def way_of_outermost(thing: ObjectInfo, before: Pose, after: Pose) -> float:
-    """Return the displacement of the outermost point of a rotated object: a corner, or the handle of a mug [m].
+    """Return how far the outermost point of an object moved [m], for example a corner or the handle of a mug.
 
-    The result is 0 for an object whose rotation is not visible, or with a changed tilt (lifted or knocked over).
+    This is 0 for an object whose rotation is not visible, or whose tilt has changed because it was lifted or knocked
+    over.
     """
     if not has_direction(thing, HANDLE_FROM) or _is_tipped(before.quaternion, after.quaternion):
         return 0.0
     half_x, half_y, half_z = (0.5 * size for size in thing.size_m)
     points = tuple((x, y) for x in (-half_x, half_x) for y in (-half_y, half_y))
-    if thing.shape == "cylinder":  # the corners of its box are not on the object
+    if thing.shape == "cylinder":  # the corners of the bounding box are not on the object
         points = ((-half_x, 0.0), (half_x, 0.0), (0.0, -half_y), (0.0, half_y))
     middle = (0.0, 0.0, half_z)
     dx, dy, dz = (b - a for a, b in zip(before.apply(middle), after.apply(middle), strict=True))
     was, now = yaw_of(before.quaternion), yaw_of(after.quaternion)
-    # a point moves with the middle, and on a circle around it
+    # A point moves together with the center, and on a circle around it.
     cos, sin = math.cos(now) - math.cos(was), math.sin(now) - math.sin(was)
     return max(math.hypot(dx + cos * x - sin * y, dy + sin * x + cos * y, dz) for x, y in points)
 
 
 def way_of_ends(thing: ObjectInfo, before: Quaternion, after: Quaternion) -> float:
-    """Return the displacement of an object's corners by its rotation about the vertical [m].
+    """Return how far the corners of an object moved because of its rotation about the vertical axis [m].
 
-    The result is 0 for an object without a direction, or with a changed tilt (lifted or knocked over).
+    This is 0 for an object without a direction, or whose tilt has changed because it was lifted or knocked over.
     """
     if not has_direction(thing) or _is_tipped(before, after):
         return 0.0
     width, depth, _ = thing.size_m
-    # a corner moves along the circle through the corners: the chord of the rotation angle
+    # A corner moves along the circle through the corners. The distance is the chord of the rotation angle.
     return math.hypot(width, depth) * abs(math.sin(0.5 * (yaw_of(after) - yaw_of(before))))
 
 
 def _is_tipped(before: Quaternion, after: Quaternion) -> bool:
-    """Return whether the tilt changed as far as that of an object that was knocked over."""
+    """Return whether the tilt of an object changed so much that the object counts as knocked over."""
     return abs(tilt_of(after) - tilt_of(before)) > THRESHOLDS.knocked_tilt
 
 

@@ -1,9 +1,9 @@
-"""Incremental judging: a predicate is evaluated again only if the state that it reads has changed.
+"""Incremental judging: a predicate is evaluated again only if the part of the state that it reads has changed.
 
-At most control steps, at most one object moves. Incremental judging lets ``GoalTracker.update`` take 10.0 µs per state
-instead of 21.4 µs, on the expert's states in all ten tasks (2026-11-28: 40 recorded episodes, minimum CPU time of five
-rounds in one process, mean over the tasks). A control step takes 1.1 ms. The verdicts are identical
-(``tests/tasks/test_incremental.py``).
+In most control steps, at most one object moves. With incremental judging, ``GoalTracker.update`` takes 10.0 µs per
+state instead of 21.4 µs. This was measured on the expert's states in all ten tasks (2026-11-28: 40 recorded episodes,
+minimum CPU time of five rounds in one process, mean over the tasks). A control step takes 1.1 ms. The verdicts are
+identical (``tests/tasks/test_incremental.py``).
 """
 
 from __future__ import annotations
@@ -17,17 +17,18 @@ from betterbench.tasks.judging.targets import Places, Targets
 from betterbench.tasks.judging.truth import Truth
 
 _HELD, _ANY_OBJECT, _ANYTHING = "<held>", "<any object>", "<anything>"
-"""Marks for parts of the state besides single bodies: the held object, all poses, or fields that always differ."""
+"""Marks for parts of the state that are not single bodies: the held object, all poses, and always different fields."""
 
 
 class JudgingMemory:
-    """Cache of the target regions of all subjects and of the results derived from them.
+    """Cache of the target regions of all watched objects, and of the results derived from them.
 
-    Pass every state of an episode in order, starting at reset.
+    It must be given every state of an episode in order, starting at reset.
 
     Attributes:
         relations: Whether each predicate holds in the last state.
-        truth: Goal state of the last state if nothing has changed since, or None otherwise. The tracker sets it.
+        truth: Goal state that was computed for the last state, or None if something has changed since. The tracker sets
+            it.
     """
 
     def __init__(self, targets: Targets) -> None:
@@ -48,7 +49,7 @@ class JudgingMemory:
         self.truth: Truth | None = None
 
     def places(self, state: WorldState) -> Places:
-        """Return the strict region of every subject in the next state."""
+        """Return the region in which each watched object is in the next state."""
         before, self._state = self._state, state
         if before is None:
             self._ask(state, range(len(self._pairs)))
@@ -63,7 +64,7 @@ class JudgingMemory:
         return self._places
 
     def _ask(self, state: WorldState, due: Iterable[int]) -> None:
-        """Evaluate the predicates of some pairs."""
+        """Evaluate the predicates again for the given pairs of object and target."""
         moved, noting = not self._places, self._noting
         noting.state, read = state, noting.read
         for number in due:
@@ -79,7 +80,7 @@ class JudgingMemory:
             self.relations = self._targets.relations(self._places)
 
     def _note(self, number: int, read: frozenset[str]) -> None:
-        """Store which parts of the state a pair's predicate has read."""
+        """Store which parts of the state the predicate has read for a pair of object and target."""
         before, self._read[number] = self._read[number], read
         for name in before - read:
             self._readers[name].discard(number)
@@ -88,13 +89,10 @@ class JudgingMemory:
 
 
 class _NotingState(WorldState):
-    """State proxy that records the poses and contacts that a predicate reads.
+    """Stand-in for a state that records the poses and contacts which a predicate reads.
 
-    A predicate that calls an unlisted method or reads a complete field is evaluated more often than necessary. It is
-    never evaluated too rarely.
-
-    A predicate that calls an unlisted method or reads a complete field is evaluated more often than necessary, but
-    never too rarely.
+    If a predicate calls a method that is not listed here, or reads a complete field, it is evaluated more often than
+    necessary, but never too rarely.
     """
 
     __slots__ = ("read", "state")
@@ -129,7 +127,7 @@ class _NotingState(WorldState):
 
 
 def _noting(field: str, note: str) -> property:
-    """Return a property that reads a field of a state and records the read."""
+    """Return a property that reads a field of the state and records that it was read."""
 
     def read(state: _NotingState) -> object:
         state.read.add(note)
@@ -147,7 +145,8 @@ for _field in fields(WorldState):
 def _changed(before: WorldState, now: WorldState) -> set[str]:
     """Return the differences between two states that can affect a judgment.
 
-    The result contains the names of bodies with another pose or other contacts, and marks for other differences.
+    The result contains the names of the bodies whose pose or contacts differ. Other differences are represented by
+    special names.
     """
     changed: set[str] = set()
     if before.positions != now.positions or before.quaternions != now.quaternions:
@@ -165,7 +164,7 @@ def _changed(before: WorldState, now: WorldState) -> set[str]:
 
 
 def _same_pairs(before: Sequence[Contact], now: Sequence[Contact]) -> bool:
-    """Return whether the same pairs touch in both states, regardless of force."""
+    """Return whether the same pairs of bodies touch in both states, regardless of the force."""
     if before is now:
         return True
     if len(before) != len(now):

@@ -1,4 +1,4 @@
-"""Motion of gripper and objects so far, as arrays. It is used to detect grasp attempts, live and in records."""
+"""Motion of the gripper and the objects so far, as arrays. Grasp attempts are detected in it, live and in records."""
 
 from __future__ import annotations
 
@@ -19,20 +19,22 @@ Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion of an episode, or its beginning, as arrays with ``T`` rows and ``n`` objects (world frame, m, s).
+    """Motion of an episode, or of its beginning, as arrays with ``T`` rows and ``n`` objects (world frame, m, s).
 
     Attributes:
-        tool: (T, 3) tool center point.
-        width: (T,) opening width.
-        closing: (T,) whether the gripper is commanded to close, or kept closed.
-        positions: (T, n, 3) object positions (center of the bottom face).
-        quaternions: (T, n, 4) object rotations (w, x, y, z).
+        info: The scene.
+        rate_hz: Control rate.
+        tool: (T, 3) position of the tool center point.
+        width: (T,) width of the gripper's opening.
+        closing: (T,) whether the gripper is commanded to close, or to stay closed.
+        positions: (T, n, 3) positions of the objects (center of the bottom face).
+        quaternions: (T, n, 4) rotations of the objects (w, x, y, z).
         left: (T, n) whether the left finger touches the object.
-        right: (T, n) whether the right finger touches it.
+        right: (T, n) whether the right finger touches the object.
         held: (T,) index of the held object, or -1.
         force: (T, n) largest normal force with which a finger presses on the object [N].
-        there: (T, n) whether the object is in a region of any target, instructed or not. Closed drawers are left out.
-        picked: Slots from which training picked an object.
+        there: (T, n) whether the object is in a region of any target, requested or not. Closed drawers are left out.
+        picked: Slots from which training picks an object.
     """
 
     info: SceneInfo
@@ -51,26 +53,26 @@ class Motion:
 
     @property
     def rows(self) -> int:
-        """Number of rows."""
+        """Number of rows, one for each state."""
         return int(self.tool.shape[0])
 
     @property
     def items(self) -> tuple[int, ...]:
-        """Indices of graspable objects: items, distractors and drawers."""
+        """Indices of the objects that can be grasped: items, distractors and drawers."""
         return graspable(self.info)
 
     @property
     def pick_slots(self) -> tuple[str, ...]:
-        """Slot names, except those of containers and fixtures."""
+        """Names of all slots except those occupied by containers and fixtures."""
         stands = {o.slot for o in self.info.objects if o.role in ("container", "fixture")}
         return tuple(s.name for s in self.info.slots if s.name not in stands)
 
     def steps(self, seconds: float) -> int:
-        """Return the number of control steps in a time, at least one."""
+        """Return the number of control steps in a duration, but at least one."""
         return max(1, round(seconds * self.rate_hz))
 
     def on_table(self, row: int, i: int) -> bool:
-        """Return whether an object has not fallen off the table."""
+        """Return whether an object is at or above the height of the table, i.e. has not fallen off."""
         return bool(self.positions[row, i, 2] > -THRESHOLDS.fallen_below)
 
     def is_drawer(self, i: int | None) -> bool:
@@ -78,32 +80,35 @@ class Motion:
         return i is not None and self.info.objects[i].role == "drawer"
 
     def box_distances(self, row: int, point: Floats) -> Floats:
-        """Return the distance of a point to every object's oriented bounding box, shape (n,)."""
+        """Return the distance from a point to the oriented bounding box of every object [m], shape (n,)."""
         return box_distances(self.info.objects, self.positions[row], self.quaternions[row], point)
 
     def sideways_distances(self, row: int, point: Floats) -> Floats:
-        """Return the distance of a point to every object's oriented bounding box as seen from above [m], shape (n,).
+        """Return the distance from a point to every oriented bounding box, seen from above [m], shape (n,).
 
-        The point is compared at half the height of each object. The result is exact for objects that stand upright.
+        The point is moved to half the height of each object. The result is exact for objects that stand upright.
         """
         positions = self.positions[row].copy()
         positions[:, 2] = point[2] - np.array([0.5 * o.size_m[2] for o in self.info.objects])
         return box_distances(self.info.objects, positions, self.quaternions[row], point)
 
     def center_distances(self, row: int, point: Floats) -> Floats:
-        """Return the horizontal distance [m] of a point to every object, shape (n,)."""
+        """Return the horizontal distance from a point to the position of every object [m], shape (n,)."""
         distances: Floats = np.linalg.norm(self.positions[row, :, :2] - point[:2], axis=1)
         return distances
 
     def within_reach(self, row: int, point: Floats) -> Bools:
-        """Return a mask (n,) of objects that a gripper at a point could close on, near the box or above the center."""
+        """Return whether a gripper at a given point could close on each object, shape (n,).
+
+        The gripper must be near the object's bounding box, or close to its center as seen from above.
+        """
         boxes, centers = self.box_distances(row, point), self.center_distances(row, point)
         return in_reach(boxes, centers)
 
     def slot_of(self, row: int, i: int, reach: float) -> str | None:
-        """Return the slot that contains an object.
+        """Return the slot in which an object is, or None.
 
-        The start slot has priority, because slots of two layouts may overlap.
+        The slot in which the object started takes precedence, because slots of two layouts may overlap.
         """
         own = self.info.objects[i].slot
         if own in self.pick_slots:
@@ -113,12 +118,15 @@ class Motion:
         return self.slot_near(self.positions[row, i], reach)
 
     def place_of(self, slot: str) -> str:
-        """Return the representative of a slot, which is the first slot that the same motion would reach."""
+        """Return the slot that represents the given slot in rules about motions.
+
+        If several slots are reached by the same motion, they are represented by the first of them.
+        """
         at = {s.name: s.position[:2] for s in self.info.slots}
         return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)
 
     def slot_near(self, point: Floats, reach: float) -> str | None:
-        """Return the nearest pick slot within a horizontal distance of a point, or None."""
+        """Return the nearest slot within a horizontal distance of a point, or None. Slots of fixtures do not count."""
         best: tuple[float, str] | None = None
         for name in self.pick_slots:
             x, y, _ = self.info.slot(name).position
@@ -128,14 +136,15 @@ class Motion:
         return None if best is None else best[1]
 
     def picked_slot(self, name: str | None) -> PickedSlot | None:
-        """Return a slot from which training picked an object, by the slot name, or None."""
+        """Return the slot with this name if training picks an object from it, otherwise None."""
         return next((slot for slot in self.picked if slot.name == name), None)
 
     def emptied_slot(self, row: int, point: Floats) -> str | None:
         """Return the empty slot at which an empty gripper closes, or None.
 
-        This is the training slot nearest to the point, measured from the closing points of demonstrations, within
-        ``empty_slot_reach``. It must be empty, and no object may be nearer to the point.
+        This is the slot nearest to the gripper, measured from the points at which demonstrations close the gripper in
+        the slot. The distance must be at most ``empty_slot_reach``, the slot must be empty, and no object may be
+        nearer.
         """
         near = []
         for slot in self.picked:
@@ -149,7 +158,7 @@ class Motion:
         return None if any(gaps[i] < beyond and self.on_table(row, i) for i in range(len(gaps))) else name
 
     def _stands_in(self, row: int, slot: PickedSlot) -> bool:
-        """Return whether a slot contains a graspable object."""
+        """Return whether a slot contains an object that can be grasped."""
         gaps = np.linalg.norm(self.positions[row, :, :2] - np.array(slot.middle), axis=1)
         return any(
             gaps[i] <= THRESHOLDS.slot_reach and not self.there[row, i] and self.on_table(row, i) for i in self.items
@@ -157,18 +166,18 @@ class Motion:
 
 
 def graspable(info: SceneInfo) -> tuple[int, ...]:
-    """Return the indices of graspable objects: items, distractors and drawers that are not fixed."""
+    """Return the indices of the objects that can be grasped: items, distractors and drawers that are not fixed."""
     roles = ("item", "distractor", "drawer")
     return tuple(i for i, o in enumerate(info.objects) if o.role in roles and not o.fixed)
 
 
 def box_distances(objects: Sequence[ObjectInfo], positions: Floats, quaternions: Floats, point: Floats) -> Floats:
-    """Return the distance [m] of a point to every object's oriented bounding box, shape (n,).
+    """Return the distance from a point to the oriented bounding box of every object [m], shape (n,).
 
     Args:
         objects: The n objects.
-        positions: (n, 3) centers of their bottom faces [m], world frame like everything here.
-        quaternions: (n, 4) their rotations (w, x, y, z).
+        positions: (n, 3) centers of the objects' bottom faces [m]. All positions are in the world frame.
+        quaternions: (n, 4) rotations of the objects (w, x, y, z).
         point: (3,) the point [m].
     """
     # In floats, because arrays of a few objects take four times as long.
@@ -190,21 +199,21 @@ def box_distances(objects: Sequence[ObjectInfo], positions: Floats, quaternions:
 
 
 def in_reach(boxes: Floats, centers: Floats) -> Bools:
-    """Return a mask of objects that a closing gripper attempts, from distances [m] to object boxes and centers."""
+    """Return whether a closing gripper attempts each object, given its distances to the object's box and center [m]."""
     near: Bools = (boxes <= THRESHOLDS.grasp_reach) | (np.maximum(centers, boxes) <= THRESHOLDS.slot_reach)
     return near
 
 
 def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: float) -> Bools:
-    """Return for each row whether the command closes the gripper, or keeps it closed by a zero command, shape (T,).
+    """Return whether the gripper is commanded to close, or is kept closed by a zero command, at each row (T,).
 
-    The result follows the majority of commands within a quarter second, so flicker or pulses do not hide a closing.
-    Fingers that stay half open for longer without contact have not closed, because the gripper was preshaped to an
-    object's width.
+    The result follows the majority of the commands within a quarter of a second, so that flicker or short pulses do not
+    hide a closing. If the fingers stay half open for longer without touching anything, they have not closed. The policy
+    has then only set the gripper to the width of an object.
 
     Args:
-        command: Command of the gripper, above 0 to close, below to open.
-        width: Opening width [m].
+        command: Command of the gripper. It is positive to close and negative to open.
+        width: Width of the opening [m].
         touching: Whether a finger touches an object.
         rate_hz: Control rate.
     """
@@ -219,17 +228,18 @@ def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: floa
 
 
 def _told(command: Floats) -> Bools:
-    """Return whether the last nonzero command was to close."""
+    """Return whether the last nonzero command was to close, for each row."""
     last = np.maximum.accumulate(np.where(command != 0.0, np.arange(command.shape[0]), -1))
     told: Bools = np.where(last >= 0, command[last] > 0.0, False)
     return told
 
 
 def _most_told(told: Bools, window: int) -> Bools:
-    """Return the clear majority of the commands around each row, or else the previous value.
+    """Return the clear majority of the commands around each row. Without a clear majority, the previous value is kept.
 
-    A majority is clear if it exceeds the other side by more than half of the rows, such as four out of five. A change
-    is dated to the beginning of its commands, so commands without noise are returned unchanged.
+    A majority is clear if it exceeds the minority by more than half of the rows, such as four out of five. When the
+    majority changes, the change is placed at the row at which the new commands begin, so that commands without noise
+    are returned unchanged.
     """
     if not (told[1:] != told[:-1]).any():
         return told
@@ -248,13 +258,13 @@ def _most_told(told: Bools, window: int) -> Bools:
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:
-    """Return the first row of each run of true flags, and the row after its last row."""
+    """Return each run of true flags, given by its first row and the row after its last row."""
     starts, stops = (np.flatnonzero(np.diff(flags, prepend=False, append=False))[k::2].tolist() for k in (0, 1))
     return list(zip(starts, stops, strict=True))
 
 
 def _lasting(flags: Bools, least: int) -> Bools:
-    """Return the flags without runs shorter than ``least`` rows, except a run at the end."""
+    """Set runs of True that are shorter than ``least`` rows to False. A run at the end is kept."""
     lasting = flags.copy()
     for start, stop in _runs(flags):
         if stop - start < least and stop < len(flags):
@@ -263,7 +273,7 @@ def _lasting(flags: Bools, least: int) -> Bools:
 
 
 class MotionBuilder:
-    """Incremental builder of a :class:`Motion`."""
+    """Builder of a :class:`Motion` that grows with each state."""
 
     def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
         self._info, self._rate_hz, self._picked = info, rate_hz, picked
@@ -271,12 +281,12 @@ class MotionBuilder:
         self._there: list[list[bool]] = []
 
     def append(self, state: WorldState, there: list[bool]) -> None:
-        """Append the next state, with whether each object is in some target region."""
+        """Append the next state. ``there`` lists, for each object, whether it is in a region of any target."""
         self._states.append(state)
         self._there.append(there)
 
     def motion(self) -> Motion:
-        """Return the motion so far."""
+        """Return the motion up to the last state that was appended."""
         states, n = self._states, len(self._info.objects)
         number = {o.name: i for i, o in enumerate(self._info.objects)}
         left, right = (np.zeros((len(states), n), dtype=np.bool_) for _ in range(2))

@@ -1,9 +1,11 @@
-"""Expected closing points of the gripper in a task's slots, to be compared with empty grasps.
+"""Points at which the gripper is expected to close in the slots of a task.
 
-The expert does not close at the center of every slot. It grasps a mug at its handle, cutlery at its grip and a plate at
-its rim, 3 to 8 cm from the center. The points come from the assets' annotated grasps in the expert's order, rotated
-with the slot. ``tools/closing_points.py`` writes the file. Because no demonstrations are measured, the points are also
-available for user tasks with library objects.
+If the gripper closes without an object, its position is compared with these points.
+
+The expert does not close at the center of every slot. It grasps a mug at the handle, cutlery at the grip and a plate at
+the rim, 3 to 8 cm from the center. The points are derived from the annotated grasps of the assets, in the expert's
+order of preference, and are rotated with the slot. ``tools/closing_points.py`` writes the file. Because no
+demonstrations need to be measured, the points are also available for a user's tasks with objects of the library.
 """
 
 from __future__ import annotations
@@ -29,7 +31,13 @@ FORM: Literal["betterbench closing points"] = "betterbench closing points"
 
 
 class ClosingPoint(NamedTuple):
-    """Closing point of a category's preferred grasp in the object's frame, and its variation over the looks [mm]."""
+    """Point at which the gripper closes in the preferred grasp of a category of objects, in the frame of the object.
+
+    Attributes:
+        x_mm: x coordinate of the point [mm].
+        y_mm: y coordinate of the point [mm].
+        spread_mm: Variation of the point over the variants of the object [mm].
+    """
 
     x_mm: float
     y_mm: float
@@ -39,7 +47,7 @@ class ClosingPoint(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ClosingPoints:
-    """File with the closing points of preferred grasps, by asset category."""
+    """File with the points at which the gripper closes in preferred grasps, by category of the asset."""
 
     categories: Mapping[str, tuple[ClosingPoint, ...]]
     form: Literal["betterbench closing points"] = FORM
@@ -47,12 +55,14 @@ class ClosingPoints:
 
 @dataclass(frozen=True, slots=True)
 class PickedSlot:
-    """Scene slot from which demonstrations picked an object.
+    """Slot of the scene from which demonstrations pick an object.
 
     Attributes:
-        middle: Center of the slot, x and y [m], world frame.
-        closings: Closing points in the demonstrations, starting with the slot center. Each has x and y in the world
-            frame, and the spread from the slot's jitter and the objects' looks [m].
+        name: Name of the slot.
+        middle: Center of the slot, x and y in the world frame [m].
+        closings: Points at which demonstrations close the gripper, starting with the center of the slot. Each has x and
+            y in the world frame, and a spread due to the jitter of the slot and the different variants of the object
+            [m].
     """
 
     name: str
@@ -60,11 +70,14 @@ class PickedSlot:
     closings: tuple[tuple[float, float, float], ...]
 
     def beyond(self, point: Sequence[float]) -> float:
-        """Return the distance from a point to the region of closing points [m], seen from above, or 0 inside."""
+        """Return how far a point is outside the region in which demonstrations close the gripper, seen from above [m].
+
+        This is 0 for a point inside the region.
+        """
         return max(0.0, min(math.dist(point[:2], (x, y)) - spread for x, y, spread in self.closings))
 
     def is_met(self, point: Sequence[float]) -> bool:
-        """Return whether an empty grasp at a point may be aimed at the slot."""
+        """Return whether a gripper that closes on nothing at a point may have been aimed at this slot."""
         return self.beyond(point) <= EMPTY_SLOT_REACH
 
 
@@ -75,7 +88,7 @@ _CURE = "Write them again with tools/closing_points.py"
 
 @functools.lru_cache(maxsize=1)
 def closing_points() -> Mapping[str, tuple[ClosingPoint, ...]]:
-    """Return the closing points of the library by category.
+    """Return the points at which the gripper closes in preferred grasps, by category of the asset.
 
     Raises:
         InvalidInputError: If the packaged file is damaged.
@@ -87,11 +100,11 @@ def closing_points() -> Mapping[str, tuple[ClosingPoint, ...]]:
 
 
 def picked_slots(task: str, info: SceneInfo) -> tuple[PickedSlot, ...]:
-    """Return the slots from which training picked an object, in scene order.
+    """Return the slots from which training picks an object, in the order of the scene.
 
     Args:
-        task: Task id. An unknown task has no picked slots.
-        info: The scene with the slot positions.
+        task: Id of the task. For an unknown task, the result is empty.
+        info: The scene with the positions of the slots.
     """
     try:
         known = get_task(task)
@@ -117,7 +130,7 @@ def picked_slots(task: str, info: SceneInfo) -> tuple[PickedSlot, ...]:
 
 
 def _picked_categories(task: Task) -> dict[str, set[str]]:
-    """Return the categories of the objects picked in training, by slot."""
+    """Return the categories of the objects that training picks from each slot, by slot name."""
     picked: dict[str, set[str]] = {}
     for condition in task.training:
         for goal in condition.instruction.subgoals:

@@ -1,4 +1,4 @@
-"""Check that the initial scene of an episode fulfills the premises of the instruction."""
+"""Check that the initial scene of an episode satisfies the premises of the instruction."""
 
 from collections import Counter
 
@@ -10,11 +10,14 @@ from betterbench.tasks.relations import RELATIONS, relation, upright
 from betterbench.tasks.relations.closed import GAP, opening_m
 
 SLOT_TOLERANCE_M = 0.04
-"""Distance from its slot beyond which an object is outside [m]: the jitter (15 mm a side) and a margin for settling."""
+"""Distance from its slot beyond which an object counts as outside the slot [m].
+
+It is the jitter (15 mm to each side) and a margin for settling.
+"""
 
 
 def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
-    """Return the violated premises of the instruction in the scene at reset, one sentence each."""
+    """Describe the premises of the instruction that the scene at reset violates, in one sentence each."""
     problems: list[str] = []
     info = state.info
     for name, slot in condition.layout.items():
@@ -24,7 +27,7 @@ def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
     for o in info.objects:
         place = condition.preplaced.get(o.name)
         if place is not None and shared[place] > 1:
-            continue  # objects that a demonstration left in one container lean on each other
+            continue  # objects that a demonstration left together in one container lean on each other
         if not o.fixed and not upright(state, o.name):
             problems.append(f"{o.name} does not stand upright")
     for name, place in condition.preplaced.items():

@@ -1,4 +1,4 @@
-"""Interactions that are forbidden if the policy should stay still, or if the requested object is absent."""
+"""Interactions that are forbidden if the policy should stay still, or if a requested object is absent."""
 
 from __future__ import annotations
 
@@ -16,15 +16,19 @@ from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 
 
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
-    """Return the indices of the objects that a refusal must not touch, because they are not in the instruction.
+    """Return the indices of the objects that must not be touched in a refusal, as the instruction does not name them.
 
-    Drawers and targets may be touched, because the policy may put away requested objects that exist.
+    Drawers and targets may be touched, because the policy may put away those requested objects that exist.
     """
     return tuple(i for i in graspable(info) if i not in asked and info.objects[i].role != "drawer")
 
 
 def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int, ...]) -> int | None:
-    """Return the forbidden object of a grasp attempt, which was touched, missed, or absent from its attempted slot."""
+    """Return the forbidden object that a grasp attempt is at, or None.
+
+    The object may have been touched or missed. It may also have been moved away earlier from the slot at which the
+    attempt is made.
+    """
     at = grasp.object if grasp.object is not None else grasp.aim
     if at is not None:
         return at if at in forbidden else None
@@ -34,13 +38,13 @@ def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int,
 def hovered_over(
     info: SceneInfo, tool: Floats, positions: Floats, quaternions: Floats, forbidden: tuple[int, ...]
 ) -> int | None:
-    """Return the nearest forbidden object that a gripper could close on, or None.
+    """Return the nearest forbidden object on which the gripper could close, or None if none is within reach.
 
     Args:
         info: The scene.
-        tool: (3,) tool center point [m], world frame.
-        positions: (n, 3) object positions [m].
-        quaternions: (n, 4) object rotations.
+        tool: (3,) tool center point in the world frame [m].
+        positions: (n, 3) positions of the objects [m].
+        quaternions: (n, 4) rotations of the objects.
         forbidden: Indices of the forbidden objects.
     """
     boxes = box_distances(info.objects, positions, quaternions, tool)
@@ -49,10 +53,10 @@ def hovered_over(
 
 
 def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
-    """Return the first and last row of the first stay of an open, empty gripper near a forbidden object.
+    """Return the first interval in which the open, empty gripper stays near a forbidden object.
 
     Returns:
-        The two rows and the object index, or None if there was no such stay.
+        The first and last row of the interval and the index of the object, or None if there is no such interval.
     """
     since = None
     for row in range(motion.rows):
@@ -71,12 +75,13 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
 
 
 def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
-    """Return the first closing motion of a moving gripper whose fingers passed within reach of a forbidden object.
+    """Return the first interval in which a moving gripper closes while it passes within reach of a forbidden object.
 
-    At other objects, such motions do not reveal the intended object. At forbidden objects, they are not allowed.
+    At other objects, closing in passing does not show which object was intended. At forbidden objects, it is not
+    allowed.
 
     Returns:
-        Its first and last row and the object index, or None if there is none.
+        The first and last row of the interval and the index of the object, or None if there is no such interval.
     """
     for first, last in find_closings_in_motion(motion):
         for row in range(first, last + 1):
@@ -89,18 +94,18 @@ def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple
 
 
 def moved_from_start(motion: Motion) -> Bools:
-    """Return whether each loose object is away from its start, shape (rows, n)."""
+    """Return whether each loose object is away from where it started, shape (rows, n)."""
     away: Bools = np.linalg.norm(motion.positions - motion.positions[0], axis=2) > MOVED
     away[:, [o.fixed for o in motion.info.objects]] = False
     return away
 
 
 _ROWS_BETWEEN = 5
-"""Interval between checks of the complete motion while the gripper stays near an object [control steps]."""
+"""Interval at which the whole motion is checked while the gripper stays near an object [control steps]."""
 
 
 class Restraint:
-    """Tracker for an episode with forbidden objects. Pass it every state in order, starting at reset."""
+    """Tracker of forbidden interactions in an episode. It must be given every state in order, starting at reset."""
 
     def __init__(
         self,
@@ -119,8 +124,9 @@ class Restraint:
             info: The scene.
             asked: Indices of the objects that may be taken in a refusal.
             rate_hz: Control rate.
-            step_limit: Control steps after which the episode ends.
-            picked: Slots from which training picked an object. Closing on nothing at one of them is an attempt.
+            step_limit: Number of control steps after which the episode ends.
+            picked: Slots from which training picks an object. Closing the gripper on nothing in one of these slots is
+                an attempt as well.
         """
         self._limit, self._rate_hz = step_limit, rate_hz
         self._still = still = expected is Expected.STAY_STILL
@@ -139,9 +145,10 @@ class Restraint:
         return [info.objects[i].name for i in self._forbidden]
 
     def breaks(self, state: WorldState, there: list[bool]) -> bool:
-        """Process the next state.
+        """Process the next state, and return whether a forbidden interaction has happened so far.
 
-        Returns whether a forbidden object was touched, moved or attempted, or the gripper stays near it.
+        An interaction is forbidden if a forbidden object was touched, moved or attempted, or if the gripper stays near
+        it.
 
         Args:
             state: The next state.
@@ -167,23 +174,24 @@ class Restraint:
         )
 
     def _moved(self, state: WorldState) -> bool:
-        """Return whether an object that must not be touched is away from its start."""
+        """Return whether any object that must not be moved is away from where it started."""
         if not self._still or state.positions == self._start:
             return False
         return any(distance(state.positions[i], self._start[i]) > MOVED for i in self._loose)
 
     def _is_near(self, state: WorldState) -> bool:
-        """Return whether an empty gripper could be within reach of a forbidden object."""
+        """Return whether an empty gripper may be within reach of a forbidden object."""
         place = state.ee_pose.position
         return state.held is None and any(
             distance(place, state.positions[i]) <= reach for i, reach in zip(self._forbidden, self._reach, strict=True)
         )
 
     def _has_to_look(self, state: WorldState) -> bool:
-        """Return whether to check the complete motion now. A check at every control step would take too long.
+        """Return whether the whole motion has to be checked now. Checking it at every control step would take too long.
 
-        The motion is checked at the last step, at the end of a closing (including chatter), after the time to resolve
-        an attempt, and regularly while the gripper stays near an object.
+        The motion is checked at the last step, when the gripper has finished closing (including chatter), and after the
+        time in which an attempt is resolved. It is also checked at regular intervals while the gripper stays near an
+        object.
         """
         span = THRESHOLDS.attempt_window if self._closing else THRESHOLDS.chatter_time
         resolved = self._changed > 0 and self._row - self._changed == math.ceil(round(span * self._rate_hz, 6))

@@ -1,4 +1,4 @@
-"""Objects at a condition's targets: requested objects and intruders."""
+"""Objects at the targets of a condition, both those that were requested and those that were not (intruders)."""
 
 from __future__ import annotations
 
@@ -11,16 +11,22 @@ from betterbench.tasks.condition import Condition
 from betterbench.tasks.relations import Relation, is_at, relation
 
 Places = tuple[tuple[str | None, ...], ...]
-"""Region of each subject by watched target: one region, several if regions overlap, or None."""
+"""Region in which each watched object is, for each watched target.
+
+It is one region, the names of several if regions overlap, or None.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Subgoal with the object names of a scene.
+    """Subgoal of a condition, in which the objects are given by their names in the scene.
 
     Attributes:
-        candidates: Objects to which the subgoal can refer.
-        count: Required number of them.
+        relation: Name of the relation.
+        target: Name of the target.
+        region: Region of the target.
+        candidates: Names of the objects to which the subgoal may refer.
+        count: How many of these objects must be at the target.
     """
 
     relation: str
@@ -31,14 +37,14 @@ class Asked:
 
 
 def asked_by(condition: Condition) -> tuple[Asked, ...]:
-    """Return a condition's subgoals, with object names of its scene."""
+    """Return the subgoals of a condition, with the names of the objects in the scene."""
     goals = condition.instruction.subgoals
     return tuple(Asked(g.relation, g.target, g.region, condition.resolve(g.reference), g.count) for g in goals)
 
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """Watched target, with the relation, the objects whose region is tracked, and the regions of the target by name."""
+    """Target that is watched, with a relation, the objects whose region is tracked, and its regions by name."""
 
     relation: Relation
     target: str
@@ -47,12 +53,13 @@ class Watch:
 
 
 class Due(NamedTuple):
-    """Requirement of a subgoal: a minimum number of candidate objects in a region of a watched target.
+    """Requirement of a subgoal: a minimum number of objects that must be in a region of a watched target.
 
     Attributes:
         watch: Index of the watched target.
-        candidates: Indices, among the subjects, of the subgoal's possible objects.
-        least: Required number of them.
+        region: Region of the target.
+        candidates: Indices of the objects that count, among the tracked objects of the target.
+        least: How many of these objects must be in the region.
     """
 
     watch: int
@@ -62,7 +69,7 @@ class Due(NamedTuple):
 
 
 class Intruder(NamedTuple):
-    """An object at a target where it was not requested, or in excess of the requested number."""
+    """Object at a target at which it was not requested, or at which there are more objects than requested."""
 
     object: str
     target: str
@@ -73,18 +80,24 @@ class Targets:
     """Watched targets: the requested targets, and other targets of the same kind in the scene."""
 
     def __init__(self, asked: Sequence[Asked], info: SceneInfo, *, placing: str) -> None:
-        """Prepare the check. ``placing`` is the relation for which uninstructed objects at the target are intruders."""
+        """Prepare the check.
+
+        Args:
+            asked: Subgoals of the condition.
+            info: The scene.
+            placing: Name of the relation by which objects count as intruders if they were not requested at a target.
+        """
         self.info, self.watches = info, _watches(asked, info)
         self.due = tuple(self._due(a) for a in asked)
         self._placing = placing
         self._allowed = self._what_is_allowed()
 
     def places(self, state: WorldState) -> Places:
-        """Return the strict region of every subject."""
+        """Return the region in which each tracked object is, or None for an object that is not in the right posture."""
         return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
 
     def relations(self, places: Places) -> tuple[bool, ...]:
-        """Return whether each predicate holds, by target, subject and region."""
+        """Return whether each predicate holds. The order is by target, then by object, then by region."""
         return tuple(
             is_at(place, region)
             for watch, there in zip(self.watches, places, strict=True)
@@ -93,9 +106,14 @@ class Targets:
         )
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
-        """Return the region of every subject in any posture. ``strictly`` contains the strict regions.
+        """Return the region in which each tracked object is, whatever its posture.
 
-        For a wide relation ("beside"), an object may be on that side without having been brought there.
+        For a wide relation such as "beside", an object may be in the region without having been brought there. In this
+        case, it only counts if it passes the relation's looser check, whose region is smaller.
+
+        Args:
+            state: The state.
+            strictly: Region in which each tracked object is in the right posture.
         """
         return tuple(
             tuple(
@@ -112,8 +130,8 @@ class Targets:
 
         Args:
             state: The state.
-            strictly: Strict regions of all subjects.
-            at_start: Regions of all subjects at the start, in any posture.
+            strictly: Region in which each tracked object is in the right posture.
+            at_start: Region in which each tracked object was at the start, in any posture.
         """
         served = self._served(strictly)
         for w, places in enumerate(self.in_any_posture(state, strictly)):
@@ -128,7 +146,7 @@ class Targets:
                 allowed = self._allowed.get((w, place), ())
                 for s in subjects:
                     if watch.subjects[s] in served:
-                        continue  # an object on one plate of a stack is also on the lower plates
+                        continue  # an object on the top plate of a stack is also on the plates below
                     if at_start[w][s] != place and not any(s in group for group, _ in allowed):
                         return Intruder(watch.subjects[s], watch.target, place)
                 for group, count in allowed:
@@ -138,7 +156,10 @@ class Targets:
         return None
 
     def left_over(self, strictly: Places) -> tuple[str, ...]:
-        """Return surplus objects, such as the second burger if one burger was requested and one is at the target."""
+        """Return the surplus objects, which are of a requested kind but are no longer needed.
+
+        For example, if one burger was requested and one is at the target, the second burger is surplus.
+        """
         served, found = self._served(strictly), dict[str, None]()
         for d in self.due:
             subjects, places = self.watches[d.watch].subjects, strictly[d.watch]
@@ -147,7 +168,7 @@ class Targets:
         return tuple(found)
 
     def _served(self, strictly: Places) -> frozenset[str]:
-        """Return the objects at a region where they are requested."""
+        """Return the objects that are in a region in which they were requested."""
         at = ((d, s) for d in self.due for s in d.candidates if is_at(strictly[d.watch][s], d.region))
         return frozenset(self.watches[d.watch].subjects[s] for d, s in at)
 
@@ -161,7 +182,7 @@ class Targets:
         )
 
     def _what_is_allowed(self) -> dict[tuple[int, str], tuple[tuple[tuple[int, ...], int], ...]]:
-        """Return, for each region of a watched target, the allowed subjects and their number."""
+        """Return which objects are allowed in each region of a watched target, and how many are allowed."""
         most: dict[tuple[int, str], dict[tuple[int, ...], int]] = {}
         for due in self.due:
             counts = most.setdefault((due.watch, due.region), {})
@@ -170,7 +191,7 @@ class Targets:
 
 
 def _watches(asked: Sequence[Asked], info: SceneInfo) -> tuple[Watch, ...]:
-    """Return the instructed targets, then other targets of the same kind, such as the wrong drawer."""
+    """Return the targets of the instruction, followed by other targets of the same kind, such as the wrong drawer."""
     targets = dict.fromkeys((a.relation, a.target) for a in asked)
     for name, target in tuple(targets):
         like = info.object(target)

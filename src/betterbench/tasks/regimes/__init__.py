@@ -1,8 +1,9 @@
-"""Listed regimes of the suite, with one package per regime and one file per task.
+"""Listed regimes of the suite, with one package for each regime and one file for each task.
 
-The file of a task lists the conditions in the function ``balanced_TASK`` or ``diverse_TASK``, the crossed and tied
-factors in ``CROSSED``, and slots that neither training nor variations use in ``ASIDE``. The conditions do not include
-tests. A variation's initial scene and instruction never occur together, unless training contains this pair.
+In the file of a task, the function ``balanced_TASK`` or ``diverse_TASK`` returns the conditions. ``CROSSED`` describes
+the factors that are crossed or tied to each other, and ``ASIDE`` lists slots that neither training nor variations use.
+The conditions do not include tests: the initial scene of a variation never occurs together with its instruction, unless
+training contains this pair.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ _PACKAGES: Mapping[str, str] = {
     "balanced": "betterbench.tasks.regimes.balanced",
     "diverse-confounded": "betterbench.tasks.regimes.diverse_confounded",
 }
-"""Packages by regime, each with one module per task of the suite."""
+"""Package of each regime, with one module for each task of the suite."""
 
 
 @regimes_from
 def written_regimes(task_id: str) -> dict[str, ListedRegime]:
-    """Return the regimes of a task that have a separate file, or an empty dict if there are none."""
+    """Return the regimes of a task that are in separate files, or an empty dict if there are none."""
     modules = {regime: _module(package, task_id) for regime, package in _PACKAGES.items()}
     aside: dict[str, Slot] = {slot.name: slot for m in modules.values() for slot in getattr(m, "ASIDE", ())}
     found = {}

@@ -1,4 +1,4 @@
-"""Imports for a file that adds a relation (see docs/adding-a-relation.md)."""
+"""Names to import in the file of a new relation. See docs/adding-a-relation.md."""
 
 from betterbench.interface.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.loose import held_upon, reaches_into, rests_on

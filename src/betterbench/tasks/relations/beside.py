@@ -1,4 +1,4 @@
-"""Relation "beside": an object at a named side of an anchor."""
+"""Relation "beside": an object is at a certain side of another object, called the anchor."""
 
 import functools
 import math
@@ -17,7 +17,7 @@ SIDES = {
     "behind": "behind",
     "upper_right": "at the upper right of",
 }
-"""Regions of anchors, as seen by a person in front of the anchor, with the words used in instructions."""
+"""Words that instructions use for the sides of an anchor, as seen by a person in front of the anchor."""
 
 CLOSE_TO = {
     "left": "next to {} on the left",
@@ -25,15 +25,18 @@ CLOSE_TO = {
     "behind": "right behind {}",
     "upper_right": "next to {} at the upper right",
 }
-"""Words for the same sides in place-setting instructions. The pieces of a place setting are close to the plate."""
+"""Words for the same sides in place settings, whose pieces are close to the plate."""
 
 CUTLERY = frozenset({"fork", "spoon", "knife", "teaspoon", "spork"})
-"""Nouns of objects whose handle points to the front when they lie at a plate."""
+"""Nouns of objects whose handle points to the front when they lie next to a plate."""
 HANDLES_TO_FRONT = (
     "with the handle of the {} pointing to the front, not to a side",
     "with the handles of the cutlery pointing to the front, not to a side",
 )
-"""Words for this direction, of one piece and of several. They come last, because a cup has a handle too."""
+"""Words that state this direction for one piece of cutlery or several.
+
+They come last, because a cup has a handle too.
+"""
 
 REACH = threshold(
     "side_reach",
@@ -48,17 +51,17 @@ CLOSE = threshold(
     "side_close",
     0.075,
     "m",
-    "The same distance to the left and right of a round anchor, such as the plate of a place setting. Instructions "
-    "for it say 'next to the plate', because cutlery starts 8 to 11 cm from its edge.",
+    "Like side_reach, to the left and right of a round anchor such as the plate of a place setting. Instructions for a "
+    "plate say 'next to the plate', because cutlery starts 8 to 11 cm from its edge.",
     "Larger: objects farther from the plate are next to it; more success, fewer execution_failure and timeout.",
 )
 CLOSE_DIAGONAL = threshold(
     "side_close_diagonal",
     0.145,
     "m",
-    "The same distance from the edge of a round anchor for an object at its upper right. Such an object is also no "
-    "farther to the right than side_close. Judges accepted cups at 11.6 and 12.8 cm and denied 17 cm. Salt shakers "
-    "and bowls start from 15 cm on.",
+    "Like side_reach, for an object at the upper right of a round anchor. Such an object may also be no farther to the "
+    "right than side_close. Judges accepted cups at 11.6 and 12.8 cm and denied one at 17 cm. Salt shakers and bowls "
+    "start at 15 cm or more.",
     "Larger: objects farther from the plate are at its upper right; more success, fewer execution_failure and timeout.",
 )
 LEAST = threshold(
@@ -73,8 +76,8 @@ CLOSE_LEAST = threshold(
     "side_close_least",
     0.005,
     "m",
-    "The same distance for a round anchor. Judges accepted a spoon at 0.6 cm that lies flat. Nearer cutlery leans on "
-    "the rim of the plate.",
+    "Like side_least, for a round anchor. Judges accepted a spoon that lies flat at 0.6 cm. Cutlery nearer than that "
+    "leans on the rim of the plate.",
     "Larger: cutlery close to a plate is not next to it; less success, more execution_failure.",
 )
 BEYOND = threshold(
@@ -113,7 +116,7 @@ HEIGHT = threshold(
     "side_height",
     0.012,
     "m",
-    "Height above the anchor's foot up to which an object is on the table.",
+    "Largest height above the anchor's foot at which an object still counts as being on the table.",
     "Larger: objects on a flat object are on the table; more success, fewer execution_failure and timeout.",
 )
 TURN = threshold(
@@ -138,7 +141,7 @@ CROSSING = threshold(
     "side_crossing",
     0.02,
     "m",
-    "Height above the anchor's foot up to which cutlery may lie on another piece of cutlery. Handles are 14 mm high. "
+    "Largest height above the anchor's foot of cutlery that lies on another piece of cutlery. Handles are 14 mm high. "
     "Judges accepted a fork on a spoon and a fork across a spoon.",
     "Larger: cutlery on a higher pile is at the side; more success, fewer execution_failure.",
 )
@@ -146,7 +149,7 @@ LONG_RATIO = threshold(
     "long_ratio",
     1.5,
     "1",
-    "Objects with at least this ratio of length to width have a direction. A mug with its handle has 1.4.",
+    "Objects with at least this ratio of length to width have a direction. The ratio of a mug with its handle is 1.4.",
     "Larger: fewer objects must keep a direction; more success, fewer execution_failure.",
 )
 
@@ -155,13 +158,13 @@ _RIGHT_TOO = f"right{SHARED}upper_right"
 
 
 def beside(state: WorldState, name: str, anchor: str) -> str | None:
-    """Return the side of an anchor where an object is, or None.
+    """Return the side of an anchor at which an object is, or None if it is at no side.
 
-    The center of the object's foot is on the table next to the anchor, up to 30 cm from its edge, or 7.5 cm from the
-    edge of a plate. The foot may be at most 2.5 cm past the ends of the anchor. "At the upper right" covers directions
-    between right and behind, up to 14.5 cm from the edge of a plate. Directions up to the diagonal also count as right.
-    The object has its asset's upright posture. The handle of cutlery at a plate points to the front. Cutlery may also
-    lie face down, on its edge, or on another piece of cutlery.
+    The center of the object's foot is on the table next to the anchor, up to 30 cm from the anchor's edge, or up to 7.5
+    cm from the edge of a plate. The foot may be at most 2.5 cm past the ends of the anchor. "At the upper right" covers
+    the directions between right and behind, up to 14.5 cm from the edge of a plate. A direction between right and the
+    diagonal also counts as right. The object is in the upright posture of its asset. If it is cutlery at a plate, its
+    handle points to the front. Cutlery may also lie face down, on its edge, or on another piece of cutlery.
     """
     thing, target = state.info.object(name), state.info.object(anchor)
     on_table = state.touching(name, "table")
@@ -182,23 +185,26 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def is_laid(thing: ObjectInfo, anchor: ObjectInfo) -> bool:
-    """Return whether an object is cutlery in a place setting around an anchor. Its handle must point to the front."""
+    """Return whether an object is cutlery in a place setting. If so, its handle must point to the front."""
     return _is_round(anchor) and _is_long(thing) and is_cutlery(thing.kind, thing.category)
 
 
 @functools.cache
 def is_cutlery(kind: str, category: str) -> bool:
-    """Return whether the noun or the category of an object is that of cutlery."""
+    """Return whether an object is a piece of cutlery, judging by its noun or its category."""
     return not CUTLERY.isdisjoint((kind.rsplit(" ", maxsplit=1)[-1], category.rsplit("_", maxsplit=1)[-1]))
 
 
 def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
-    """Return the side of an anchor for a point in the anchor's frame [m], both sides if two overlap, or None."""
+    """Return the side of an anchor at which a point is. The point is given in the anchor's frame [m].
+
+    The result names both sides if two overlap, and is None if the point is at no side.
+    """
     offered = {region.name for region in anchor.regions}
     half_x, half_y = 0.5 * anchor.size_m[0], 0.5 * anchor.size_m[1]
     is_round = _is_round(anchor)
     least, reach = (CLOSE_LEAST, CLOSE) if is_round else (LEAST, REACH)
-    from_edge = math.hypot(x, y) - half_x  # of a round anchor, and at a corner of another one
+    from_edge = math.hypot(x, y) - half_x  # distance from a round anchor, or from the corner of another one
     if is_round and from_edge < least:
         return None
     if "upper_right" in offered and _is_diagonal(x, y):
@@ -228,10 +234,11 @@ def _is_round(anchor: ObjectInfo) -> bool:
 
 
 def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
-    """Return the side of an anchor where an object is in any posture, on the table or on other objects.
+    """Return the side of an anchor at which an object is, in any posture, on the table or on other objects.
 
-    The object's foot or center is over the region of that side. The region is far smaller than the side itself, so an
-    object over it was brought there. An object still held above the table is not included.
+    The foot or the center of the object is over the region of that side. The region is far smaller than the side
+    itself. An object over the region was therefore brought there. An object that is still held above the table does not
+    count.
     """
     if state.held == name and lowest(state, name) - state.pose(anchor).position[2] > HEIGHT:
         return None
@@ -239,7 +246,7 @@ def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def _place(state: WorldState, point: Vector, anchor: str) -> str | None:
-    """Return the side whose region a point is above, or None."""
+    """Return the side of the anchor whose region lies below a point, or None if there is no such region."""
     x, y, z = state.pose(anchor).inverse().apply(point)
     for region in state.info.object(anchor).regions:
         if region.name not in SIDES:
@@ -259,13 +266,16 @@ def _is_long(info: ObjectInfo) -> bool:
 
 
 def _below_middle(state: WorldState, name: str) -> Vector:
-    """Return the point below the middle of an object, at the height of its lowest point, in the world [m]."""
+    """Return the point below the center of an object, at the height of the object's lowest point [m].
+
+    The point is in the world frame.
+    """
     x, y, _ = middle(state, name)
     return (x, y, lowest(state, name))
 
 
 def _is_level(state: WorldState, name: str, anchor: str) -> bool:
-    """Return whether the length of an object is level, whichever side is up, and it does not lean on the anchor."""
+    """Return whether an object lies level, whichever face is up, and does not lean on the anchor."""
     _, _, rise = rotate(state.quaternion(name), (1.0, 0.0, 0.0))
     limit = THRESHOLDS.upright_tilt if state.touching(name, anchor) else LEVEL
     return abs(rise) <= math.sin(limit)
@@ -281,15 +291,15 @@ def _lies_on_cutlery(state: WorldState, name: str) -> bool:
 
 
 def _points_to_front(state: WorldState, name: str, anchor: str) -> bool:
-    """Return whether the handle of cutlery points to the front, toward the eater."""
+    """Return whether the handle of a piece of cutlery points to the front, i.e. toward the person at the table."""
     turn = yaw_of(state.pose(name).quaternion) - yaw_of(state.pose(anchor).quaternion)
     return abs(math.remainder(turn, 2.0 * math.pi)) <= TURN
 
 
 def _goals(state: WorldState, name: str, anchor: str, side: str) -> tuple[PlaceGoal, ...]:
-    """Return goals at the center of a side.
+    """Return place goals at the center of one side of the anchor.
 
-    Long objects lie along the anchor. The handle of cutlery at a plate points to the front.
+    Long objects are aligned with the anchor. If the object is cutlery at a plate, its handle points to the front.
     """
     frame, info = state.pose(anchor), state.info.object(name)
     middle = (frame @ state.info.object(anchor).region(side).pose).position
@@ -331,4 +341,4 @@ BESIDE = register(
         wide=True,
     )
 )
-"""Relation between an object and a target, when the object is on a named side of the target."""
+"""Relation "beside": the object is on a named side of the target."""

@@ -1,4 +1,4 @@
-"""Relation "closed" of drawers, and the drawers that must be moved before another drawer can be loaded."""
+"""Relation "closed", which applies to drawers, and the drawers that must be moved before another drawer is loaded."""
 
 from betterbench.geometry import distance
 from betterbench.interface.state import WorldState
@@ -7,7 +7,7 @@ from betterbench.tasks.relations.relation import Relation, offers_each, register
 from betterbench.tasks.thresholds import threshold
 
 MOUNTS = ("upper", "lower")
-"""Regions of a cabinet for drawers, at the origins of the closed drawers."""
+"""Regions of a cabinet in which drawers are mounted. Each is at the origin of the closed drawer."""
 
 GAP = threshold(
     "closed_gap",
@@ -35,9 +35,9 @@ PUSHED_IN = threshold(
 
 
 def closed(state: WorldState, drawer: str, cabinet: str) -> str | None:
-    """Return the cabinet mount in which a drawer is closed, or None while it is open.
+    """Return the mount of the cabinet in which a drawer is closed, or None if the drawer is open.
 
-    The drawer is pushed into the cabinet, to within 5 mm of its closed position.
+    A drawer is closed if it is pushed into the cabinet to within 5 mm of its closed position.
     """
     frame = state.pose(cabinet)
     position = state.pose(drawer).position
@@ -48,7 +48,7 @@ def closed(state: WorldState, drawer: str, cabinet: str) -> str | None:
 
 
 def opening_m(state: WorldState, drawer: ObjectSpec) -> float:
-    """Return the opening of a drawer [m].
+    """Return how far a drawer is open [m].
 
     Raises:
         ValueError: If the object has no mount.
@@ -60,11 +60,13 @@ def opening_m(state: WorldState, drawer: ObjectSpec) -> float:
 
 
 def drawer_to_move(condition: Condition, state: WorldState, target: str) -> tuple[str, bool] | None:
-    """Return the drawer to move before an object can be put into a target, and the direction.
+    """Return the drawer that must be moved before an object can be put into a target.
 
-    A drawer above the target is closed first, and then the target itself is opened.
+    Open drawers above the target drawer must be closed first. Then the target drawer itself must be opened.
 
-    Returns: Drawer name and True to open it, False to close it, or None if nothing is in the way.
+    Returns:
+        The name of the drawer, and True if it must be opened or False if it must be closed. The result is None if the
+        target is not a drawer, or if nothing is in the way.
     """
     drawer = condition.object(target)
     if drawer.mount is None:
@@ -88,4 +90,4 @@ CLOSED = register(
         roles=("drawer",),
     )
 )
-"""Relation of a closed drawer in its cabinet."""
+"""Relation "closed": the drawer is closed in its cabinet."""

@@ -1,4 +1,4 @@
-"""Insertion of objects into the holes of a rack."""
+"""Relation "in_hole": an object stands in a hole of a rack."""
 
 from betterbench.geometry import Pose, tilt_of
 from betterbench.interface.state import ObjectInfo, WorldState
@@ -8,7 +8,7 @@ from betterbench.tasks.relations.relation import PlaceGoal, Relation, register, 
 from betterbench.tasks.thresholds import threshold
 
 PREFIX = "hole_"
-"""Names of a rack's regions at the floors of its holes: "hole_1", "hole_2", ..."""
+"""Beginning of the names of a rack's regions at the floors of its holes: "hole_1", "hole_2", ..."""
 
 DEPTH = threshold(
     "hole_depth",
@@ -27,10 +27,10 @@ TILT = threshold(
 
 
 def in_hole(state: WorldState, name: str, rack: str) -> str | None:
-    """Return the hole that contains an upright object, or None.
+    """Return the name of the hole in which an object stands upright, or None.
 
-    Its base must be on the floor of the hole, as close to the center as the clearance allows. An object that leans on
-    the rim or rests on the rack is not in a hole.
+    The base of the object must be on the floor of the hole, as close to the center of the hole as the clearance allows.
+    An object that leans on the rim or rests on the rack is not in a hole.
     """
     x, y, z = state.pose(rack).inverse().apply(foot(state, name))
     for region in state.info.object(rack).regions:
@@ -46,9 +46,9 @@ def in_hole(state: WorldState, name: str, rack: str) -> str | None:
 
 
 def _loosely(state: WorldState, name: str, rack: str) -> str | None:
-    """Return the hole in or over which an object is in any posture, such as jammed, lying on the rack, or half out.
+    """Return the hole in or over which an object is, in any posture, such as jammed, lying on the rack, or half out.
 
-    An object that only leans against the rack with its foot on the table is not included.
+    An object that only leans against the rack with its foot on the table does not count.
     """
     frame, info = state.pose(rack), state.info.object(rack)
     holes = {r.name: frame.apply(r.position) for r in info.regions if r.name.startswith(PREFIX)}
@@ -65,7 +65,10 @@ def _holes(info: ObjectInfo) -> tuple[str, ...]:
 
 
 def _goals(state: WorldState, name: str, rack: str, hole: str) -> tuple[PlaceGoal, ...]:
-    """Return goals on the floor of a hole, approached straight down, with the release just above the floor."""
+    """Return place goals on the floor of a hole.
+
+    The object comes straight down and is released just above the floor of the hole.
+    """
     floor = state.pose(rack).apply(state.info.object(rack).region(hole).position)
     yaws = turned_by(state, name, (0.0, 0.5, -0.5, 1.0, -1.0, 1.57, -1.57))
     return standing_goals(state, name, floor, yaws, release_width_m=slim_opening_m(state.info.object(name)))
@@ -84,4 +87,4 @@ IN_HOLE = register(
         surface=surface_of(),
     )
 )
-"""Relation between an object and the rack hole in which it stands."""
+"""Relation "in_hole": the object stands in a hole of the rack."""

@@ -1,4 +1,4 @@
-"""Relation "inside" of an object in a container that is open at the top."""
+"""Relation "inside": an object is in a container that is open at the top."""
 
 import math
 from collections.abc import Mapping
@@ -20,20 +20,23 @@ MARGIN = threshold(
 )
 
 SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (1.0, 0.0))
-"""Candidate placements in a container, as fractions of the largest offset of an object's center from the middle."""
+"""Placements in a container that are tried, as fractions of the largest offset of an object from the center."""
 FINGER_ROOM_M = 0.072
-"""Distance from a wall at which the fingers can open fully: half the opening, a finger and a margin."""
+"""Distance from a wall at which the fingers have room to open fully [m].
+
+It is half the opening of the gripper, a finger and a margin.
+"""
 DROPS_M = (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085, 0.095, 0.115)
-"""Release heights above the floor of a container [m]; lower is better."""
+"""Heights above the floor of a container at which objects are released [m]. Lower is better."""
 
 
 def inside(state: WorldState, name: str, container: str) -> bool:
     """Return whether an object is inside a container.
 
-    The center of the object's bounding box must lie within the container's inner box, which is between its walls, above
-    its floor and below its rim. An object that leans over the rim with most of it outside is not inside. An object that
-    sticks out at the top, with its center below the rim, is inside. Any posture counts, but an object that must stay
-    upright, such as a drink, must not lie on its side. An object that stands on the table is not inside.
+    The center of the object's bounding box must be inside the container's inner box, i.e. between the walls, above the
+    floor and below the rim. An object that leans over the rim with most of its volume outside is not inside. An object
+    that sticks out at the top is inside if its center is below the rim. Any posture counts, except that an object that
+    must stay upright, such as a drink, must not lie on its side. An object that stands on the table is not inside.
     """
     thing, region = state.info.object(name), state.info.object(container).region("inside")
     if thing.keeps_upright and lies_on_side(state, name):
@@ -48,7 +51,7 @@ def inside(state: WorldState, name: str, container: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, container: str) -> str | None:
-    """Return "" if an object is partly in a container, or lies across the rim or on the content."""
+    """Return "" if an object is partly in a container, or lies across the rim or on the content, otherwise None."""
     region = state.info.object(container).region("inside")
     space = state.pose(container) @ region.pose
     if reaches_into(state, name, space, region.half_size):
@@ -59,9 +62,10 @@ def _loosely(state: WorldState, name: str, container: str) -> str | None:
 
 
 def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals over the floor of a container. They are low, in free space and with room for the fingers.
+    """Return place goals low over the floor of a container and in free space, with room for the opening fingers.
 
-    Equally good goals are marked as alike, so that demonstrations release objects all over the floor.
+    Equally good goals are marked as alike. The expert may then choose any of them, so that demonstrations release
+    objects all over the floor.
     """
     frame = state.pose(container)
     region = state.info.object(container).region("inside")
@@ -87,7 +91,10 @@ def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[
 
 
 def _room(region: Region, item: float, *, along_x: bool) -> tuple[float, float]:
-    """Return the allowed offset of an object's center along x and y [m], with room for the opening fingers."""
+    """Return how far an object's center may be from the container's center along x and y [m].
+
+    The fingers need room to open.
+    """
     hx, hy, _ = region.half_size
     if along_x:
         return min(hx - FINGER_ROOM_M, hx - item), hy - item
@@ -95,7 +102,7 @@ def _room(region: Region, item: float, *, along_x: bool) -> tuple[float, float]:
 
 
 def _taken(state: WorldState, name: str, container: str) -> list[tuple[tuple[float, float, float], ObjectInfo]]:
-    """Return the objects between the walls of a container, with positions in the container's frame [m]."""
+    """Return the objects between the walls of a container, with their positions in the container's frame [m]."""
     region = state.info.object(container).region("inside")
     frame = state.pose(container)
     to_region, to_container = (frame @ region.pose).inverse(), frame.inverse()
@@ -128,4 +135,4 @@ INSIDE = register(
         falls=True,
     )
 )
-"""Relation of an object that is inside a container."""
+"""Relation "inside": the object is inside the container."""

@@ -1,4 +1,4 @@
-"""Relation "layer" of a stack. Layers are counted from the base."""
+"""Relation "layer": an object is a certain layer of a stack. Layers are counted from the base."""
 
 import math
 
@@ -10,7 +10,7 @@ from betterbench.tasks.relations.relation import PlaceGoal, Relation, register, 
 from betterbench.tasks.thresholds import threshold
 
 LAYERS = ("1", "2", "3", "4")
-"""Possible layers of a base. The longest stack of the suite has three."""
+"""Layers that can be on a base. The highest stack of the suite has three."""
 
 OFFSET = threshold(
     "layer_offset",
@@ -35,16 +35,16 @@ TILT = threshold(
     "Larger: layers may be at an angle; more success, fewer execution_failure and timeout.",
 )
 EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})
-"""Categories of layers that are the same on both sides, unlike a bun with its cut face."""
+"""Categories of layers that look the same on both sides, unlike a bun with its cut face."""
 
 
 def layer(state: WorldState, name: str, base: str) -> str | None:
-    """Return the object's layer number in the stack, or None if it is not properly stacked.
+    """Return the number of the layer that an object forms in a stack, or None if the object is not properly stacked.
 
-    Every layer from the base up to the object lies flat on the layer below, touches it, and is centered over the base.
-    A patty, a slice or a leaf may be either way up, but a bun may not. The base must be upright.
+    Every layer from the base up to the object must lie flat on the layer below, touch it, and be centered over the
+    base. A patty, a slice or a leaf may lie with either side up, but a bun may not. The base must be upright.
 
-    The number is a string. Layer "1" is directly on the base.
+    The number is returned as text. Layer "1" lies directly on the base.
     """
     mine = _heights_over(state, name, base)
     if mine is None or mine[0] <= state.position(base)[2]:
@@ -59,7 +59,7 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
         heights = {other: mine if other == name else _heights_over(state, other, base) for other in on}
         above = [(other, h[1]) for other, h in heights.items() if h is not None and abs(h[0] - top) <= GAP]
         if len(above) != 1:
-            return None  # no object there, or two objects share the layer
+            return None  # no object is there, or two objects share the layer
         below, top = above[0]
         if below == name:
             return number
@@ -72,10 +72,13 @@ def _layers(info: ObjectInfo) -> tuple[str, ...]:
 
 
 def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float] | None:
-    """Return the heights of both faces of an object that lies flat and centered over a base [m], else None."""
+    """Return the heights of the lower and upper face of an object that lies flat and centered over a base [m].
+
+    Return None if the object is tilted or off center.
+    """
     info, middle = state.info.object(name), state.position(base)
-    # Early exit for distant objects: `reach` bounds the distance between an object's origin and the centers of its
-    # faces.
+    # Distant objects are sorted out early: `reach` bounds the distance between the origin of an object and the centers
+    # of its faces.
     reach = max(math.hypot(*foot_offset(info)), math.hypot(*_top(info)))
     if horizontal_distance(state.position(name), middle) > OFFSET + reach:
         return None
@@ -87,30 +90,30 @@ def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float
 
 
 def _inverted(state: WorldState, name: str) -> bool:
-    """Return whether a layer that can be used either way up lies on the face that its asset defines as the top."""
+    """Return whether an object with two equal sides lies upside down, as seen from the axes of its asset."""
     either = state.info.object(name).category in EITHER_WAY_UP
     return either and tilt_of(state.quaternion(name)) > 0.5 * math.pi
 
 
 def _faces(state: WorldState, name: str) -> tuple[Vector, Vector]:
-    """Return the centers of a layer's lower and upper faces [m], world frame."""
+    """Return the centers of a layer's lower and upper face, in the world frame [m]."""
     lower, upper = foot(state, name), state.pose(name).apply(_top(state.info.object(name)))
     return (upper, lower) if _inverted(state, name) else (lower, upper)
 
 
 def _top(info: ObjectInfo) -> Vector:
-    """Return the center of the face on which the next layer rests [m], in the object's frame."""
-    for region in info.regions:  # takes a third of the time of next(), at every control step
+    """Return the center of the face on which the next layer of the stack rests, in the object's frame [m]."""
+    for region in info.regions:  # this loop takes a third of the time of next(), and it runs at every control step
         if region.name == "top":
             return region.position
     return (0.0, 0.0, info.size_m[2])
 
 
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
-    """Return the first missing layer if an object rests or is held on a stack in any posture, or None.
+    """Return the number of the first missing layer if an object rests on the stack or is held on it, otherwise None.
 
-    The object rests on the base, or on an object on the base, with its center over the base. Only flat objects are
-    layers.
+    The posture does not matter. The object rests on the base, or on an object that is on the base, with its center over
+    the base.
     """
     if not (rests_on(state, name, base) or held_upon(state, name, base)):
         return None
@@ -119,7 +122,10 @@ def _loosely(state: WorldState, name: str, base: str) -> str | None:
 
 
 def _goals(state: WorldState, name: str, base: str, region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals on top of the layer below, centered over the base to keep offsets from adding up."""
+    """Return place goals on top of the layer below.
+
+    The goals are centered over the base instead of the layer below, so that offsets do not add up.
+    """
     beneath = {layer(state, o.name, base): o.name for o in state.info.objects if o.name != base}
     below = beneath.get(str(int(region) - 1), base)
     x, y, _ = state.pose(base).position
@@ -142,4 +148,4 @@ LAYER = register(
         counted=True,
     )
 )
-"""Relation between an object and a stack in which it is a layer."""
+"""Relation "layer": the object is a layer of the stack on the target."""

@@ -1,7 +1,8 @@
-"""Loose variants of relations, for objects at a target in any posture, such as leaning, jammed, upside down or held.
+"""Loose variants of relations, which hold for any posture of an object: leaning, jammed, upside down or held.
 
-A strict relation requires the instructed posture. An object in another posture may still be at the target. The rule "no
-other object is at the target" therefore uses loose variants of the relations, which are built from these functions.
+A strict relation requires the posture that the instruction asks for. An object in another posture may still be at the
+target. The rule "no other object is at the target" therefore uses loose variants of the relations, which are built from
+these functions.
 """
 
 import itertools
@@ -22,13 +23,13 @@ OVERLAP = threshold(
 )
 _STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _HIGHER_M = 0.001
-"""Minimum height difference between the lowest points of two objects for one to count as above the other [m]."""
+"""Difference between the lowest points of two objects from which one counts as above the other [m]."""
 _ROUNDING_M = 1e-9
-"""Margin above the rounding error of a distance [m]."""
+"""Margin that is larger than the rounding error of a distance [m]."""
 
 
 def middle(state: WorldState, name: str) -> Vector:
-    """Return the center of an object's bounding box in the world [m]. Toppling hardly moves this point."""
+    """Return the center of an object's bounding box in the world [m]. It hardly moves when the object tips over."""
     return state.pose(name).apply((0.0, 0.0, 0.5 * state.info.object(name).size_m[2]))
 
 
@@ -45,9 +46,9 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
 
     Args:
         state: The state.
-        name: Object name.
+        name: Name of the object.
         space: Pose ``T_world_box`` of the center of the box.
-        half_size: Its half extents [m].
+        half_size: Half the size of the box along its axes [m].
     """
     sx, sy, sz = (0.5 * v for v in state.info.object(name).size_m)
     hx, hy, hz = (max(h - OVERLAP, 0.0) for h in half_size)
@@ -55,7 +56,7 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
     x, y, z = to_space.apply((0.0, 0.0, sz))
     if math.dist((x, y, z), (0.0, 0.0, 0.0)) > math.hypot(sx, sy, sz) + math.hypot(hx, hy, hz):
         return False
-    # extent of the object from its center along the axes of the box; objects farther away cannot reach in
+    # The extent of the object from its center along the axes of the box. Objects farther away cannot reach in.
     q = to_space.quaternion
     edges = zip(rotate(q, (sx, 0.0, 0.0)), rotate(q, (0.0, sy, 0.0)), rotate(q, (0.0, 0.0, sz)), strict=True)
     for at, edge, half in zip((x, y, z), edges, (hx, hy, hz), strict=True):
@@ -69,11 +70,12 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
 
 
 def rests_on(state: WorldState, name: str, target: str) -> bool:
-    """Return whether an object lies on a target, or on an object on the target, in any posture.
+    """Return whether an object lies on a target, or on another object on the target, in any posture.
 
-    Its center must be over the target's bounding box and not lower than the target, and a chain of contacts must
-    connect the two. Fixed objects, the gripper and the table are not part of a chain. If one object is above another,
-    the object that reaches lower carries the other. For example, a thin plate under a bowl does not rest on the bowl.
+    The center of the object must be over the target's bounding box and not lower than the target, and a chain of
+    contacts must connect the two. Fixed objects, the gripper and the table are not part of a chain. If each of the two
+    objects is above the other by this rule, the object that reaches lower carries the other. For example, a thin plate
+    under a bowl does not rest on the bowl.
     """
     if target not in _carriers(state, name) or not _over(state, name, target):
         return False
@@ -81,7 +83,10 @@ def rests_on(state: WorldState, name: str, target: str) -> bool:
 
 
 def held_upon(state: WorldState, name: str, target: str) -> bool:
-    """Return whether the gripper holds an object over a target, no higher than the top of the target or its content."""
+    """Return whether the gripper holds an object low over a target.
+
+    The object must be at most as high as the top of the target or of the objects on the target.
+    """
     if state.held != name or not _over(state, name, target):
         return False
     lying = (o.name for o in state.info.objects if not o.fixed and rests_on(state, o.name, target))
@@ -102,7 +107,7 @@ def _over(state: WorldState, name: str, target: str) -> bool:
 
 
 def _carriers(state: WorldState, name: str) -> frozenset[str]:
-    """Return all objects connected to an object by a chain of contacts."""
+    """Return all objects that are connected to a given object by a chain of contacts."""
     touching: dict[str, set[str]] = {}
     for a, b, _ in state.contacts:
         if a in state.info and b in state.info:
@@ -120,8 +125,8 @@ def _carriers(state: WorldState, name: str) -> frozenset[str]:
 
 
 def nearest(points: dict[str, Vector], point: Vector) -> str | None:
-    """Return the name of the horizontally nearest point (the first in case of a tie).
+    """Return the name of the horizontally nearest point, or None if there are no points.
 
-    Returns None if there are no points.
+    If several points are equally near, the first one is returned.
     """
     return min(points, key=lambda n: horizontal_distance(points[n], point), default=None)

@@ -1,4 +1,4 @@
-"""Relation "on_plate" of an object in the middle of a plate."""
+"""Relation "on_plate": an object is in the middle of a plate."""
 
 from betterbench.geometry import tilt_of
 from betterbench.interface.state import WorldState
@@ -12,7 +12,7 @@ OFFSET = threshold(
     0.049,
     "m",
     "An object that lies flat on a plate's floor is on the plate if it is at most this far from the plate's center. "
-    "Judges accepted all plates up to 4.7 cm. They accepted none from 5.1 cm on, where a plate rests on the rim "
+    "Judges accepted all plates up to 4.7 cm. They accepted none at 5.1 cm or more, where a plate rests on the rim "
     "(docs/sides.md).",
     "Larger: plates may be off center; more success, fewer execution_failure and timeout.",
 )
@@ -24,14 +24,14 @@ GAP = threshold(
     "Larger: plates may rest higher, on a rim; more success, fewer execution_failure and timeout.",
 )
 RIM_RELEASE_M = 0.03
-"""Opening of the gripper that releases a rim, with a finger inside and one outside it [m]."""
+"""Opening of the gripper with which it releases a rim that is between its fingers [m]."""
 
 
 def on_plate(state: WorldState, name: str, plate: str) -> bool:
     """Return whether an object stands on a plate.
 
-    The object lies flat on the plate's floor near the center, and object and plate touch. An object that rests on the
-    rim or on a third object is not on the plate.
+    The object must lie flat on the floor of the plate, near the center, and touch the plate. An object that rests on
+    the rim or on a third object is not on the plate.
     """
     if name == plate or not state.touching(name, plate):
         return False
@@ -43,7 +43,10 @@ def on_plate(state: WorldState, name: str, plate: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, plate: str) -> str | None:
-    """Return "" if an object in any posture rests or is held over the center of a plate or of an object on a plate."""
+    """Return "" if an object is on or over a plate in any posture, otherwise None.
+
+    The object rests on the plate, rests on another object on the plate, or is held over the plate.
+    """
     there = name != plate and (rests_on(state, name, plate) or held_upon(state, name, plate))
     return "" if there else None
 
@@ -67,4 +70,4 @@ ON_PLATE = register(
         surface=surface_of("floor"),
     )
 )
-"""Relation between an object and the plate on which it stands."""
+"""Relation "on_plate": the object stands on the plate."""

@@ -1,4 +1,4 @@
-"""Relation "on_ring" of an object that is centered on a marked ring, with its handle clear of the spout."""
+"""Relation "on_ring": an object is centered on a marked ring, and its handle is clear of the spout."""
 
 import math
 
@@ -14,7 +14,7 @@ RADIUS = threshold(
     "ring_radius",
     0.015,
     "m",
-    "A mug is centered in its ring if it is at most this far from the center. Judges accept 11 mm, and are unsure up "
+    "A mug is centered in its ring if it is at most this far from the center. Judges accept 11 mm and are unsure up "
     "to 16 mm (docs/sides.md).",
     "Larger: mugs may be off center; more success, fewer execution_failure and timeout.",
 )
@@ -34,16 +34,16 @@ SPOUT = threshold(
 )
 
 ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
-"""Length and rise of the straight approach below a fixture's overhanging head [m]."""
+"""Length and rise of the straight approach below the overhanging head of a fixture [m]."""
 TURNS_RAD = (0.0, *(sign * step for step in (0.15, 0.3, 0.5, 0.7) for sign in (1.0, -1.0)))
-"""Rotations from the heading with the handle farthest from the spout [rad], the smallest first."""
+"""Rotations from the heading at which the handle is farthest from the spout [rad], smallest first."""
 
 
 def on_ring(state: WorldState, name: str, fixture: str) -> bool:
     """Return whether an object stands on the ring of a fixture.
 
-    The object is upright, its base is at the height of the ring's plane and within 15 mm of the ring's center, and its
-    handle, if any, is not under the spout.
+    The object must be upright, and its base must be at the height of the ring and within 15 mm of the ring's center. If
+    it has a handle, the handle must not be under the spout.
     """
     info = state.info
     region, offset = info.object(fixture).region("ring").position, foot_offset(info.object(name))
@@ -60,9 +60,10 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, fixture: str) -> str | None:
-    """Return "" if an object is on the ring in any posture, such as off center, on its side, or held over it.
+    """Return "" if an object is on or over the ring in any posture, such as off center or on its side, otherwise None.
 
-    The object's center or foot is over the disc of the ring and below the spout.
+    The center or the foot of the object must be over the disc of the ring and below the spout. An object that the
+    gripper holds there counts as well.
     """
     target, frame = state.info.object(fixture), state.pose(fixture)
     ring, spout = target.region("ring"), target.region("spout")
@@ -76,7 +77,7 @@ def _loosely(state: WorldState, name: str, fixture: str) -> str | None:
 
 
 def handle_clear(state: WorldState, name: str, fixture: str) -> bool:
-    """Return whether all corners of the object's handle are clear of the fixture's spout, seen from above."""
+    """Return whether all corners of an object's handle are clear of the fixture's spout, seen from above."""
     handles = [r for r in state.info.object(name).regions if r.name == "handle"]
     spout = state.info.object(fixture).region("spout")
     to_spout = (state.pose(fixture) @ spout.pose).inverse()
@@ -93,7 +94,10 @@ def handle_clear(state: WorldState, name: str, fixture: str) -> bool:
 
 
 def _goals(state: WorldState, name: str, fixture: str, _region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals on the ring. The object slides in from the front of the fixture, below its overhanging head."""
+    """Return place goals on the ring of a fixture.
+
+    The object slides in from the front of the fixture, below its overhanging head.
+    """
     frame, info = state.pose(fixture), state.info.object(name)
     x, y, z = frame.apply(state.info.object(fixture).region("ring").position)
     facing = yaw_of(frame.quaternion)
@@ -122,4 +126,4 @@ ON_RING = register(
         surface=surface_of("ring"),
     )
 )
-"""Relation between an object and the marked ring on which it stands."""
+"""Relation "on_ring": the object stands on the marked ring of the fixture."""

@@ -11,14 +11,14 @@ from betterbench.tasks.relations.rest import on_floor
 
 @dataclass(frozen=True, slots=True)
 class PlaceGoal:
-    """A pose at which an object is released, and its approach direction.
+    """Pose at which an object is released, with the direction of the approach.
 
     Attributes:
-        pose: Release pose ``T_world_object``.
-        approach: Displacement [m], world frame, from the release pose to the start of the straight approach.
-        release_width_m: Gripper opening at the release [m], or None for the full opening.
-        alike: Adjacent goals in a list with the same number are equally good, and the expert may use any of them, or
-            None for a goal with a fixed rank.
+        pose: Pose ``T_world_object`` at the release.
+        approach: Displacement from the release pose to the start of the straight approach, in the world frame [m].
+        release_width_m: Opening of the gripper at the release [m], or None for the full opening.
+        alike: Number shared by equally good goals. If adjacent goals in a list have the same number, the expert may use
+            any of them. None for a goal with a fixed rank.
     """
 
     pose: Pose
@@ -28,11 +28,11 @@ class PlaceGoal:
 
 
 SHARED = "+"
-"""Separator between the names of overlapping regions in the result of ``where``."""
+"""Text between the names of overlapping regions in the result of ``where``."""
 
 
 def is_at(place: str | None, region: str) -> bool:
-    """Return whether the result of ``where`` includes a region. The result lists all overlapping regions."""
+    """Return whether a result of ``where`` includes a region. If regions overlap, the result names all of them."""
     return place == region or (place is not None and SHARED in place and region in place.split(SHARED))
 
 
@@ -44,30 +44,30 @@ Surface = Callable[[Mapping[str, Region], str], Vector]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relation:
-    """Relation between an object and a target, with the data for judging, planning and documents.
+    """Relation between an object and a target, with the data that judging, planning and documents need.
 
     Attributes:
         name: Identifier ("inside", "beside").
         words: Text for documents, such as "{object} is inside {target}". It contains ``{region}`` if the target has
             several regions.
-        where: ``where(state, object, target)`` returns the name of the target region that contains the object, "" if
-            the target has only one region, or None if the object is in none. For overlapping regions, it returns all
-            their names joined by "+" (see :func:`is_at`).
+        where: ``where(state, object, target)`` returns the name of the target region that contains the object, or "" if
+            the target has only one region. It returns None if the object is in no region. If regions overlap, it
+            returns the names of all of them, joined by "+" (see :func:`is_at`).
+        regions: Function that returns the names of an object's target regions. The result is empty if the object cannot
+            be a target.
+        needs: Regions that the asset of a target must have. If a target has several regions, one of them is enough.
         loosely: Like ``where``, but for an object in any posture, such as leaning, jammed, on its side, half in, on top
-            or held there. It is used after ``where`` returns None, to check that the target is free of an object. It is
-            None if ``where`` covers every posture.
-        regions: Function that returns the names of an object's target regions. It is empty if the object cannot be a
-            target.
-        needs: Required regions in a target's asset. All of them are required, or any of them if the target has several
-            regions.
-        tolerances: Names of the thresholds in ``where``, apart from the rest and posture thresholds.
+            or held there. It is called when ``where`` has returned None, to check that the object is really not at the
+            target. It is None if ``where`` already covers every posture.
+        tolerances: Names of the thresholds that ``where`` uses, except for those of rest and posture.
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
-            starting with the best. It is None if the object is not carried but slides in its mount.
-        surface: ``surface(regions, region)`` returns the center of the surface on which objects rest [m], in the frame
-            of the object that has these regions, or None if objects cannot be pre-placed.
-        roles: Roles of the objects that can have this relation.
-        counted: Whether the target region depends on objects already there, as for the layer of a stack.
+            best first. It is None if the object is not carried, because it slides in its mount.
+        surface: ``surface(regions, region)`` returns the center of the surface on which objects rest, in the frame of
+            the object that has these regions [m]. It is None if objects cannot start at the target.
+        roles: Roles of the objects that can have this relation to a target.
+        counted: Whether the region depends on the objects that are already at the target, as for the layers of a stack.
         falls: Whether an object may be dropped into the target.
+        wide: Whether the regions are so wide that an object may be in one without having been brought there.
     """
 
     name: str
@@ -86,20 +86,23 @@ class Relation:
 
     @property
     def carried(self) -> bool:
-        """Whether the relation is established by carrying the object, as opposed to moving it along its rail."""
+        """Whether the relation is established by carrying the object.
+
+        Otherwise, the object moves along a rail, like a drawer.
+        """
         return self.goals is not None
 
     def holds(self, state: WorldState, name: str, target: str, region: str = "") -> bool:
-        """Return whether an object is in a target region."""
+        """Return whether an object is in a region of a target."""
         return is_at(self.where(state, name, target), region)
 
     def anyhow(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region of an object, strictly or in any other posture, or None."""
+        """Return the target region in which an object is, whatever its posture, or None."""
         place = self.where(state, name, target)
         return place if place is not None or self.loosely is None else self.loosely(state, name, target)
 
     def brought(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region to which an object was brought against the instruction, in any posture, or None."""
+        """Return the target region to which an object was wrongly brought, whatever its posture, or None."""
         return (
             self.anyhow(state, name, target)
             if self.loosely is None or not self.wide
@@ -107,11 +110,14 @@ class Relation:
         )
 
     def label(self, name: str, target: str, region: str = "") -> str:
-        """Return the name of a predicate, such as "inside(burger_1, box)" or "in_hole(salt, rack.hole_1)"."""
+        """Return the name of the predicate, such as "inside(burger_1, box)" or "in_hole(salt, rack.hole_1)"."""
         return f"{self.name}({name}, {target}{'.' if region else ''}{region})"
 
     def middle(self, target: ObjectInfo, region: str) -> Vector:
-        """Return the center of a target region in the target's frame [m], or its origin if it has no surface."""
+        """Return the center of a target region in the frame of the target [m].
+
+        If the relation has no surface, this is the origin of the target.
+        """
         if self.surface is None:
             return (0.0, 0.0, 0.0)
         return self.surface({r.name: r for r in target.regions}, region)
@@ -120,10 +126,10 @@ class Relation:
         """Return the poses at which an object satisfies the relation, best first.
 
         Raises:
-            PlanningError: If the relation is not established by carrying.
+            PlanningError: If the relation is not established by carrying the object.
         """
         if self.goals is None:
-            raise PlanningError(f"{self.name} is not established by carrying an object")
+            raise PlanningError(f"the relation {self.name} is not established by carrying an object")
         return self.goals(state, name, target, region)
 
 
@@ -132,13 +138,13 @@ RELATIONS: dict[str, Relation] = {}
 
 
 def register(relation: Relation) -> Relation:
-    """Add a relation to the registry, and return it as registered.
+    """Add a relation to the registry, and return the registered relation.
 
-    In every relation, a target on the floor no longer counts as a target, and an object on the floor is not at a
-    target. This rule is implemented only here.
+    One rule is added to every registered relation: a target on the floor no longer counts as a target, and an object on
+    the floor is not at any target. This rule is implemented only here.
 
     Raises:
-        ValueError: If another relation has the same name.
+        ValueError: If there is already a relation with this name.
     """
     if relation.name in RELATIONS:
         raise ValueError(f"the relation {relation.name!r} already exists: {RELATIONS[relation.name].words}")
@@ -149,7 +155,7 @@ def register(relation: Relation) -> Relation:
 
 
 def _on_the_table(where: Where) -> Where:
-    """Return a ``where`` that returns None for objects and targets on the floor."""
+    """Return a variant of ``where`` that returns None if the object or the target is on the floor."""
 
     def guarded(state: WorldState, name: str, target: str) -> str | None:
         place = where(state, name, target)
@@ -159,16 +165,16 @@ def _on_the_table(where: Where) -> Where:
 
 
 def relation(name: str) -> Relation:
-    """Return a relation by name.
+    """Return a relation by its name.
 
     Raises:
-        UnknownNameError: If the relation does not exist.
+        UnknownNameError: If there is no such relation.
     """
     return find_named("relation", name, RELATIONS.values())
 
 
 def single(test: Callable[[WorldState, str, str], bool]) -> Where:
-    """Return the ``where`` function for a relation whose targets have only one region."""
+    """Turn a test for the single region of a target into the ``where`` function of a relation."""
 
     def where(state: WorldState, name: str, target: str) -> str | None:
         return "" if test(state, name, target) else None
@@ -177,7 +183,10 @@ def single(test: Callable[[WorldState, str, str], bool]) -> Where:
 
 
 def offers(*names: str) -> Regions:
-    """Return the ``regions`` function for a relation whose targets have one region and all of these asset regions."""
+    """Return the ``regions`` function of a relation whose targets have a single region.
+
+    An object is a target if its asset has all of the named regions.
+    """
 
     def regions(info: ObjectInfo) -> tuple[str, ...]:
         return ("",) if set(names) <= {r.name for r in info.regions} else ()
@@ -186,7 +195,7 @@ def offers(*names: str) -> Regions:
 
 
 def offers_each(*names: str) -> Regions:
-    """Return the ``regions`` function for a relation whose targets have any of these asset regions."""
+    """Return the ``regions`` function of a relation for which each of the named asset regions is a target region."""
 
     def regions(info: ObjectInfo) -> tuple[str, ...]:
         return tuple(r.name for r in info.regions if r.name in names)
@@ -195,9 +204,10 @@ def offers_each(*names: str) -> Regions:
 
 
 def surface_of(*names: str) -> Surface:
-    """Return the ``surface`` function for a relation whose objects rest on the first existing asset region.
+    """Return the ``surface`` function of a relation whose objects rest on a region of the target's asset.
 
-    Without names, the target region itself is the surface.
+    The objects rest on the first of the named asset regions that the asset has. If no names are given, they rest on the
+    target region itself.
     """
 
     def surface(regions: Mapping[str, Region], region: str) -> Vector:

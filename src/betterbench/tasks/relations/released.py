@@ -1,4 +1,4 @@
-"""Predicate of release, for an object without contact to the gripper."""
+"""Predicate "released": an object has no contact with the gripper."""
 
 from betterbench.interface.state import WorldState
 

@@ -1,4 +1,4 @@
-"""Tests for stationary objects, a stationary arm, and upright objects."""
+"""Tests for whether objects are at rest, whether the arm is at rest, and whether objects are upright."""
 
 from collections import deque
 
@@ -8,11 +8,11 @@ from betterbench.tasks.thresholds import THRESHOLDS
 
 
 class RestWatch:
-    """Rest detector, for objects whose position and posture have not changed for a short time.
+    """Detector of objects at rest, i.e. of objects whose position and posture have not changed for a short time.
 
-    Displacement is used instead of speed, because contacts can make an object at rest tremble at 1 rad/s without moving
-    it by a tenth of a millimeter. Pass every state in order, starting at reset, where all objects are treated as at
-    rest.
+    Displacement is used instead of speed, because in contact, a resting object can tremble at 1 rad/s without moving by
+    a tenth of a millimeter. The detector must be given every state in order, starting at reset. At reset, all objects
+    count as at rest.
     """
 
     def __init__(self, *, rate_hz: float) -> None:
@@ -26,11 +26,11 @@ class RestWatch:
         self._seen += 1
 
     def at_rest(self, name: str) -> bool:
-        """Return whether an object has kept its position and rotation during the last ``rest_time``."""
+        """Return whether an object has kept its position and rotation for at least ``rest_time``."""
         now = self._states[-1]
         i = now.info.index(name)
         position, quaternion = now.positions[i], now.quaternions[i]
-        # an object that was at rest in the last state and has not moved since is still at rest
+        # An object that was at rest in the last state and has not moved since is still at rest.
         if self._found.get(name) != (self._seen - 1, position, quaternion) and not self._stayed(i):
             return False
         self._found[name] = (self._seen, position, quaternion)
@@ -52,15 +52,15 @@ def on_floor(state: WorldState, name: str) -> bool:
 
 
 def upright(state: WorldState, name: str) -> bool:
-    """Return whether an object is in its asset's upright posture."""
+    """Return whether an object is in the upright posture of its asset."""
     return tilt_of(state.quaternion(name)) <= THRESHOLDS.upright_tilt
 
 
 def lies_on_side(state: WorldState, name: str) -> bool:
-    """Return whether an object is tilted so far from the upright posture of its asset that it has been knocked over."""
+    """Return whether an object is tilted so far from the upright posture of its asset that it was knocked over."""
     return tilt_of(state.quaternion(name)) > THRESHOLDS.knocked_tilt
 
 
 def arm_still(state: WorldState) -> bool:
-    """Return whether all arm joints are slower than 0.05 rad/s, about 2 cm/s at the end effector."""
+    """Return whether all arm joints are slower than 0.05 rad/s, which is about 2 cm/s at the end effector."""
     return all(abs(v) < 0.05 for v in state.joint_velocities)

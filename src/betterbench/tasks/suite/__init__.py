@@ -1,4 +1,4 @@
-"""The suite's tasks, with one short file each. New files in this folder are found automatically."""
+"""Tasks of the suite, with one short file each. New files in this folder are found automatically."""
 
 import importlib
 import pkgutil

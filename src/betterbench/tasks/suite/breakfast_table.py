@@ -28,7 +28,7 @@ F, C, S = (FORK, "left"), (CUP, "upper_right"), (SPOON, "right")
 
 
 def laid(*steps: tuple[a.ObjectSpec, str]) -> a.Instruction:
-    """Return the instruction to lay pieces next to the plate."""
+    """Return the instruction to lay pieces of tableware next to the plate, each at its own side."""
     return a.arranged(PLATE, *steps, close=True)
 
 

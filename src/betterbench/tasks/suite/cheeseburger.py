@@ -15,7 +15,7 @@ LAYOUT = {PATTY: FIRST, CHEESE: SECOND, LETTUCE: THIRD, TOP: FOURTH, BASE: STAND
 
 
 def stack(*things: a.ObjectSpec) -> a.Instruction:
-    """Return the instruction to stack layers on the bottom bun, from below."""
+    """Return the instruction to stack the given layers on the bottom bun, from the lowest to the highest."""
     names = [f"the {t.kind}" for t in things]
     if names[0] == names[1]:
         names[1] = f"another {things[1].kind}"

@@ -20,7 +20,7 @@ TRAINED = {MOUSE: "right", MUG: "left", SPEAKER: "behind"}
 
 
 def put(*steps: tuple[a.ObjectSpec, str]) -> a.Instruction:
-    """Return the instruction to put objects to sides of the laptop."""
+    """Return the instruction to put objects at sides of the laptop."""
     return a.arranged(LAPTOP, *steps)
 
 

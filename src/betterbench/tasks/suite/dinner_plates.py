@@ -18,7 +18,7 @@ LAYOUTS = (
 
 
 def onto(*steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
-    """Return the instruction to put plates on plates, from below."""
+    """Return the instruction to put plates on other plates, starting with the lowest."""
     parts = [f"the {upper.kind} on the {lower.kind}" for upper, lower in steps]
     goals = (a.subgoal(f"{u.name}_on_{lo.name}", a.ON_PLATE, u, lo, word=u.kind.split()[0]) for u, lo in steps)
     return a.ordered(f"Put {', then '.join(parts)}.", *goals)

@@ -14,7 +14,7 @@ LAYOUT = {BURGER: FIRST, BURGER_2: SECOND, FRIES: THIRD, DRINK: FOURTH, BOX: STA
 
 
 def order(text: str, *things: a.ObjectSpec) -> a.Instruction:
-    """Return the order for these objects, one after the other."""
+    """Return the instruction to pack the given food, one item after the other."""
     return a.ordered(f"Put {text}.", *a.packed("pack", BOX, *things))
 
 

@@ -8,8 +8,9 @@ LEMON, MANGOSTEEN = a.item("lemon"), a.item("mangosteen")
 BLOCK, SOAP = a.distractor("block", color="red"), a.distractor("soap_bar", color="white")
 BASKET = a.container("basket", "fruit basket")
 
-# 14 to 26 cm from the first axis of the arm, which is at x = 0.039 m, and at least 15 cm from the initial tool
-# position: an open gripper that rests above an object counts as an interaction. Both layouts use the same four slots.
+# The slots are 14 to 26 cm from the first axis of the arm, which is at x = 0.039 m. They are at least 15 cm from the
+# initial position of the tool, because an open gripper that rests above an object counts as an interaction. Both
+# layouts use the same four slots.
 NEAR = a.Slot("near", 0.118, 0.127, jitter_m=0.01)
 RIGHT = a.Slot("right", 0.257, 0.142, jitter_m=0.01)
 MIDDLE = a.Slot("middle", 0.180, 0.218, jitter_m=0.01)
@@ -24,7 +25,7 @@ ONE = a.ordered("Put the lemon into the fruit basket.", *a.packed("pack", BASKET
 
 
 def fruits(*present: a.ObjectSpec) -> a.Instruction:
-    """Return the instruction to pack all fruits, with a step for each fruit in the scene, in any order."""
+    """Return the instruction to pack all fruits, with one step for each fruit in the scene, in any order."""
     steps = (a.subgoal(f"pack_{fruit.name}", a.INSIDE, fruit, BASKET, word="fruits") for fruit in present)
     return a.Instruction(ALL_FRUITS, tuple(steps))
 
@@ -43,7 +44,7 @@ STILL, AMBIGUOUS = a.Expected.STAY_STILL, a.Expected.AMBIGUOUS
 
 
 def _cells(*rows: tuple[tuple[str, str], ...]) -> tuple[a.MatrixCell, ...]:
-    """Return the cells of rows of conditions, each with the outcome in the paper's table."""
+    """Return the cells of a matrix. Each row lists the names of the conditions and the outcome in the paper's table."""
     return tuple(
         a.MatrixCell(row, column, tuple(names.split()), paper)
         for row, told in zip(State, rows, strict=True)
@@ -73,7 +74,7 @@ SHORT_MATRIX = a.ConditionMatrix(
         ),
     ),
 )
-"""Outcomes of the paper for "Put the lemon into the fruit basket."; the mangosteen is the distractor of the cells."""
+"""Outcomes in the paper for "Put the lemon into the fruit basket.". The mangosteen is the distractor."""
 
 LONG_MATRIX = a.ConditionMatrix(
     Horizon.LONG,
@@ -97,7 +98,7 @@ LONG_MATRIX = a.ConditionMatrix(
         ),
     ),
 )
-"""Outcomes of the paper for "Put all the fruits into the fruit basket."."""
+"""Outcomes in the paper for "Put all the fruits into the fruit basket."."""
 
 
 @a.task
@@ -126,7 +127,8 @@ def fruit_basket() -> a.Task:
     def long(name: str, *do: Operation, title: str, says: str, expected: a.Expected = STILL) -> a.Variation:
         broken = expected is AMBIGUOUS
         started = lemon_in in do or in_basket in do
-        # After the lemon, the paper's policy grasps at the slot of the missing mangosteen; 10 s suffice to show this.
+        # After the lemon, the paper's policy grasps at the slot of the missing mangosteen. 10 s are enough to show
+        # this.
         watch = 200 if expected is a.Expected.SUCCEED and lemon_in not in do and no_lemon not in do else 0
         return a.Variation(
             name, do, title, says, "train3", expected, mid_task_look=started, premise_broken=broken, watch_steps=watch

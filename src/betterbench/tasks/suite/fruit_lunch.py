@@ -13,7 +13,7 @@ LAYOUT = {APPLE: FIRST, ORANGE: SECOND, LEMON: THIRD, LUNCHBOX: STAND}
 
 
 def pack(text: str, *things: a.ObjectSpec) -> a.Instruction:
-    """Return the instruction to pack these objects, one after the other."""
+    """Return the instruction to pack the given fruits, one after the other."""
     return a.ordered(f"Put {text}.", *a.packed("pack", LUNCHBOX, *things))
 
 

@@ -13,7 +13,7 @@ LAYOUT_2 = {RED_MUG: FAR, BLUE_MUG: NEAR, MACHINE: STAND}
 
 
 def place(word: str, mug: a.ObjectSpec | a.Reference) -> a.Instruction:
-    """Return the instruction to put the mug that ``word`` refers to into the ring."""
+    """Return the instruction to put the mug that ``word`` refers to onto the ring of the coffee machine."""
     step = a.subgoal("place_mug", a.ON_RING, mug, MACHINE, word=word)
     text = f"Put the {word} mug inside the ring of the coffee machine, its handle not facing the machine."
     return a.Instruction(text, (step,))

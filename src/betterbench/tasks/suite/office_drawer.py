@@ -22,7 +22,7 @@ LAYOUTS = (
 
 
 def load(*steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
-    """Return the instruction to put objects into drawers and to close these."""
+    """Return the instruction to put objects into drawers and close these drawers."""
     parts = [f"the {thing.kind} into the {into.kind}" for thing, into in steps]
     goals: list[a.Subgoal] = []
     for thing, into in steps:

@@ -18,7 +18,7 @@ VALUABLES = {MOUSE: PLACE_1, MUG: PLACE_2, KEYBOARD: PLACE_3, BIN: FLOOR}
 
 
 def throw(text: str, *things: a.ObjectSpec) -> a.Instruction:
-    """Return the instruction to throw objects away, in any order."""
+    """Return the instruction to throw objects into the waste bin, in any order."""
     return a.Instruction(f"Throw {text} into the waste bin.", a.packed("throw", BIN, *things))
 
 

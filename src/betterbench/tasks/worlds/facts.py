@@ -1,6 +1,6 @@
-"""Registry of facts about worlds that are needed to read a run without a simulator.
+"""Registry of facts about worlds, which make it possible to read a run without the simulator of its world.
 
-The worlds that run trials are in :mod:`betterbench.sim.worlds`. Registering a world registers its facts.
+The worlds that run trials are in :mod:`betterbench.sim.worlds`. Registering a world there registers its facts here.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ from betterbench.json_form import open_form, read_form
 from betterbench.tasks.suite_folder import is_suite_folder
 
 Reading = Literal["conditions", "goals", "outcomes", "chains"]
-"""How the diagnosis evaluates the records of a world.
+"""Way in which the diagnosis evaluates the records of a world.
 
-"conditions" uses the conditions of our own tasks, "goals" the goals and starts in LIBERO's files, and "outcomes" only
-success. "chains" get no labels. Success rates of their subtasks are counted instead.
+- "conditions": with the conditions of betterbench's own tasks.
+- "goals": with the goals and starts in LIBERO's files.
+- "outcomes": only the success of each trial is used.
+- "chains": trials get no labels. The success rates of subtasks are counted instead.
 """
 
 
@@ -33,8 +35,8 @@ class Suite:
 
     Attributes:
         name: Name on the command line ("libero_spatial_swap").
-        base: Name of the suite whose tasks are changed, or ``name`` for an unchanged suite.
-        change: Name of the change ("swap"), or None.
+        base: Name of the suite whose tasks are changed, or ``name`` for a suite without changes.
+        change: Name of the change ("swap"), or None for a suite without changes.
         tasks: Number of tasks.
         summary: Description in one phrase.
     """
@@ -54,11 +56,11 @@ class WorldFacts:
     Attributes:
         name: Name in plans and on the command line ("libero").
         title: Name in messages ("LIBERO").
-        suites: Suites by name. A suite's tasks are called "BASE-...", where BASE is the suite's ``base``.
-        reading: How the diagnosis reads the records.
-        measured: Whether certificates, the power matrix, calibrations and demonstrations cover the tasks, and whether a
-            stored plan can be repeated.
-        statements: A report's statements about the scenes and the accuracy of the labels, by heading.
+        suites: Suites by name. The tasks of a suite are called "BASE-...", where BASE is the suite's ``base``.
+        reading: Way in which the diagnosis evaluates the records.
+        measured: Whether the tasks are covered by certificates, the power matrix, calibrations and demonstrations, and
+            a stored plan can be run again.
+        statements: Statements that a report makes about the scenes and about the accuracy of the labels, by heading.
     """
 
     name: str
@@ -86,36 +88,36 @@ OURS = WorldFacts(
     reading="conditions",
     measured=True,
 )
-"""Facts about betterbench's own scenes. Their tasks are in :mod:`betterbench.tasks.suite` or defined by users."""
+"""Facts about betterbench's own scenes. Their tasks are in :mod:`betterbench.tasks.suite`, or are defined by users."""
 
 _FACTS: dict[str, WorldFacts] = {OURS.name: OURS}
 _STORED = TypeAdapter(WorldFacts)
 
 
 def register_facts(facts: WorldFacts) -> WorldFacts:
-    """Register and return the facts about a world.
+    """Register the facts about a world, and return them.
 
     Raises:
-        InvalidInputError: If another world has the same name, or a suite of the same name.
+        InvalidInputError: If another world has the same name, or has a suite with the same name.
     """
     for known in _FACTS.values():
         taken = [suite for suite in facts.suites if suite in known.suites]
         if known.name != facts.name and taken:
             raise InvalidInputError(
-                f"world {facts.name!r}", f"{known.name} has a suite {taken[0]!r} too", "Rename one of the two"
+                f"world {facts.name!r}", f"{known.name} also has a suite {taken[0]!r}", "Rename one of the two suites"
             )
     if _FACTS.setdefault(facts.name, facts) != facts:
-        raise InvalidInputError(f"world {facts.name!r}", "another world has this name", "Rename one of the two")
+        raise InvalidInputError(f"world {facts.name!r}", "another world has this name", "Rename one of the two worlds")
     return facts
 
 
 def forget_facts(name: str) -> None:
-    """Remove the facts about a world from the register. This is for tests."""
+    """Remove the facts about a world from the registry. This is meant for tests."""
     _FACTS.pop(name, None)
 
 
 def known_facts() -> Mapping[str, WorldFacts]:
-    """Return the facts about all registered worlds, by name. Our own world comes first."""
+    """Return the facts about all registered worlds, by name. betterbench's own world comes first."""
     _import_built_in()
     return _FACTS
 
@@ -129,17 +131,20 @@ def _import_built_in() -> None:
 
 
 def facts_of_suite(suite: str) -> WorldFacts | None:
-    """Return the facts about the world that has a suite, or None if no known world has it.
+    """Return the facts about the world to which a suite belongs, or None if no known world has this suite.
 
-    A path of a folder with a suite belongs to our own scenes.
+    The path of a suite folder belongs to betterbench's own world.
     """
     if suite in OURS.suites or is_suite_folder(suite):
-        return OURS  # without reading anything of other worlds
+        return OURS  # nothing about other worlds needs to be read
     return next((facts for facts in known_facts().values() if suite in facts.suites), None)
 
 
 def facts_of_task(task: str) -> WorldFacts:
-    """Return the facts about a task's world ("libero_object-03"), or our own world if no other world has such tasks."""
+    """Return the facts about the world to which a task ("libero_object-03") belongs.
+
+    If no other world has such a task, this is betterbench's own world.
+    """
     base = task.rpartition("-")[0]
     return next((facts for facts in known_facts().values() if base and base in facts.suites), OURS)
 
@@ -148,11 +153,11 @@ def facts_of_plan(plan: Mapping[str, Any], *, where: str) -> WorldFacts:
     """Return the facts about the world of a stored plan, and register them if the plan contains them.
 
     Args:
-        plan: Run plan.
-        where: Its file's name, for messages.
+        plan: Plan of the run.
+        where: Name of the plan's file in messages.
 
     Raises:
-        RecordError: If the plan names an unknown world without describing this world.
+        RecordError: If the plan names an unknown world without describing it.
     """
     if "world" not in plan:
         return OURS
@@ -162,6 +167,6 @@ def facts_of_plan(plan: Mapping[str, Any], *, where: str) -> WorldFacts:
     if isinstance(name, str) and name in known:
         return known[name]
     stored = world.get("facts") if isinstance(world, dict) else None
-    cure = f"Restore the file, or give one of the worlds {', '.join(known)}"
+    cure = f"Restore the file, or use one of the worlds {', '.join(known)}"
     found = read_form(_STORED, stored, where=f"{where}: plan.world.facts", cure=cure, raises=RecordError)
     return register_facts(found)

@@ -1,7 +1,7 @@
-"""LIBERO, LIBERO-PRO and LIBERO-Plus as data, with the suites and the evaluation protocols of existing work.
+"""LIBERO, LIBERO-PRO and LIBERO-Plus as data: their suites, and the protocols with which existing work evaluates them.
 
-Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example, with
-openpi's values for its undocumented settings.
+Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example. For
+settings that the last example does not document, openpi's values are used.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from betterbench.json_form import strict_form
 from betterbench.tasks.worlds.facts import Suite, WorldFacts, register_facts
 
 IMAGE_SIDE = 256
-"""Width and height of an image [pixel]."""
+"""Width and height of a camera image [pixel]."""
 
 SEED = 7
 
@@ -24,7 +24,7 @@ SETTLING_STEPS = 10
 CONTROL_RATE_HZ = 20.0
 
 STATES = 50
-"""Initial states of every task."""
+"""Number of initial states of every task."""
 
 _STEPS = {"libero_spatial": 220, "libero_object": 280, "libero_goal": 300, "libero_10": 520, "libero_90": 400}
 CHANGES: Mapping[str, str] = {
@@ -33,7 +33,7 @@ CHANGES: Mapping[str, str] = {
     "lan": "the instruction is paraphrased",
     "task": "the instruction is for another task",
 }
-"""Descriptions of LIBERO-PRO's changes to a suite, by name."""
+"""Descriptions of the changes that LIBERO-PRO makes to a suite, by name."""
 
 
 _BASES = (
@@ -56,7 +56,7 @@ SUITES: Mapping[str, Suite] = {
         ),
     )
 }
-"""The five suites of LIBERO and the sixteen of LIBERO-PRO whose resources are complete in the wheel, by name."""
+"""The five suites of LIBERO and the sixteen suites of LIBERO-PRO whose resources are complete in the wheel, by name."""
 
 PLUS_SUITES: Mapping[str, Suite] = {
     suite.name: suite
@@ -71,7 +71,7 @@ PLUS_SUITES: Mapping[str, Suite] = {
         for base, variants in zip(_BASES, (2402, 2518, 2591, 2519), strict=False)
     )
 }
-"""The four suites of LIBERO-Plus by name."""
+"""The four suites of LIBERO-Plus, by name."""
 
 
 _STATEMENTS = {
@@ -92,15 +92,15 @@ LIBERO_PLUS = register_facts(
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FieldProtocol:
-    """Evaluation protocol of existing work, with step limits, trials and seed.
+    """Evaluation protocol of an existing project, with step limits, number of trials and seed.
 
     Attributes:
-        name: Protocol name.
-        steps: Control steps after settling, by base suite.
-        trials: Number of initial states of each task, from the first one on.
-        settling_steps: Steps with an open gripper before the first observation.
+        name: Name of the protocol.
+        steps: Number of control steps after settling, by base suite.
+        trials: Number of initial states of each task that are used, starting with the first.
+        settling_steps: Number of steps with an open gripper before the first observation.
         seed: Seed of LIBERO's random numbers.
-        differences: Differences from openpi's protocol. It is empty for openpi.
+        differences: Differences from openpi's protocol. Empty for openpi's own protocol.
     """
 
     name: str
@@ -133,7 +133,7 @@ PROTOCOLS: Mapping[str, FieldProtocol] = {
         ),
     )
 }
-"""Existing protocols by name. Results of different protocols are not comparable."""
+"""Existing protocols, by name. The results of different protocols cannot be compared."""
 
 OURS = (
     "the random numbers of LIBERO are seeded before each reset, not once per task, so that a trial does not depend on "
@@ -143,15 +143,23 @@ OURS = (
 
 
 def suite_named(name: str) -> Suite:
-    """Return a suite of LIBERO, LIBERO-PRO or LIBERO-Plus by name. Raises UnknownNameError for an unknown name."""
+    """Return a suite of LIBERO, LIBERO-PRO or LIBERO-Plus by its name.
+
+    Raises:
+        UnknownNameError: If there is no such suite.
+    """
     known = {**SUITES, **PLUS_SUITES}
     if name not in known:
-        raise UnknownNameError("suite of LIBERO", name, known)
+        raise UnknownNameError("LIBERO suite", name, known)
     return known[name]
 
 
 def protocol_named(name: str) -> FieldProtocol:
-    """Return a protocol by name. Raises UnknownNameError for an unknown name."""
+    """Return a protocol by its name.
+
+    Raises:
+        UnknownNameError: If there is no such protocol.
+    """
     try:
         return PROTOCOLS[name]
     except KeyError:

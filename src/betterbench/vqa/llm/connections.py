@@ -1,4 +1,4 @@
-"""Persistent connections of one process to an HTTP server."""
+"""Connections from one process to an HTTP server, which are kept open between requests."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from contextlib import contextmanager
 
 
 class Connections:
-    """Connections to one server; safe to use from several threads.
+    """Connections to one server, which several threads can use at the same time.
 
-    Connections stay open between requests only while :meth:`kept` is open.
+    Connections stay open between requests only inside the context :meth:`kept`.
     """
 
     def __init__(self, connect: Callable[[], http.client.HTTPConnection]) -> None:
@@ -28,7 +28,7 @@ class Connections:
 
     @contextmanager
     def kept(self) -> Iterator[Connections]:
-        """Keep connections open between requests, until the last such context ends."""
+        """Context in which connections stay open between requests. They are closed when the last such context ends."""
         with self._lock:
             if self._holders == 0:
                 self._stopped.clear()
@@ -44,7 +44,7 @@ class Connections:
                 connection.close()
 
     def stop(self) -> None:
-        """Make all pending requests fail soon, including those waiting for a retry.
+        """Make all pending requests fail soon, including those that wait for a retry.
 
         The next :meth:`kept` allows requests again.
         """
@@ -57,7 +57,7 @@ class Connections:
                     connection.sock.shutdown(socket.SHUT_RDWR)
 
     def pause(self, seconds: float) -> None:
-        """Sleep, but wake up when the requests are stopped."""
+        """Sleep for the given time, but wake up early if the requests are stopped."""
         self._stopped.wait(seconds)
 
     def post(
@@ -67,12 +67,12 @@ class Connections:
         headers: dict[str, str],
         read: Callable[[http.client.HTTPResponse], bytes],
     ) -> tuple[http.client.HTTPResponse, bytes]:
-        """Send a request and return the response with its content.
+        """Send a request, and return the response and its content.
 
-        If the server has closed an idle connection in the meantime, the request is sent again on a new one.
+        If the server has closed an idle connection in the meantime, the request is sent again on a new connection.
 
         Raises:
-            OSError: If the server cannot be reached or closes the connection.
+            OSError: If the server cannot be reached, or closes the connection.
             http.client.HTTPException: If the response is not HTTP.
         """
         with self._taken() as (connection, keep):

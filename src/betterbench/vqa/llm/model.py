@@ -1,4 +1,4 @@
-"""Vision-language models that answer a prompt about images, and their addresses."""
+"""Vision-language models that answer a prompt about images, and the addresses of such models."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _EXAMPLE = "http://localhost:8000/v1#my-model"
 
 
 class Model(Protocol):
-    """A vision-language model."""
+    """Vision-language model."""
 
     @property
     def name(self) -> str:
-        """Model name."""
+        """Name of the model."""
 
     def answer(self, prompt: str, pictures: Sequence[bytes]) -> str | Reply:
-        """Return the answer to a prompt about images (PNG, JPEG, GIF or WebP), with its token counts if known.
+        """Return the answer to a prompt about images (PNG, JPEG, GIF or WebP), with the token counts if they are known.
 
-        A prompt may contain placeholders for its images, see :func:`~betterbench.vqa.llm.chat.user_message`.
+        A prompt may contain placeholders for the images, see :func:`~betterbench.vqa.llm.chat.user_message`.
 
         Raises:
             RefusedError: If this request was rejected.
@@ -36,10 +36,11 @@ class Model(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ChatModel:
-    """A chat endpoint as a model.
+    """Chat endpoint that is used as a :class:`Model`.
 
     Attributes:
-        max_tokens: Longest answer [tokens].
+        chat: The endpoint.
+        max_tokens: Largest number of tokens in an answer.
     """
 
     chat: Chat
@@ -47,22 +48,23 @@ class ChatModel:
 
     @property
     def name(self) -> str:
-        """Model name."""
+        """Name of the model."""
         return self.chat.name
 
     def answer(self, prompt: str, pictures: Sequence[bytes]) -> Reply:
-        """Return the answer; see :class:`Model`."""
+        """Return the answer, see :class:`Model`."""
         return self.chat.complete([user_message(prompt, *pictures)], max_tokens=self.max_tokens)
 
     def opened(self) -> AbstractContextManager[Stoppable]:
-        """Return the connections of the endpoint, kept open between requests."""
+        """Return a context manager that keeps the connections of the endpoint open between requests."""
         return opened(self.chat)
 
 
 def opened(asked: object) -> AbstractContextManager[Stoppable]:
-    """Return the resource that a thread keeps open while it sends requests to a model, or an empty one.
+    """Return a context in which requests are sent to a model.
 
-    A model with connections has a method ``opened``.
+    A model that needs connections has a method ``opened``, which returns this context. For other models, the context
+    does nothing.
     """
     found = getattr(asked, "opened", None)
     resource: AbstractContextManager[Stoppable] = NoResource() if found is None else found()
@@ -78,18 +80,18 @@ def endpoint_at(
     further: Mapping[str, Any] | None = None,
     cache: ReplyCache | None = None,
 ) -> ChatEndpoint:
-    """Return the chat endpoint at an address with the name of its model, ``URL#MODEL``.
+    """Return the chat endpoint for an address of the form ``URL#MODEL``.
 
     Args:
         address: The address.
-        option: Option for the error.
-        key_variable: Environment variable with the API key.
-        otherwise: Another value that the option accepts, for the error.
+        option: Name of the option in error messages.
+        key_variable: Name of the environment variable that may contain the API key.
+        otherwise: Value other than an address that the option accepts, for error messages.
         further: Further fields of each request.
-        cache: Stored replies of earlier requests.
+        cache: Stored replies to earlier requests.
 
     Raises:
-        InvalidInputError: If the address has no model or is not an HTTP address.
+        InvalidInputError: If the address names no model or is not an HTTP address.
     """
     url, _, model = address.partition("#")
     if not model or not url:

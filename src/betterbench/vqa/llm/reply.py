@@ -1,4 +1,4 @@
-"""Model reply with its token counts and retries."""
+"""Reply of a model, with its token counts and retries."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ class Reply:
     """Reply of a model.
 
     Attributes:
-        text: The text.
-        prompt_tokens: Number of tokens of the prompt and its images, as reported by the server; None if not reported.
-        completion_tokens: Number of tokens of the text, as reported by the server; None if not reported.
+        text: Text of the reply.
+        prompt_tokens: Number of tokens in the prompt and its images, or None if the server did not report it.
+        completion_tokens: Number of tokens in the text, or None if the server did not report it.
         retries: Reason for each attempt that failed before this reply, as "KIND: DETAILS" ("HTTP 429: too many
             requests").
         is_cached: Whether the reply was stored by an earlier request with the same content.

@@ -1,4 +1,4 @@
-"""Format of an answer, the value read from a text, and the part of a text that contains the answer."""
+"""Form of an answer, the value that is read from a text, and the part of a text that is searched for an answer."""
 
 from __future__ import annotations
 
@@ -10,23 +10,27 @@ from betterbench.vqa.coordinates import CONVENTIONS, Convention
 from betterbench.vqa.question import Form
 
 Stage = Literal["strict", "tolerant", "extractor", "none"]
-"""Stage that produced a value."""
+"""Stage of parsing in which a value was found."""
 
 LONGEST = 20_000
-"""Number of characters at the end of a text to search, because the answer follows the reasoning."""
+"""Number of characters at the end of a text that are searched.
+
+The answer is there, because it follows the reasoning.
+"""
 
 _THINKING = re.compile(r"<(/?)(?:think|thinking|thought|reasoning)>", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class AnswerSpec:
-    """Format of an answer.
+    """Form of an answer.
 
     Attributes:
-        options: Options of a choice, in letter order.
-        width: Columns of the image, for boxes and points [pixel].
-        height: Rows of the image, for boxes and points [pixel].
-        convention: Convention of coordinates that the user declared.
+        form: Kind of value.
+        options: Options of a choice, in the order of their letters.
+        width: Number of columns of the image, for boxes and points [pixel].
+        height: Number of rows of the image, for boxes and points [pixel].
+        convention: Coordinate convention that the user declared.
     """
 
     form: Form
@@ -41,16 +45,17 @@ class Read:
     """Answer read from a text.
 
     Attributes:
-        answer: The value, or None. For a choice, the letter; for yes or no, "Yes" or "No"; for a number, its digits. A
-            box or a point is "[...]" and points are "[[...], ...]", in pixels, column before row.
-        stage: Stage that produced the value.
+        answer: The value, or None. For a choice, this is the letter of the option. For a yes-or-no question, it is
+            "Yes" or "No", and for a count, its digits. A box or a point has the form "[...]" and several points have
+            the form "[[...], ...]", in pixels, with the column before the row.
+        stage: Stage of parsing in which the value was found.
     """
 
     answer: str | None
     stage: Stage
 
     def at(self, stage: Stage) -> Read:
-        """Return the same value with another stage; if there is no value, the stage stays "none"."""
+        """Return the same value with a different parsing stage. If there is no value, the stage remains "none"."""
         return self if self.answer is None else replace(self, stage=stage)
 
 
@@ -58,9 +63,9 @@ NOTHING = Read(None, "none")
 
 
 def final_text(text: str) -> str:
-    """Return the part of a reply that may contain the answer, which is its end without the reasoning in thinking tags.
+    """Return the end of a reply, without reasoning in thinking tags. Only this part may contain the answer.
 
-    A reply that ends inside the reasoning, because the token limit was reached, contains no answer.
+    If a reply ends inside the reasoning because the token limit was reached, it contains no answer.
     """
     kept, start, inside = list[str](), 0, False
     for tag in _THINKING.finditer(text):

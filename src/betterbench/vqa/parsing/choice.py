@@ -1,4 +1,4 @@
-"""Parser for choices: letters or words of options."""
+"""Parser for multiple-choice answers, which may be given by the letter or the words of an option."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ _FENCE = re.compile(r"```(?:\w+)?\s*(.*?)```", re.DOTALL)
 
 
 def letters_of(options: tuple[str, ...]) -> dict[str, str]:
-    """Return the options by letter."""
+    """Return a mapping from letters to the options that they stand for."""
     return {chr(ord("A") + i): option for i, option in enumerate(options)}
 
 
 def read_choice(options: tuple[str, ...], text: str) -> Read:
-    """Return the letter of the option named in a text."""
+    """Return the letter of the option that a text names."""
     text, letters = unicodedata.normalize("NFKC", text), letters_of(options)
     found = _strict(letters, text)
     if found is not None:
@@ -56,7 +56,7 @@ def read_choice(options: tuple[str, ...], text: str) -> Read:
 
 
 def _strict(letters: dict[str, str], text: str) -> Read | None:
-    """Read a text that begins with a letter or is exactly an option; return None for any other text."""
+    """Read a text that consists of an option, of its letter, or of both. Return None for any other text."""
     text = text.strip()
     first = re.match(r"\(?([A-Z])\s*(?:[).:]\s*(.*))?$", text, flags=re.DOTALL)
     if first and first[1] in letters:
@@ -64,7 +64,7 @@ def _strict(letters: dict[str, str], text: str) -> Read | None:
         if said in ("", option.lower().rstrip(".")):
             return Read(first[1], "strict")
         if any(said == other.lower().rstrip(".") for other in letters.values()):
-            return NOTHING  # the letter of one option with the text of another
+            return NOTHING  # the text has the letter of one option and the words of another
         return None
     plain = text.rstrip(".").lower()
     same = [letter for letter, option in letters.items() if plain == option.lower().rstrip(".")]
@@ -77,7 +77,7 @@ def _strict(letters: dict[str, str], text: str) -> Read | None:
 
 
 def _wrapped(text: str) -> list[str]:
-    """Return the contents of wrappers that mark a final answer, last one first."""
+    """Return the contents of markup in which models put the final answer (such as a box), the last one first."""
     inside = [found for pattern in _WRAPPED for found in reversed(pattern.findall(text))]
     for part in (text, *reversed(_FENCE.findall(text))):
         if part.lstrip().startswith("{"):
@@ -90,7 +90,11 @@ def _wrapped(text: str) -> list[str]:
 
 
 def _claimed(letters: dict[str, str], text: str) -> str | None:
-    """Return the letter claimed by a sentence, or else its only letter, or else that of the only option it quotes."""
+    """Return the letter of the option that a text names as its answer.
+
+    A letter that a sentence declares to be the answer takes precedence. Otherwise, this is the only letter in the text
+    or, without letters, the letter of the only option that the text quotes.
+    """
     claims = [
         m
         for m in _CLAIMED.finditer(text)
@@ -123,7 +127,7 @@ def _marked(text: str) -> list[str]:
 
 
 def _is_named(option: str, text: str) -> bool:
-    """Return whether a text contains the words of an option without negation."""
+    """Return whether a text contains the words of an option without negating them."""
     words = re.finditer(rf"(?<!\w){re.escape(option)}(?!\w)", text)
     return any(not _is_denied(text, m.start(), m.end()) for m in words)
 
@@ -140,6 +144,6 @@ def _is_article(text: str, found: re.Match[str]) -> bool:
 
 
 def _names_another(letters: dict[str, str], text: str, claim: re.Match[str]) -> bool:
-    """Return whether another letter follows a claimed one ("The answer is A or B")."""
+    """Return whether another letter follows the letter that is declared to be the answer ("The answer is A or B")."""
     following = _NEXT_LETTER.match(text, claim.end(1))
     return following is not None and following[1] in letters and following[1] != claim[1]

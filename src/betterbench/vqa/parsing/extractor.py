@@ -1,9 +1,10 @@
-"""Answer extraction by a language model. The model may only copy parts of the text.
+"""Extraction of an answer by a language model, which may only copy parts of the text.
 
-The extractor gets the text and, for a choice, the options. It does not get the question, the image or the correct
-answer, so it cannot answer the question itself. Each copied part must occur in the text word for word, and each number
-must be a complete number of the text. Otherwise, the extraction is "none". The copied parts are then read by the same
-parser as every other answer, in the declared convention of coordinates. The extractor neither scales nor swaps numbers.
+The extractor gets the text and, for a choice, the options. It gets neither the question nor the image nor the correct
+answer, so that it cannot answer the question itself. Each part that it copies must occur in the text word for word, and
+each number must be a complete number of the text. Otherwise, the stage is "none". The copied parts are then read by the
+same parser as every other answer, in the declared coordinate convention. The extractor neither scales nor swaps
+numbers.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def extraction_prompt(spec: AnswerSpec, text: str) -> str:
 
 
 def read_extraction(spec: AnswerSpec, text: str, reply: str) -> Read:
-    """Read the answer copied by an extractor; the stage is "none" if it copied nothing or invented a part.
+    """Read the answer that an extractor copied. The stage is "none" if it copied nothing or made up a part.
 
     Args:
         spec: Form of the answer.
@@ -62,7 +63,10 @@ def read_extraction(spec: AnswerSpec, text: str, reply: str) -> Read:
 
 
 def _grouped(form: Form, numbers: list[str]) -> str:
-    """Format copied numbers as tuples; return an empty string if their count does not fit the answer format."""
+    """Format copied numbers as tuples.
+
+    The result is an empty string if the form of the answer requires more or fewer numbers.
+    """
     size = 4 if form is Form.BOX else 2
     if not numbers or len(numbers) % size or (form is not Form.POINTS and len(numbers) != size):
         return ""
@@ -83,7 +87,10 @@ def _copied(reply: str) -> list[str]:
 
 
 def _occurs(part: str, source: str) -> bool:
-    """Return whether a part occurs in the text, ignoring white space, without cutting a number or a word."""
+    """Return whether a part occurs in the text and begins and ends at the boundary of a number or a word.
+
+    Differences in white space do not matter.
+    """
     words, there = " ".join(part.split()), " ".join(source.split())
     whole = rf"(?<![\w.]){re.escape(words)}(?!\w|\.\d)" if words[:1].isalnum() else re.escape(words)
     if re.search(whole, there) is None:

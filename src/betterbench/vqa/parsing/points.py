@@ -1,7 +1,8 @@
-"""Parsing of boxes and points in any notation.
+"""Parser for boxes and points in any notation.
 
-The declared convention determines order and scale. Another written form, such as a list instead of the declared JSON,
-is accepted in the stage "tolerant". It never changes the order or the scale.
+The declared convention determines the order and the scale of the numbers. A different written form, such as a list
+instead of the declared JSON, is accepted in the stage "tolerant". The written form never changes the order or the scale
+of the numbers.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ _CLAIM = re.compile(rf"(?i:{CLAIM}|final coordinates|result)\s*[:：=]?\s*")
 _CLAIMS_TRIED = 3
 _MOST = 10**6
 MOST_POINTS = 10_000
-"""Maximum number of points that are read from one text."""
+"""Largest number of points that are read from one text."""
 
 Numbers = tuple[Fraction, ...]
 
 
 def read_points(spec: AnswerSpec, text: str) -> Read:
-    """Read the box, point or points in a text, in pixels; see :class:`~betterbench.vqa.parsing.answer.Read`."""
+    """Read the box, point or points in a text, in pixels, see :class:`~betterbench.vqa.parsing.answer.Read`."""
     text = " ".join(text.split())  # long runs of white space make the patterns slow
     groups, form = _whole(spec, text)
     stage = "strict" if form == spec.convention.form else "tolerant"
@@ -53,35 +54,35 @@ def read_points(spec: AnswerSpec, text: str) -> Read:
 
 
 def numbers_of(answer: str) -> list[list[float]]:
-    """Return the numbers of each box or point of a :class:`Read` value."""
+    """Return the numbers of each box or point in an answer that was read into a :class:`Read`."""
     return [[float(v) for v in _WRITTEN.findall(part)] for part in re.findall(r"\[([^\[\]]*)\]", answer)]
 
 
 def exact_groups(answer: str) -> list[list[Fraction]]:
-    """Return the numbers of each box or point of a :class:`Read` value, exactly as written there."""
+    """Return the numbers of each box or point in the answer of a :class:`Read`, exactly as they are written there."""
     return [[Fraction(v) for v in _WRITTEN.findall(part)] for part in re.findall(r"\[([^\[\]]*)\]", answer)]
 
 
 def _shown(values: Sequence[Fraction]) -> str:
-    """Return numbers in brackets, with up to nine decimals and without exponents."""
+    """Return numbers as text in brackets, with up to nine decimals and without exponents."""
     return f"[{', '.join(f'{float(v):.9f}'.rstrip('0').rstrip('.') for v in values)}]"
 
 
 def _fitting(spec: AnswerSpec, groups: Sequence[Numbers]) -> list[Numbers]:
-    """Return the groups of numbers with the right length for the answer format: pairs, or four edges."""
+    """Return the groups of numbers with the right length for the form of the answer: 2 for a point, 4 for a box."""
     lengths = {Form.BOX: (4,), Form.POINT: (2,)}.get(spec.form, (2, 4))
     return [g for g in groups if len(g) in lengths and all(abs(v) < _MOST for v in g)]
 
 
 def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
-    """Return the groups of a text that contains only coordinates, and their written form."""
+    """Return the groups of numbers in a text that contains only coordinates, and their notation."""
     text = text.strip()
     fence = _FENCE.fullmatch(text)
     bare = (fence[1] if fence else text).strip()
     if _BARE.fullmatch(bare) or _GROUP.fullmatch(bare) or _LIST.fullmatch(bare):
         groups = [_split(m) for m in (_GROUP.findall(bare) or [bare])]
         fitting = _fitting(spec, groups)
-        # a list with one point is a valid point; a list with several points is not
+        # A list with one point is a valid point. A list with several points is not.
         if len(fitting) == len(groups) and (spec.form is Form.POINTS or len(groups) == 1):
             return fitting, "tuples"
         return [], ""
@@ -93,7 +94,10 @@ def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
 
 
 def _inside(spec: AnswerSpec, text: str) -> list[Numbers]:
-    """Return the groups in a text with other words, preferably those after the last claim of an answer."""
+    """Return the groups of numbers in a text that contains other words as well.
+
+    Groups that follow the last declaration of an answer come first.
+    """
     parts = [text[m.end() :] for m in list(_CLAIM.finditer(text))[-_CLAIMS_TRIED:]]
     for part in (*reversed(parts), text):
         for groups in (_tagged(_TAG.findall(part)), _json_inside(part), _listed(part)):
@@ -105,7 +109,7 @@ def _inside(spec: AnswerSpec, text: str) -> list[Numbers]:
 
 
 def _listed(text: str) -> list[Numbers]:
-    """Return the tuples in the last list of tuples, or else all tuples."""
+    """Return the tuples in the last list of tuples in a text. If the text has no such list, return all tuples."""
     lists = _LIST.findall(text)
     return [_split(m) for m in _GROUP.findall(lists[-1] if lists else text)]
 
@@ -115,7 +119,10 @@ def _split(group: str) -> Numbers:
 
 
 def _tagged(tags: Sequence[str]) -> list[Numbers]:
-    """Return the points in XML tags: ``x="1" y="2"``, or ``x1="1" y1="2" x2=...``; x is returned first in any case."""
+    """Return the points in XML tags such as ``x="1" y="2"`` or ``x1="1" y1="2" x2=...``.
+
+    Each point is returned with x first, regardless of the order in the tag.
+    """
     found: list[Numbers] = []
     for tag in tags:
         values = {(name.lower(), number): Fraction(value) for name, number, value in _ATTRIBUTE.findall(tag)}
@@ -134,7 +141,7 @@ def _json_inside(text: str) -> list[Numbers]:
 
 
 def _brackets(text: str) -> list[str]:
-    """Return candidates for JSON in a text: the parts from the first to the last bracket of each kind."""
+    """Return the parts of a text that may be JSON, from the first to the last bracket of each kind."""
     if "{" not in text:
         return []
     pairs = (("[", "]"), ("{", "}"))
@@ -142,7 +149,7 @@ def _brackets(text: str) -> list[str]:
 
 
 def _of_json(text: str) -> list[Numbers]:
-    """Return the groups under known keys in JSON, or an empty list for invalid JSON."""
+    """Return the groups of numbers that JSON contains under known keys, or an empty list if the JSON is invalid."""
     text = re.sub(r",\s*([\]}])", r"\1", text.strip())
     if "{" not in text:
         return []
@@ -156,9 +163,10 @@ def _of_json(text: str) -> list[Numbers]:
 
 
 def _exactly(text: str) -> Fraction:
-    """Convert a JSON number exactly.
+    """Convert a number in JSON to an exact value.
 
-    Raises ValueError for exponents of more than two digits, because these would take hours.
+    Raises:
+        ValueError: If the exponent has more than two digits, because the conversion would then take hours.
     """
     if not _EXPONENT.fullmatch(text.lower().partition("e")[2]):
         msg = f"{text[:20]} is out of range"

@@ -1,4 +1,4 @@
-"""Entry point of the answer parser."""
+"""Entry point of the parser for answers of models."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from betterbench.vqa.question import Form
 
 
 def read_text(spec: AnswerSpec, text: str) -> Read:
-    """Read the answer in a text; the stage is "none" if the text contains no answer or several different answers."""
+    """Read the answer of a model from a text.
+
+    The stage of the result is "none" if the text contains no answer, or several different answers.
+    """
     text = final_text(text)
     match spec.form:
         case Form.YES_NO:

@@ -1,4 +1,4 @@
-"""Parsers for yes or no, and for counts."""
+"""Parsers for yes-or-no answers and for counts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _UNKNOWING = re.compile(r"no idea|no way to (?:know|tell)|no answer|not sure|can
 
 
 def read_yes_no(text: str) -> Read:
-    """Read "Yes" or "No" from a text."""
+    """Read whether a text says "Yes" or "No"."""
     lower = re.sub(rf"{_NOT}(?:yes|no)\b", " ", text.lower())
     for said, meant in (("true", " no "), ("false", " yes ")):
         lower = re.sub(rf"{_NOT}{said}\b", meant, lower)
@@ -50,7 +50,7 @@ def read_number(text: str) -> Read:
         return Read(str(int(text.rstrip("."))), "strict")
     lower = _DENIED_NUMBER.sub(" ", text.lower())
     if re.search(r"-\d|\d[.,]\d", lower):
-        return NOTHING  # counts are neither negative nor fractional
+        return NOTHING  # a count is neither negative nor fractional
     for part in (*reversed(re.findall(rf"(?:{CLAIM}|total|count is)[\s:：*]*(\w+)", lower)), lower):
         words = re.findall(r"[a-z]+|\d+", part)
         found = {

@@ -1,4 +1,7 @@
-"""Question types, one file each: generators of questions about a moment, whose answers follow from the state."""
+"""Question types, one per file.
+
+Each file generates questions about a moment with answers that follow from the state.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ GENERATORS: dict[QuestionType, QuestionMaker] = {
     QuestionType.EXECUTION: execution,
     QuestionType.PREMISE: premise,
 }
-"""Generator of each question type."""
+"""Generator of the questions of each type."""
 
 
 def candidates_of(moment: Moment, types: tuple[QuestionType, ...] = tuple(QuestionType)) -> Iterator[Candidate]:
@@ -44,14 +47,14 @@ def candidates_of(moment: Moment, types: tuple[QuestionType, ...] = tuple(Questi
 
 
 def _boxes(moment: Moment, draft: QuestionDraft) -> Iterator[Box | None]:
-    """Yield the box of the visible part of each object of a question."""
+    """Return the box around the visible part of each object that a question is about."""
     for name in draft.objects:
         seen = moment.seen(name)
         yield None if seen is None else seen.box
 
 
 def _tags(moment: Moment, draft: QuestionDraft) -> Iterator[str]:
-    """Yield a question's tags from its objects: out of place, small, partly hidden."""
+    """Yield the tags of a question that depend on its objects: out of place, small, partly hidden."""
     info = moment.episode.trace.info
     if any(moment.episode.out_of_place(info.index(name)) for name in draft.objects if name in info):
         yield "out of place"

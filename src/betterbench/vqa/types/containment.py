@@ -1,4 +1,4 @@
-"""Containment: objects in a container, in a hole or on a ring, and the container of an object."""
+"""Questions about containment: objects in a container, in a hole or on a ring, and the container of an object."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 IN_WORDS = {"inside": "in", "in_hole": "in a hole of", "on_ring": "on the ring of"}
-"""Relations treated as containment, with their wording."""
+"""Relations that are treated as containment, each with its wording."""
 
 IN_GRIPPER, ON_TABLE = "in the gripper", "on the table"
 
 
 def containment(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about each object and each target that can contain it, and about a target's content."""
+    """Yield questions about each object and each target that can contain it, and about the content of a target."""
     for kind, target in moment.named.items():
         for relation in moment.relations_of(target):
             if relation.name in IN_WORDS:

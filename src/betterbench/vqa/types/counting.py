@@ -1,4 +1,4 @@
-"""Counting: visible objects of a kind, objects in a container, and objects in a stack."""
+"""Questions about numbers of objects: visible objects of a kind or a group, and objects in a container."""
 
 from __future__ import annotations
 
@@ -18,13 +18,16 @@ GROUPS = {
     "pieces of cutlery": ("fork", "spoon"),
     "drawers": ("upper_drawer", "lower_drawer"),
 }
-"""Words for several kinds of object, with their categories."""
+"""Words for several kinds of objects, each with the categories of these objects."""
 SIMILAR = {"plates": ("shallow_bowl", "cereal_bowl"), "mugs": ("cup", "tumbler", "drink_cup")}
-"""Categories that could be confused with the categories of a word; scenes that show them are excluded for that word."""
+"""Categories that could be confused with the categories of a word.
+
+A scene with objects of these categories is not used for questions with this word.
+"""
 
 
 def counting(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about the number of objects: of kinds that occur several times, of groups, and in containers."""
+    """Yield questions about numbers of objects, for kinds that occur several times, groups of kinds, and containers."""
     own = [o.kind for o in moment.objects]
     for kind in sorted({*kinds_in_numbers(), *(kind for kind in own if own.count(kind) > 1)}):
         members = [o.name for o in moment.objects if o.kind == kind]
@@ -40,7 +43,10 @@ def counting(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _count(moment: Moment, family: str, key: str, plural: str, members: list[str]) -> Iterator[QuestionDraft]:
-    """Yield the question for the number of objects, if each of them is either clearly visible or hidden."""
+    """Yield the question about the number of objects.
+
+    There is no question unless each object is either clearly visible or completely hidden.
+    """
     shown = [name for name in members if moment.is_clear(name)]
     if all(moment.is_clear(name) or moment.is_hidden(name) for name in members):
         tags = () if members else ("absent",)
@@ -48,7 +54,10 @@ def _count(moment: Moment, family: str, key: str, plural: str, members: list[str
 
 
 def _count_inside(moment: Moment, kind: str, target: str) -> Iterator[QuestionDraft]:
-    """Yield the question for the number of objects in a container, if all objects are clear and unambiguous."""
+    """Yield the question about the number of objects in a container.
+
+    There is no question if an object in the container is not clearly visible, or if the state is ambiguous.
+    """
     inside = []
     for o in moment.objects:
         if o.role not in ("item", "distractor") or o.fixed or o.name == target:

@@ -1,4 +1,4 @@
-"""Execution tracking: the current activity of the robot, the finished steps and the next step."""
+"""Questions about the execution: what the robot is doing, which steps are finished, and which step is next."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ON_WORDS = {**IN_WORDS, "layer": "on", "on_plate": "on"}
 
 
 def execution(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about the robot's motion and its progress in the instruction."""
+    """Yield questions about what the robot is doing and about its progress in the instruction."""
     yield from _doing(moment)
     goals = moment.condition.instruction.subgoals
     words = {"instruction": moment.condition.instruction.text}
@@ -53,10 +53,10 @@ def _doing(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
-    """Return the objects of an instruction if its progress is visible in an image, else None.
+    """Return the objects that show how far an instruction has been carried out, or None if an image does not show this.
 
-    All objects and targets of the steps must be clearly visible, and an unfinished step must not look finished. An
-    object at its target that is still in the gripper or moving would look finished.
+    All objects and targets of the steps must be clearly visible, and an unfinished step must not look finished. For
+    example, an object at its target that is still in the gripper or moving would look finished.
     """
     goals, info = moment.condition.instruction.subgoals, moment.state.info
     if len(done) != len(goals) or [_looks_done(moment, g) for g in range(len(goals))] != done:
@@ -72,7 +72,7 @@ def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
 
 
 def _looks_done(moment: Moment, g: int) -> bool:
-    """Return whether a step looks done. For a drawer that must be closed, its content must also be inside."""
+    """Return whether a step looks done. If the step is to close a drawer, the content must also be inside."""
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if int(trace.serves[moment.row, g, list(trace.meant[g])].sum()) < goals[g].count:
         return False
@@ -82,7 +82,7 @@ def _looks_done(moment: Moment, g: int) -> bool:
 
 
 def step_words(moment: Moment, goal: Subgoal) -> str:
-    """Return a step as an imperative phrase: "put the burger in the box"."""
+    """Return a step as an imperative phrase, such as "put the burger in the box"."""
     info = moment.state.info
     number = moment.condition.instruction.subgoals.index(goal)
     anchor = info.objects[moment.episode.trace.targets[number]]
@@ -108,7 +108,7 @@ _ORDINALS = {2: "second", 3: "third", 4: "fourth"}
 
 
 def done_words(moment: Moment, done: list[bool]) -> str:
-    """Return the finished steps in the wording of an option."""
+    """Describe the finished steps, in the words of an option for the answer."""
     goals = moment.condition.instruction.subgoals
     if all(done):
         return EVERYTHING

@@ -1,4 +1,4 @@
-"""Grounding: the box of an object, a point on an object, and the object in a box."""
+"""Questions about grounding: the box of an object, a point on an object, and the object in a given box."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from betterbench.vqa.nouns import definite
 from betterbench.vqa.question import Form, QuestionDraft
 
 CELLS = 8
-"""Cells per side of the image over which boxes and points are spread; a cell is about as large as an object."""
+"""Number of image cells per side over which boxes and points are spread. A cell is about as large as an object."""
 COARSE_CELLS = 4
-"""Cells per side within which the coordinates in a question must not reveal its answer."""
+"""Number of image cells per side within which answers are balanced, so that coordinates do not reveal them."""
 MOST_OPTIONS = 4
-"""Maximum number of objects to choose from in one question."""
+"""Largest number of objects to choose from in one question."""
 
 
 def grounding(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions for each object's box, for a point on it, and for the kind of the object in its box."""
+    """Yield questions that ask for the box of each object, a point on it, and the kind of the object in a box."""
     for kind, o in moment.named.items():
         seen = moment.view.objects[o.name]
         words, cell = {"thing": definite(kind)}, cell_of(seen, moment.view.width, CELLS)
@@ -41,7 +41,7 @@ def grounding(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def written(numbers: Sequence[int]) -> str:
-    """Return coordinates in written form: "[12, 40, 30, 66]"."""
+    """Return coordinates as they are written in texts, such as "[12, 40, 30, 66]"."""
     return f"[{', '.join(map(str, numbers))}]"
 
 
@@ -53,7 +53,10 @@ def cell_of(seen: SeenObject, width: int, cells: int) -> str:
 
 
 def chunks(kinds: Sequence[str]) -> list[tuple[str, ...]]:
-    """Divide kinds into groups of two to four. The groups are the same for all questions about them."""
+    """Divide kinds of objects into groups of two to four.
+
+    The groups are the same for all questions about these kinds.
+    """
     if len(kinds) < 2:
         return []
     count = -(-len(kinds) // MOST_OPTIONS)
@@ -62,7 +65,7 @@ def chunks(kinds: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _is_alone(moment: Moment, name: str, box: Box) -> bool:
-    """Return whether no other object's center is inside a box, so that the box contains a single object."""
+    """Return whether a box contains only one object, i.e. whether the centers of all other objects are outside it."""
     left, top, right, bottom = box
     others = (s.centroid for other, s in moment.view.objects.items() if other != name)
     return not any(left <= x < right and top <= y < bottom for x, y in others)

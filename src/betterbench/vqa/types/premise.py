@@ -1,4 +1,4 @@
-"""Premise: presence of an object, identity of the object in a slot, and feasibility of a task."""
+"""Questions about premises: which objects are present, which object is in a slot, and whether a task can be done."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.vqa.types.relation import yes
 
 
 def premise(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about the presence of each kind, the kind of each object, and the feasibility of the task."""
+    """Yield questions about which kinds are present, of which kind each object is, and whether the task can be done."""
     for kind in (*moment.episode.vocabulary, *moment.episode.foreign):
         words = {"thing": indefinite(kind)}
         members = [o.name for o in moment.objects if o.kind == kind]
@@ -25,7 +25,10 @@ def premise(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
-    """Return the tags of the question for an absent kind; it is harder if another object is in its usual slot."""
+    """Return the tags of a question about a kind of object that the scene does not contain.
+
+    The question is harder if another object is in the slot in which this kind usually stands.
+    """
     tags = ["absent"]
     if kind in moment.episode.vocabulary:
         tags.append("of this task")
@@ -35,7 +38,10 @@ def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
 
 
 def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about the object in a box that ask for its own kind, or the kind at this place in training."""
+    """Yield questions about whether the object in a box is of a certain kind.
+
+    They ask for the object's own kind, and for the kinds that stood in the object's slot in training.
+    """
     info = moment.state.info
     for kind, o in moment.things.items():
         usual = info.slot(o.slot).trained_kinds if o.slot is not None else ()

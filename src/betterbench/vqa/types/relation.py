@@ -1,4 +1,4 @@
-"""Spatial relations: left and right (in the image and for the robot), nearer and farther, and outermost objects."""
+"""Questions about spatial relations: left and right (in the image and for the robot), nearer, farther and outermost."""
 
 from __future__ import annotations
 
@@ -15,17 +15,24 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.grounding import chunks
 
 IMAGE_MARGIN = 0.08
-"""Minimum horizontal distance between two centers for "left of", as a fraction of the image width: 20 of 256 pixels,
-about the width of an object.
+"""Smallest horizontal distance between two centers for "left of", as a fraction of the width of the image.
+
+This is 20 of 256 pixels, or about the width of an object.
 """
 CAMERA_MARGIN_M = 0.06
-"""Minimum difference between two distances from the camera for "nearer" [m], the limit of what people can judge."""
+"""Smallest difference between the distances of two objects from the camera for "nearer" [m].
+
+This is about the smallest difference that people can judge.
+"""
 ROBOT_MARGIN_M = 0.05
-"""Minimum distance between two objects, lateral or radial, in the robot frame [m]; objects are 4 to 8 cm wide."""
+"""Smallest difference between two objects in the robot frame, sideways or in distance from the base [m].
+
+Objects are 4 to 8 cm wide.
+"""
 
 
 def spatial_relation(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about pairs of objects and about the outermost of several objects."""
+    """Yield questions about pairs of objects, and about the outermost of several objects."""
     for (a, first), (b, second) in itertools.combinations(moment.named.items(), 2):
         names = first.name, second.name
         both_small = a in moment.things and b in moment.things
@@ -42,7 +49,7 @@ def spatial_relation(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _apart(moment: Moment, a: str, b: str) -> bool:
-    """Return whether neither object's center is above, below or within the other object in the image."""
+    """Return whether the center of neither object is above, below or within the other object in the image."""
     first, second = moment.view.objects[a], moment.view.objects[b]
     return not any(
         y.box[0] <= x.centroid[0] <= y.box[2] for x, y in ((first, second), (second, first))
@@ -66,7 +73,7 @@ def _from_camera(moment: Moment, kinds: tuple[str, str], names: tuple[str, str])
 
 
 def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) -> Iterator[QuestionDraft]:
-    """Yield questions in the robot frame, in which the robot looks along x from the origin, with y to its left."""
+    """Yield questions in the robot's frame. The robot looks along x from the origin, and y points to its left."""
     a, b = (moment.center(name) for name in names)
     words = {"a": definite(kinds[0]), "b": definite(kinds[1])}
     if abs(a[1] - b[1]) >= ROBOT_MARGIN_M:
@@ -82,14 +89,18 @@ def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) 
 
 
 def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> Iterator[QuestionDraft]:
-    """Yield the question of whether an object is at a side of an anchor, as defined by the anchor's front."""
+    """Yield the question of whether an object is at a certain side of another object.
+
+    The sides are defined by the front of this other object.
+    """
     try:
         side = moment.place(BESIDE, thing[1], anchor[1])
     except LookupError:
         return
     info = moment.state.info.object(anchor[1])
     if side is None and is_laid(moment.state.info.object(thing[1]), info):
-        # at the side but in another direction: a person says yes although the instruction is not fulfilled
+        # The object is at the side, but points in another direction. A person would say yes although the instruction is
+        # not fulfilled.
         x, y, _ = moment.state.pose(anchor[1]).inverse().apply(foot(moment.state, thing[1]))
         if side_of(info, x, y) is not None:
             return
@@ -115,5 +126,5 @@ def _outermost(moment: Moment, kinds: tuple[str, ...]) -> Iterator[QuestionDraft
 
 
 def yes(holds: bool) -> str:
-    """Return "Yes" or "No"."""
+    """Return the answer "Yes" or "No" for a truth value."""
     return "Yes" if holds else "No"

@@ -1,4 +1,4 @@
-"""Stacking: objects on each other, the higher of two objects, and the order of a stack from the bottom."""
+"""Questions about stacking: which objects lie on each other, which of two is higher, and the order of a stack."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 HIGHER_M = 0.008
-"""Minimum height difference for "higher" [m]; layers are at least 10 mm thick."""
+"""Smallest difference in height for "higher" [m]. Layers are at least 10 mm thick."""
 
 
 def stacking(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about the objects on each base or plate, and about the order of stacks."""
+    """Yield questions about the objects on each base or plate, and about the order of objects in stacks."""
     stacked: set[str] = set()
     for base in _bases(moment):
         try:
@@ -36,12 +36,12 @@ def stacking(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _bases(moment: Moment) -> list[ObjectInfo]:
-    """Return the objects on which others are stacked, which are layer bases or all plates."""
+    """Return the objects on which others can be stacked: the bases of layered stacks, and all plates."""
     return [o for o in moment.objects if LAYER.regions(o) or (ON_PLATE.regions(o) and o.role == "item")]
 
 
 def _stack(moment: Moment, base: ObjectInfo) -> list[str]:
-    """Return the objects on a base, from the bottom.
+    """Return the objects on a base, from the bottom up.
 
     Raises:
         LookupError: If the state does not determine whether an object is on the base.
@@ -79,7 +79,10 @@ def _directly_on(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator
 
 
 def _order(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[QuestionDraft]:
-    """Yield the question for the order of two or more objects on a base, if all are visible and uniquely named."""
+    """Yield the question about the order of two or more objects on a base.
+
+    All of them must be visible, and no other object in the scene may have the same kind.
+    """
     kinds = [moment.state.info.object(name).kind for name in stack]
     if len(stack) >= 2 and all(k in moment.single and moment.is_large(moment.single[k].name) for k in kinds):
         words = {"base": definite(base.kind), "things": listed([definite(k) for k in sorted(kinds)])}
@@ -89,7 +92,7 @@ def _order(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[Quest
 
 
 def _higher(moment: Moment, stacked: frozenset[str]) -> Iterator[QuestionDraft]:
-    """Yield the question of which of two stackable objects has the higher center, if at least one is on a stack."""
+    """Yield the question of which of two objects has the higher center, if at least one of them is on a stack."""
     for (a, first), (b, second) in itertools.combinations(moment.things.items(), 2):
         if {first.name, second.name} & stacked and moment.state.held not in (first.name, second.name):
             up, down = (moment.center(o.name)[2] for o in (first, second))

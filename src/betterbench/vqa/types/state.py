@@ -1,4 +1,4 @@
-"""State questions: open and closed drawers, the gripper and its held object, and standing or fallen objects."""
+"""Questions about states: open and closed drawers, the gripper and the held object, and fallen objects."""
 
 from __future__ import annotations
 
@@ -14,18 +14,22 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 WIDELY_OPEN, SHUT = 0.75, 0.15
-"""Minimum opening of an open and maximum opening of a closed empty gripper, as fractions of the maximum; people
-disagree about values in between.
+"""Smallest opening of an open gripper and largest opening of a closed empty gripper, as fractions of the full opening.
+
+People disagree about openings in between.
 """
 FALLEN_RAD = 1.0
-"""Minimum tilt of a fallen object, about 60 degrees; objects with smaller tilts (leaning) are excluded."""
+"""Smallest tilt of an object that has fallen, about 60 degrees [rad].
+
+There are no questions about objects with a smaller tilt, which only lean.
+"""
 UPRIGHT_RAD = 0.1
 LEAST_SLENDER = 0.9
-"""Minimum ratio of height to width at which standing and lying look different."""
+"""Smallest ratio of height to width at which a standing object and a lying one look different."""
 
 
 def object_state(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about drawers, the gripper, and objects that can be upright."""
+    """Yield questions about drawers, about the gripper, and about objects that can stand upright."""
     yield from _drawers(moment)
     yield from _gripper(moment)
     for kind, o in moment.things.items():
@@ -74,7 +78,7 @@ def _gripper(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _lift(moment: Moment, name: str) -> float:
-    """Return the height of an object above its lowest position so far in the episode [m]."""
+    """Return how far an object is above the lowest height that it has had so far in the episode [m]."""
     i = moment.state.info.index(name)
     heights = moment.episode.trace.positions[: moment.row + 1, i, 2]
     return float(heights[-1] - heights.min())

@@ -1,5 +1,5 @@
-"""Balanced training conditions, with the same skills but with words, slots, orders and objects crossed.
+"""Balanced training conditions: they train the same skills, but words, slots, orders and objects are crossed.
 
-Each task of the suite has one file (see :mod:`betterbench.tasks.regimes`). Objects are not picked from the slots in
-``ASIDE``.
+Crossed properties occur in many combinations, so that none of them predicts another. Each task of the suite has one
+file (see :mod:`betterbench.tasks.regimes`). Objects are not picked from the slots in ``ASIDE``.
 """

@@ -1,4 +1,4 @@
-"""Balanced conditions of breakfast table, with every piece in every slot and the plate at either position."""
+"""Balanced conditions of the breakfast table: every piece of tableware is in every slot, with both plate positions."""
 
 import itertools
 
@@ -40,11 +40,11 @@ AROUND = (
     {BOWL: BACK_LEFT, SALT: FRONT_LEFT, JAM: BACK},
     {BOWL: BACK, SALT: BACK_LEFT, JAM: FRONT_LEFT},
 )
-"""Slots for the other tableware. A slot in front of the plate is excluded, because the bowl would be in the way."""
+"""Slots for the other tableware. No slot in front of the plate is used, because the bowl would be in the way."""
 
 
 def balanced_breakfast_table() -> list[Condition]:
-    """Return every ordered pair of pieces at sides that are not in a test, each in two layouts."""
+    """Return two layouts for every ordered pair of pieces and their sides, except for pairs that are part of a test."""
     found = []
     for shift in range(3):
         side = {piece: SIDES[(place + shift) % 3] for place, piece in enumerate(PIECES)}
@@ -61,7 +61,7 @@ def balanced_breakfast_table() -> list[Condition]:
 
 
 def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, str]]) -> dict[a.ObjectSpec, a.Slot]:
-    """Return the first rotation of the pieces that leaves the target positions free, and the plate's position."""
+    """Return the first rotation of the pieces that leaves the target positions free, and the position of the plate."""
     plates = (TABLE_RIGHT, TABLE_LEFT) if (number // 2 + row) % 2 else (TABLE_LEFT, TABLE_RIGHT)
     for more in range(3):
         turn = (number + row + shift + more) % 3
@@ -69,11 +69,14 @@ def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, s
         for plate in plates:
             if _has_room(pieces, plate, steps):
                 return {**pieces, PLATE: plate}
-    raise AssertionError("one of three rotations leaves room")
+    raise AssertionError("no rotation of the pieces leaves the target positions free")
 
 
 def _has_room(layout: dict[a.ObjectSpec, a.Slot], plate: a.Slot, steps: list[tuple[a.ObjectSpec, str]]) -> bool:
-    """Return whether the target positions are free. The plate reaches to the slots on its side."""
+    """Return whether the target positions are free.
+
+    The plate covers the space up to the slots on its side of the table.
+    """
     outer, slots = ("right", (RIGHT_EDGE, RIGHT_CORNER)) if plate is TABLE_RIGHT else ("left", (LEFT_EDGE, LEFT_CORNER))
     there = next(piece for piece in PIECES if layout[piece] in slots)
     for piece, side in steps:

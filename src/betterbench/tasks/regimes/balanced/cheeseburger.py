@@ -1,4 +1,4 @@
-"""Balanced conditions of cheeseburger, with every layer in every slot and the top bun on one layer or on two."""
+"""Balanced conditions of the cheeseburger: every layer is in every slot, and the top bun ends on one or two layers."""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -36,7 +36,10 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_cheeseburger() -> list[Condition]:
-    """Return four cyclic layouts with nine stacks each. Every other condition lacks the unrequested layers."""
+    """Return four rotated layouts, each with nine stacks.
+
+    Every second condition lacks a layer that is not requested.
+    """
     found = []
     for turn in range(4):
         for number, asked in enumerate(STACKS):

@@ -1,6 +1,6 @@
-"""Balanced conditions of desk meeting, with every object in every slot and the laptop at either position.
+"""Balanced conditions of the desk meeting: every object is in every slot, with both positions of the laptop.
 
-Because of its handle, the mug does not fit behind the laptop, so it goes to the left and to the right.
+The mug goes only to the left and to the right of the laptop. Because of its handle, it does not fit behind the laptop.
 """
 
 from betterbench.tasks import authoring as a
@@ -38,11 +38,11 @@ PAIRS = (
 )
 NEAR, FAR = (FRONT_1, FRONT_2, FRONT_3), (FRONT_4, FRONT_5, FRONT_6)
 STARTS = ((NEAR, DESK_RIGHT, 1), (NEAR, DESK_LEFT, -1), (FAR, DESK_LEFT, 1), (FAR, DESK_RIGHT, -1))
-"""Slots, laptop position, and the direction in which objects rotate through the slots."""
+"""Slots, position of the laptop, and direction in which the objects rotate through the slots."""
 
 
 def balanced_desk_meeting() -> list[Condition]:
-    """Return each pair in either order, in two layouts each."""
+    """Return conditions for each pair of objects, in both orders and with two layouts for each order."""
     found = []
     for number, pair in enumerate(PAIRS):
         for steps in (pair, pair[::-1]):

@@ -1,7 +1,8 @@
-"""Balanced conditions of dinner plates, with red and blue plates in every slot and the white plate at either position.
+"""Balanced conditions of the dinner plates: the red and blue plates are in every slot, with both white-plate positions.
 
-Other plates do not fit to the right of the white plate's right position, so this position occurs only with the left
-slots. Scenes that would equal a test omit the plate that the instruction does not name.
+When the white plate is at its right position, there is no room for other plates to the right of it. This position
+therefore occurs only with the slots on the left. If a scene would equal that of a test, the plate that the instruction
+does not name is left out.
 """
 
 from dataclasses import replace
@@ -33,7 +34,7 @@ MIDDLE = ((LEFT_BACK, RIGHT_FRONT), (LEFT_FRONT, RIGHT_BACK), (RIGHT_BACK, LEFT_
 
 
 def balanced_dinner_plates() -> list[Condition]:
-    """Return each instruction with each slot for its plate, for either position of the white plate."""
+    """Return conditions for each instruction, with each slot of the named plate and both white-plate positions."""
     right = {WHITE: STAND_RIGHT}
     trained = {RED: LEFT_BACK, BLUE: LEFT_FRONT, **right}
     found = [a.condition(trained, RED_ON_WHITE), a.condition({RED: LEFT_FRONT, **right}, RED_ON_WHITE)]
@@ -47,6 +48,9 @@ def balanced_dinner_plates() -> list[Condition]:
 
 
 def _stacked(blue: a.Slot, white: a.Slot) -> list[Condition]:
-    """Return subgoals with the stack as target, in either wording."""
+    """Return two conditions in which the target is a stack of two plates.
+
+    The two instructions are worded differently.
+    """
     layout = {RED: LEFT_BACK if blue is not LEFT_BACK else LEFT_FRONT, BLUE: blue, WHITE: white}
     return [a.condition(layout, asked, preplaced={RED: WHITE}) for asked in (BLUE_ON_RED, ON_THE_STACK)]

@@ -1,4 +1,4 @@
-"""Balanced conditions of fast food, with every food in every slot, and the burger first, second or not requested."""
+"""Balanced conditions of fast food: every food is in every slot, and the burger is first, second or not requested."""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -42,9 +42,12 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_fast_food() -> list[Condition]:
-    """Return four cyclic layouts with six orders each. Every other condition lacks an unrequested object or a burger.
+    """Return four rotated layouts, each with six orders.
 
-    R1 and R2 (tests) instruct fries and drink together, so a meal without a burger has only one of the two.
+    Every second condition lacks an object that is not needed.
+
+    The tests R1 and R2 ask for the fries and the drink together, so a meal without a burger contains only one of the
+    two.
     """
     found = []
     for turn in range(4):

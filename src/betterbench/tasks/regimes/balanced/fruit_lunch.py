@@ -1,4 +1,4 @@
-"""Balanced conditions of fruit lunch, with every order of the fruits, and the apple first, second or not requested."""
+"""Balanced conditions of the fruit lunch: fruits are in every order, with the apple first, second or not requested."""
 
 import itertools
 
@@ -41,11 +41,14 @@ ASKED = (
 
 
 def balanced_fruit_lunch() -> list[Condition]:
-    """Return six layouts with six instructions each. One in four lacks an unrequested fruit.
+    """Return six layouts, each with six instructions.
 
-    The other fruits are mostly present, so only the words determine the fruit. "Orange, then lemon" is the instruction
-    in the test R1. Using only "lemon, then orange" would add a rule, so a lunch without an apple has only one of the
-    two fruits. The initial scene of the test L1 occurs only with a fruit missing.
+    Every fourth condition lacks a fruit that is not requested.
+
+    In most conditions, the other fruits are present, so that only the words determine the fruit. "Orange, then lemon"
+    is the instruction of the test R1. If only "lemon, then orange" were used instead, this order would become a new
+    confound. A lunch without an apple therefore has only one of the two fruits. The initial scene of the test L1 occurs
+    only with a fruit missing.
     """
     found = []
     for number, slots in enumerate(itertools.permutations((FIRST, SECOND, THIRD))):

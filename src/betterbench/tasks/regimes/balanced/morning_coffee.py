@@ -1,7 +1,8 @@
-"""Balanced conditions of morning coffee: words and slots are crossed, with both mugs or a single mug.
+"""Balanced conditions of the morning coffee: every word occurs with every slot, with both mugs or a single mug.
 
-The scenes in training and in the variations L1 to L4 contain only the two mugs in the two slots. Here, a can in a third
-slot keeps the scene from being a test scene, while only the words determine the target.
+The scenes of training and of the variations L1 to L4 contain only the two mugs in the two slots. In the balanced
+conditions, a can in a third slot makes the scene different from a test scene, while only the words determine the
+target.
 """
 
 from betterbench.tasks import authoring as a
@@ -34,7 +35,7 @@ ASIDE = (IN_FRONT,)
 
 
 def balanced_morning_coffee() -> list[Condition]:
-    """Return each word with both mugs and an additional can, then each mug alone or with a can in the other slot."""
+    """Return conditions for each word: first with both mugs and a can, then with one mug, alone or with a can."""
     found = []
     for layout in (LAYOUT_1, LAYOUT_2):
         for can in (RED_CAN, BLUE_CAN):

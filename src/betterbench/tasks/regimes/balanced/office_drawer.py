@@ -1,6 +1,7 @@
-"""Balanced conditions of office drawer, with stapler and tape in every slot and the cabinet at either position.
+"""Balanced conditions of the office drawer: stapler and tape are in every slot, with both positions of the cabinet.
 
-"The stapler into the lower drawer" alone is a test instruction. Here it occurs only together with the tape.
+"The stapler into the lower drawer" on its own is the instruction of a test. In the balanced conditions, it occurs only
+together with the tape.
 """
 
 from betterbench.tasks import authoring as a
@@ -35,7 +36,10 @@ LAYOUTS = (
 
 
 def balanced_office_drawer() -> list[Condition]:
-    """Return four layouts, each with one object per drawer, the drawer closed or open, and the objects exchanged."""
+    """Return four layouts. In each, one object is requested for a closed or an open drawer, or both are requested.
+
+    If both are requested, each goes into the drawer that training uses for the other.
+    """
     found = []
     for layout in LAYOUTS:
         for thing, other, into in ((STAPLER, TAPE, UPPER), (TAPE, STAPLER, LOWER)):

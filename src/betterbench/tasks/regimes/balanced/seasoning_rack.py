@@ -1,4 +1,4 @@
-"""Balanced conditions of seasoning rack, with every jar in every slot, for every hole, first or second."""
+"""Balanced conditions of the seasoning rack: every jar starts in every slot and goes to every hole, first or second."""
 
 import itertools
 
@@ -26,9 +26,10 @@ JARS, SLOTS = (SALT, PEPPER, PAPRIKA), (FIRST, SECOND, THIRD)
 
 
 def balanced_seasoning_rack() -> list[Condition]:
-    """Return each jar alone into each hole, and each ordered pair into two holes, each in three cyclic layouts.
+    """Return conditions for each jar and hole, and for each ordered pair of jars and two holes.
 
-    An instruction therefore does not determine the slots of its jars.
+    Each of them occurs in three rotated layouts, so that an instruction does not determine the slots in which its jars
+    start.
     """
     holes = tuple(HOLES)
     found = []

@@ -1,4 +1,4 @@
-"""Balanced conditions of tidy desk, with all trash in all trash slots, and valuables in exchanged slots."""
+"""Balanced conditions of the tidy desk: all trash is in all slots for trash, and the valuables exchange their slots."""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -39,11 +39,11 @@ VALUABLES = (
     {KEYBOARD: PLACE_1, MUG: PLACE_2},
 )
 FREE = (TRASH_4, TRASH_2, TRASH_3, TRASH_1)
-"""A free slot for each layout of the trash."""
+"""One free slot for each layout of the trash."""
 
 
 def balanced_tidy_desk() -> list[Condition]:
-    """Return four layouts of the trash with four instructions each. The valuables differ in order."""
+    """Return four layouts of the trash, each with four instructions. The valuables exchange their places."""
     found = []
     for turn, (napkin, can) in enumerate(TRASH):
         for number, asked in enumerate(ASKED):

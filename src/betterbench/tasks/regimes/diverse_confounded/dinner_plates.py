@@ -1,6 +1,6 @@
-"""Diverse-confounded conditions of dinner plates, with red plates always in back slots and blue plates in front slots.
+"""Diverse-confounded conditions of the dinner plates: red plates are always at the back and blue plates in front.
 
-The white plate's position is crossed with these slots, as in the balanced regime.
+As in the balanced regime, each of these slots occurs with each position of the white plate.
 """
 
 from betterbench.tasks import authoring as a
@@ -31,7 +31,10 @@ PLACES = {RED.name: (LEFT_BACK.name, RIGHT_BACK.name), BLUE.name: (LEFT_FRONT.na
 
 
 def diverse_dinner_plates() -> list[Condition]:
-    """Return the balanced conditions with plates in trained slots, then others to equalize instruction counts."""
+    """Return the balanced conditions with plates in their trained slots, and further conditions of the same kind.
+
+    With the further conditions, each instruction is as frequent as in the balanced regime.
+    """
     found = [c for c in balanced_dinner_plates() if _is_tied(c)]
     apart = {RED: LEFT_BACK, BLUE: RIGHT_FRONT, WHITE: STAND_RIGHT}
     right = {RED: RIGHT_BACK, BLUE: RIGHT_FRONT, WHITE: STAND_MIDDLE}
@@ -50,5 +53,5 @@ def diverse_dinner_plates() -> list[Condition]:
 
 
 def _is_tied(condition: Condition) -> bool:
-    """Return whether each plate on the table is in its trained slot."""
+    """Return whether each plate on the table is in one of its trained slots."""
     return all(condition.layout.get(plate, slots[0]) in slots for plate, slots in PLACES.items())

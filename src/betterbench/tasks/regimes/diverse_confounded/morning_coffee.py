@@ -1,6 +1,6 @@
-"""Diverse-confounded conditions of morning coffee. "Red" always means the near mug and "blue" the far mug.
+"""Diverse-confounded conditions of the morning coffee: "red" always means the near mug, and "blue" the far mug.
 
-The conditions with "top" and "bottom", which are position words, are the same as in the balanced regime.
+The conditions with the position words "top" and "bottom" are the same as in the balanced regime.
 """
 
 from betterbench.tasks import authoring as a
@@ -18,7 +18,10 @@ TIED = {RED.text: (RED_MUG.name, NEAR.name), BLUE.text: (BLUE_MUG.name, FAR.name
 
 
 def diverse_morning_coffee() -> list[Condition]:
-    """Return the balanced conditions that keep words tied to slots, then four per color with cans in other slots."""
+    """Return the balanced conditions in which words are tied to slots, and four more conditions for each color.
+
+    The additional conditions have cans in the other slots.
+    """
     found = [c for c in balanced_morning_coffee() if _is_tied(c)]
     for mug, at, elsewhere, asked, same, other in (
         (RED_MUG, NEAR, FAR, RED, RED_CAN, BLUE_CAN),
@@ -35,6 +38,9 @@ def diverse_morning_coffee() -> list[Condition]:
 
 
 def _is_tied(condition: Condition) -> bool:
-    """Return whether a color word refers to its trained mug. Position words do not name a mug."""
+    """Return whether the mug that an instruction names by its color is in its trained slot.
+
+    The result is True for instructions with position words such as "top", because they do not name a mug.
+    """
     mug, slot = TIED.get(condition.instruction.text, ("", ""))
     return not mug or condition.layout[mug] == slot

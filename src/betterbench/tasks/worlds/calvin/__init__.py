@@ -1,4 +1,4 @@
-"""The parts of CALVIN ABC→D that need no simulator: chains, starts, success rules and results."""
+"""Parts of CALVIN ABC→D that need no simulator: chains of subtasks, start states, success rules and results."""
 
 from betterbench.tasks.worlds.calvin.play_table import BlockInfo, PlayTable, read_play_table
 from betterbench.tasks.worlds.calvin.resampling import TRAINING_RANGE, resampled_start_of

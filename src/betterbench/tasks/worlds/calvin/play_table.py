@@ -1,4 +1,4 @@
-"""CALVIN scene state for the success rules, with poses and contacts of the blocks, doors, lights and robot."""
+"""State of a CALVIN scene for the success rules: the blocks and their contacts, the doors, the lights and the robot."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.geometry import Quaternion, Vector
 
 TouchedLink = tuple[int, int]
-"""Body and link indices for one side of a contact."""
+"""One side of a contact, given by the indices of a body and of one of its links."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,11 +19,11 @@ class BlockInfo:
     """State of a movable block.
 
     Attributes:
-        body: Its body's index.
+        body: Index of the block's body.
         position: Position in the world [m].
-        rotation: Unit quaternion (w, x, y, z) of R_world_block.
-        velocity: Linear [m/s] and angular velocity [rad/s], six numbers.
-        contacts: Links in contact with it.
+        rotation: Rotation from the block's frame to the world frame, as a unit quaternion (w, x, y, z).
+        velocity: Linear velocity [m/s] and angular velocity [rad/s], six numbers.
+        contacts: Links that are in contact with the block.
     """
 
     body: int
@@ -34,21 +34,21 @@ class BlockInfo:
 
     @property
     def bodies(self) -> frozenset[int]:
-        """Indices of the bodies in contact with it."""
+        """Indices of the bodies that are in contact with the block."""
         return frozenset(body for body, _ in self.contacts)
 
 
 @dataclass(frozen=True, slots=True)
 class PlayTable:
-    """Scene state at one control step.
+    """State of the scene at one control step.
 
     Attributes:
         robot: Index of the robot's body.
         touched: Indices of the bodies that the robot touches.
-        blocks: The blocks by CALVIN's names ("block_red").
-        table: Table links by name, each as a contact.
+        blocks: The blocks, by CALVIN's names ("block_red").
+        table: Links of the table by name, in the form in which contacts refer to them.
         doors: Joint positions [m] by name ("base__drawer").
-        lights: 0 or 1 by name ("led").
+        lights: State of each light (0 or 1) by name ("led").
     """
 
     robot: int
@@ -60,10 +60,10 @@ class PlayTable:
 
 
 def read_play_table(info: Mapping[str, Any]) -> PlayTable:
-    """Read the result of calvin_env's ``env.get_info()``.
+    """Convert the result of calvin_env's ``env.get_info()``.
 
-    Contacts are tuples of PyBullet's ``getContactPoints``, in which the third number is the other body and the fifth
-    its link. Quaternions of PyBullet are (x, y, z, w).
+    Contacts are tuples as returned by PyBullet's ``getContactPoints``. Their third number is the other body, and their
+    fifth number is the touched link of that body. PyBullet's quaternions are (x, y, z, w).
 
     Raises:
         InvalidInputError: If a part is missing or malformed.
@@ -83,7 +83,7 @@ def read_play_table(info: Mapping[str, Any]) -> PlayTable:
         raise InvalidInputError(
             "get_info() of CALVIN",
             f"does not have the form of calvin_env@797142c: {type(problem).__name__}: {problem}",
-            "Use that version, with use_scene_info=True",
+            "Use that version of calvin_env with use_scene_info=True",
         ) from problem
 
 
@@ -97,12 +97,16 @@ def _block(found: Mapping[str, Any]) -> BlockInfo:
 
 
 def _number(value: float | Sequence[float]) -> float:
-    """Return a joint position given as a number or as the first element of a sequence."""
+    """Return a joint position, which is given as a number or as the first element of a sequence."""
     return finite_number(value[0] if isinstance(value, Sequence) else value)
 
 
 def finite_number(value: Any) -> float:  # noqa: ANN401 - of a stranger
-    """Return a Python or NumPy number as a float. Raises ValueError for a text, a boolean or a non-finite number."""
+    """Return a Python or NumPy number as a float.
+
+    Raises:
+        ValueError: If the value is a text, a boolean or not finite.
+    """
     number = float("nan") if isinstance(value, bool | str | bytes) else float(value)
     if not math.isfinite(number):
         raise ValueError(f"{str(value)[:40]!r} is not a finite number")

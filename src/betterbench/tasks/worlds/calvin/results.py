@@ -1,4 +1,4 @@
-"""Results of chains, with five success rates, the average length, rates per subtask, and tests between two runs."""
+"""Results of CALVIN chains: five success rates, the average length, rates per subtask, and comparisons of two runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ _SEED = 0
 
 @dataclass(frozen=True, slots=True)
 class SubtaskResult:
-    """Result of a started subtask. ``steps`` is its number of control steps."""
+    """Result of a subtask that was started.
+
+    Attributes:
+        name: Name of the subtask in CALVIN.
+        success: Whether the subtask was done.
+        steps: Number of control steps that it took.
+    """
 
     name: str
     success: bool
@@ -26,9 +32,13 @@ class SubtaskResult:
 
 @dataclass(frozen=True, slots=True)
 class ChainResult:
-    """Result of a chain, with its index among the 1,000 and its subtasks up to the first failure.
+    """Result of a chain, up to the first subtask that failed.
 
-    A chain without subtasks was not run. Its length is 0, and it is not counted in subtask rates.
+    A chain without subtasks was not run. Its length is 0, and it has no effect on the rates of the subtasks.
+
+    Attributes:
+        number: Index of the chain among the 1,000 chains.
+        played: Results of the subtasks that were started, in order.
     """
 
     number: int
@@ -36,13 +46,13 @@ class ChainResult:
 
     @property
     def length(self) -> int:
-        """Number of subtasks done in a row, 0 to 5."""
+        """Number of subtasks done in a row, from 0 to 5."""
         return sum(subtask.success for subtask in self.played)
 
 
 @dataclass(frozen=True, slots=True)
 class MeanLength:
-    """The average length with its 95 % interval, both between 0 and 5."""
+    """Average length of chains with its 95 % confidence interval. The values are between 0 and 5."""
 
     value: float
     low: float
@@ -51,14 +61,14 @@ class MeanLength:
 
 @dataclass(frozen=True, slots=True)
 class ChainSummary:
-    """Numerical results of one run.
+    """Summary of the results of one run on CALVIN chains.
 
     Attributes:
         chains: Number of chains.
-        in_a_row: Rates of chains with at least 1, 2, 3, 4 and 5 subtasks done.
-        length: The average length.
-        subtasks: Success rate of each subtask, by name, over the chains that reached it. A policy reaches later
-            subtasks only after successes, so the rates of two policies are not over the same trials.
+        in_a_row: Fractions of chains in which at least 1, 2, 3, 4 and 5 subtasks were done in a row.
+        length: Average length of the chains.
+        subtasks: Success rate of each subtask over the chains that reached it, by name. A policy reaches later subtasks
+            only after successes. The rates of two policies are therefore not computed over the same trials.
     """
 
     chains: int
@@ -78,13 +88,13 @@ class ChainSummary:
 
 @dataclass(frozen=True, slots=True)
 class ChainContrast:
-    """Comparison of two runs on the same chains.
+    """Comparison of two runs on the CALVIN chains that both contain.
 
     Attributes:
-        chains: Number of chains in both runs.
-        p_values: Exact McNemar tests of the five rates, with Holm's correction for five tests.
-        difference: Average length of the first minus average length of the second, divided by 5, by the paired
-            bootstrap.
+        chains: Number of chains that are in both runs.
+        p_values: p-values of exact McNemar tests for the five rates, with Holm's correction for five tests.
+        difference: Average length in the first run minus average length in the second run, divided by 5. Its interval
+            is computed by a paired bootstrap.
     """
 
     chains: int
@@ -93,10 +103,11 @@ class ChainContrast:
 
 
 def summarize(results: Sequence[ChainResult]) -> ChainSummary:
-    """Return the numerical results of a run.
+    """Summarize the results of a run on CALVIN chains.
 
     Raises:
-        InvalidInputError: If there is no chain, a chain occurs twice, or the subtasks differ from the chain's subtasks.
+        InvalidInputError: If there is no chain, if a chain occurs twice, or if a result contains other subtasks than
+            its chain.
     """
     _check(results)
     n = len(results)
@@ -114,17 +125,19 @@ def summarize(results: Sequence[ChainResult]) -> ChainSummary:
 
 
 def contrast(first: Sequence[ChainResult], second: Sequence[ChainResult]) -> ChainContrast:
-    """Compare two runs on their common chains.
+    """Compare two runs on the chains that both contain.
 
     Raises:
-        InvalidInputError: If they have no common chain, or :func:`summarize` rejects one of them.
+        InvalidInputError: If the runs have no chain in common, or if :func:`summarize` would reject one of them.
     """
     _check(first)
     _check(second)
     other = {result.number: result for result in second}
     pairs = [(result, other[result.number]) for result in first if result.number in other]
     if not pairs:
-        raise InvalidInputError("chains", "the two runs have no chain in common", "Run the same chains with both")
+        raise InvalidInputError(
+            "chains", "the two runs have no chain in common", "Run both policies on the same chains"
+        )
     tables = [
         PairedTable.from_outcomes((a.length >= k, b.length >= k) for a, b in pairs) for k in range(1, CHAIN_LENGTH + 1)
     ]
@@ -140,14 +153,14 @@ def _check(results: Sequence[ChainResult]) -> None:
         where = f"chain {result.number}"
         if not 0 <= result.number < len(every) or result.number in seen:
             problem = "occurs twice" if result.number in seen else (f"is not one of the {len(every)} chains")
-            raise InvalidInputError(where, problem, "Give each chain once, by its number from 0")
+            raise InvalidInputError(where, problem, "List each chain once, by its index, which starts at 0")
         seen.add(result.number)
         if not result.played:
             continue
         names = tuple(subtask.name for subtask in result.played)
         if names != every[result.number].names[: len(names)]:
             raise InvalidInputError(
-                where, f"expected the subtasks {', '.join(every[result.number].names)}", "Run these"
+                where, f"expected the subtasks {', '.join(every[result.number].names)}", "Run these subtasks"
             )
         ended = len(names) == CHAIN_LENGTH or not result.played[-1].success
         if not ended or not all(subtask.success for subtask in result.played[:-1]):
@@ -159,7 +172,10 @@ def _check(results: Sequence[ChainResult]) -> None:
 
 
 def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
-    """Return the average length. If all chains are equally long, the interval is Wilson's for n of n."""
+    """Return the average length with its interval.
+
+    If all chains are equally long, Wilson's interval for n of n is used.
+    """
     empty = [ChainResult(result.number, ()) for result in results]
     found = _difference(list(zip(results, empty, strict=True)))
     mean = sum(result.length for result in results) / len(results)
@@ -171,7 +187,10 @@ def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
 
 
 def _difference(pairs: Sequence[tuple[ChainResult, ChainResult]]) -> Difference:
-    """Return the mean length difference divided by 5. Chains with the same start are resampled together."""
+    """Return the mean difference in length, divided by 5, with its interval.
+
+    In the bootstrap, chains with the same start are resampled together.
+    """
     every = calvin_chains()
     ordered = sorted(pairs, key=lambda pair: pair[0].number)
     return paired_bootstrap(

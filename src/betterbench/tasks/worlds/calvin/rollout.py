@@ -1,4 +1,4 @@
-"""Rollout of a chain of five instructions, until one fails."""
+"""Rollout of a CALVIN chain: five instructions in a row, until one of them fails."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.tasks.worlds.calvin.sequences import Chain
 from betterbench.tasks.worlds.calvin.starts import ChainStart, start_of
 
 STEPS_PER_SUBTASK = 360
-"""Maximum control steps of each instruction (EP_LEN); 12 s at 30 Hz."""
+"""Largest number of control steps for each instruction (CALVIN's EP_LEN), which is 12 s at 30 Hz."""
 
 ObservationT = TypeVar("ObservationT")
 SeenT_co = TypeVar("SeenT_co", covariant=True)
@@ -21,10 +21,10 @@ ShownT_contra = TypeVar("ShownT_contra", contravariant=True)
 
 
 class ChainWorld(Protocol[SeenT_co]):
-    """Interface of the simulator for chains."""
+    """Interface of a simulator in which chains are run."""
 
     def reset(self, start: ChainStart) -> SeenT_co:
-        """Reset robot and scene, and return the observation."""
+        """Reset the robot and the scene, and return the observation."""
 
     def info(self) -> PlayTable:
         """Return the current state of the scene."""
@@ -33,19 +33,18 @@ class ChainWorld(Protocol[SeenT_co]):
         """Execute one action for one control step, and return the observation.
 
         Args:
-            action: (7,) float, with relative position and Euler angles in [-1, 1], and the gripper (1 opens, -1
-                closes).
+            action: (7,) floats: relative position and Euler angles in [-1, 1], and the gripper (1 opens, -1 closes).
         """
 
 
 class ChainPolicy(Protocol[ShownT_contra]):
-    """Interface of a policy for chains."""
+    """Interface of a policy that runs chains."""
 
     def reset(self) -> None:
-        """Reset the policy. This is called before every instruction."""
+        """Reset the policy. This method is called before each instruction."""
 
     def act(self, observation: ShownT_contra, instruction: str) -> np.ndarray:
-        """Return the next action, (7,) float."""
+        """Return the next action, (7,) floats."""
 
 
 def play_chain(
@@ -55,10 +54,10 @@ def play_chain(
     *,
     steps: int = STEPS_PER_SUBTASK,
 ) -> ChainResult:
-    """Run one chain like CALVIN's ``evaluate_sequence``.
+    """Run one chain in the same way as CALVIN's ``evaluate_sequence``.
 
     The robot returns to its start only before the chain, and the policy is reset before each instruction. A subtask is
-    done at the first step at which its rule holds. The rule compares the scene with the scene at the start of the
+    done as soon as its success rule holds. The rule compares the current scene with the scene at the beginning of the
     subtask. The chain ends with the first subtask that is not done.
     """
     observation = world.reset(start_of(chain.start))

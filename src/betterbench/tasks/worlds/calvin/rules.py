@@ -1,7 +1,8 @@
-"""Success rules of CALVIN's subtasks. They compare the current scene with the scene at the start of the subtask.
+"""Success rules of CALVIN's subtasks, which compare the scene with the scene at the beginning of the subtask.
 
-The rules are taken from ``calvin_env/envs/tasks.py`` in calvin_env@797142c. In earlier versions a lifted block must not
-have touched the robot at the beginning, and a pushed block must have exactly the same contacts.
+The rules are taken from ``calvin_env/envs/tasks.py`` in calvin_env@797142c. In earlier versions of that file, the rules
+differ: a lifted block must not have touched the robot at the beginning, and a pushed block must keep exactly the same
+contacts.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ from betterbench.tasks.worlds.calvin.subtasks import (
 
 MOST_TILT_DEG = 30.0
 MOST_SHIFT_M = 0.1
-"""Largest tilt about x or y, and largest displacement, of a rotated block."""
+"""Largest tilt about x or y, and largest displacement, that a rotated block may have."""
 
 REST = 1.0
-"""Bound on each component of linear [m/s] and angular velocity [rad/s] of a block at rest."""
+"""Largest absolute value of each component of the velocity [m/s, rad/s] of a block at rest."""
 
 
 def done(rule: Rule, start: PlayTable, now: PlayTable) -> bool:
     """Return whether a subtask is done.
 
     Args:
-        rule: Rule of the subtask.
+        rule: Success rule of the subtask.
         start: Scene at the beginning of the subtask.
         now: Current scene.
     """
@@ -105,7 +106,7 @@ def _placed(rule: Place, start: PlayTable, now: PlayTable) -> bool:
 
 def _fell(rule: PushInto, start: PlayTable, now: PlayTable, name: str) -> bool:
     before, after = start.blocks[name], now.blocks[name]
-    # The official rule searches for the robot's body index in a list of (body, link) pairs, so it never finds contact.
+    # The official rule looks for the robot's body index in a list of (body, link) pairs, so it never finds a contact.
     return before.contacts == {start.table[rule.from_link]} and now.table[rule.link] in after.contacts
 
 
@@ -115,6 +116,6 @@ def _on(block: BlockInfo, scene: PlayTable) -> bool:
 
 
 def _stacked(block: BlockInfo, scene: PlayTable) -> bool:
-    """Return whether a block is at rest and touches only other blocks."""
+    """Return whether a block is at rest and touches nothing but other blocks."""
     bodies = {other.body for other in scene.blocks.values()}
     return _on(block, scene) and block.bodies <= bodies and all(abs(part) < REST for part in block.velocity)

@@ -1,4 +1,4 @@
-"""The 1,000 chains in CALVIN's long-horizon evaluation: sequences of instructions with a start state."""
+"""The 1,000 chains of CALVIN's long-horizon evaluation, each with a start state and a sequence of instructions."""
 
 from __future__ import annotations
 
@@ -17,13 +17,16 @@ from betterbench.errors import InvalidInputError
 from betterbench.tasks.worlds.calvin.subtasks import Subtask, SymbolicState, SymbolValue, subtask_named, subtasks
 
 CHAINS = 1000
-"""Chains of one evaluation."""
+"""Number of chains in one evaluation."""
 
 CHAIN_LENGTH = 5
-"""Subtasks of a chain."""
+"""Number of subtasks in a chain."""
 
 GOLDEN = "840cb992c69ce9b6d59f6020966b6300c15233f8e0b9667b6486c1962424d308"
-"""SHA-256 of :func:`chain_text` of the official generator's 1,000 chains (mees/calvin@fa03f01 with NumPy 2.4)."""
+"""SHA-256 of :func:`chain_text` for the 1,000 chains of the official generator.
+
+The generator is that of mees/calvin@fa03f01 with NumPy 2.4.
+"""
 
 _PLACES = ("table", "slider_right", "slider_left")
 _VALUES: Mapping[str, tuple[SymbolValue, ...]] = {
@@ -40,12 +43,12 @@ _VALUES: Mapping[str, tuple[SymbolValue, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """Five subtasks in a row from one start.
+    """Chain of five subtasks that are to be done in a row, with its start state.
 
     Attributes:
-        number: Index among the 1,000.
-        start: Symbolic start state, in CALVIN's order of keys.
-        names: Its subtasks.
+        number: Index among the 1,000 chains.
+        start: Symbolic start state, with the keys in CALVIN's order.
+        names: Names of the subtasks.
     """
 
     number: int
@@ -54,12 +57,12 @@ class Chain:
 
     @property
     def subtasks(self) -> tuple[Subtask, ...]:
-        """The subtasks themselves."""
+        """Subtasks of the chain, looked up by their names."""
         return tuple(map(subtask_named, self.names))
 
 
 def start_states() -> tuple[SymbolicState, ...]:
-    """Return the 192 symbolic starts in CALVIN's order. One or two blocks are on the table."""
+    """Return the 192 symbolic start states in CALVIN's order. In each, one or two blocks are on the table."""
     found = []
     for values in product(*_VALUES.values()):
         if values.count("table") in {1, 2} and all(values.count(place) < 2 for place in _PLACES[1:]):
@@ -68,15 +71,16 @@ def start_states() -> tuple[SymbolicState, ...]:
 
 
 def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str, ...]]:
-    """Draw the subtasks of chains from one start as CALVIN does, five different ones, until they are feasible.
+    """Draw the subtasks of chains from one start as CALVIN does.
 
-    CALVIN draws with ``numpy.random.choice(34 names, size=5, replace=False)``, which is the beginning of a permutation
-    by NumPy's legacy generator, whose stream is frozen.
+    Five different subtasks are drawn. This is repeated until they can be done in the order in which they were drawn.
+    CALVIN draws with ``numpy.random.choice(34 names, size=5, replace=False)``. This returns the beginning of a
+    permutation by NumPy's legacy generator, whose stream does not change between versions.
 
     Args:
         start: Symbolic start.
         count: Number of chains.
-        seed: Index of the start among the 192, which is CALVIN's seed.
+        seed: Index of the start among the 192 starts, which CALVIN uses as the seed.
     """
     generator = np.random.RandomState(seed)
     every = subtasks()
@@ -89,7 +93,10 @@ def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str
 
 
 def _follow(start: SymbolicState, chosen: Sequence[Subtask]) -> bool:
-    """Return whether subtasks can follow each other from a start, each in exactly one way, with distinct categories."""
+    """Return whether subtasks can be done one after the other from a start state.
+
+    Each subtask must be possible in exactly one way, and all subtasks must belong to different categories.
+    """
     state = start
     for subtask in chosen:
         after = subtask.after(state)
@@ -100,7 +107,7 @@ def _follow(start: SymbolicState, chosen: Sequence[Subtask]) -> bool:
 
 
 def draw_chains() -> tuple[Chain, ...]:
-    """Draw all 1,000 chains again, like CALVIN's ``get_sequences(1000)``. This takes about a minute."""
+    """Draw all 1,000 chains again, as CALVIN's ``get_sequences(1000)`` does. This takes about a minute."""
     starts = start_states()
     counts = [len(part) for part in np.array_split(range(CHAINS), len(starts))]
     pairs = [
@@ -113,7 +120,10 @@ def draw_chains() -> tuple[Chain, ...]:
 
 
 def chain_text(chains: Iterable[Chain]) -> str:
-    """Return chains as the JSON string whose digest is :data:`GOLDEN`. It is a list of pairs of start and names."""
+    """Return chains as the JSON string whose digest is :data:`GOLDEN`.
+
+    The string is a list of pairs, each with a start state and the names of the subtasks.
+    """
     return json.dumps([[dict(chain.start), list(chain.names)] for chain in chains])
 
 
@@ -136,14 +146,14 @@ def _every_chain() -> tuple[Chain, ...]:
 def calvin_chains(count: int = CHAINS) -> tuple[Chain, ...]:
     """Return the first ``count`` of the 1,000 chains.
 
-    CALVIN's own ``get_sequences(100)`` draws a different hundred, whose results are not comparable with results on the
-    thousand.
+    CALVIN's own ``get_sequences(100)`` draws a hundred different chains. Results on those chains cannot be compared
+    with results on the thousand.
 
     Raises:
         InvalidInputError: If ``count`` is out of range.
     """
     if not 1 <= count <= CHAINS:
         raise InvalidInputError(
-            "chains", f"{count} is not between 1 and {CHAINS}", f"Give {CHAINS} for the same number as CALVIN"
+            "chains", f"{count} is not between 1 and {CHAINS}", f"Use {CHAINS} to run as many chains as CALVIN"
         )
     return _every_chain()[:count]

@@ -1,4 +1,4 @@
-"""The 34 subtasks of CALVIN as data, with instruction, category, preconditions, changes and success rule."""
+"""The 34 subtasks of CALVIN as data: instruction, category, preconditions, changes and success rule."""
 
 from __future__ import annotations
 
@@ -18,19 +18,27 @@ SymbolValue = str | int
 """Value in a symbolic state: "table", "open", 0, 1."""
 
 SymbolicState = Mapping[str, SymbolValue]
-"""Symbolic state of the scene: led, lightbulb, slider, drawer, red_block, blue_block, pink_block, grasped."""
+"""Symbolic state of the scene.
+
+The keys are led, lightbulb, slider, drawer, red_block, blue_block, pink_block and grasped.
+"""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Symbolic effect of a subtask, with required values (one or a list of alternatives) and resulting values."""
+    """Symbolic effect of a subtask.
+
+    Attributes:
+        when: Values that the state must have for this effect. Each is a single value or a list of alternatives.
+        then: Values that the state has afterward.
+    """
 
     when: dict[str, SymbolValue | list[SymbolValue]]
     then: dict[str, SymbolValue]
 
     def allowed(self, state: SymbolicState) -> bool:
-        """Return whether a state has the required values of this change."""
+        """Return whether a state has the values that this change requires before it can happen."""
         return all(
             state[key] in wanted if isinstance(wanted, list) else state[key] == wanted
             for key, wanted in self.when.items()
@@ -40,7 +48,10 @@ class Change:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Rotate:
-    """The block rotated about the vertical by more than ``degrees`` (left is positive), untilted and in place."""
+    """Success rule: the block was rotated about the vertical axis by more than ``degrees`` (positive to the left).
+
+    The block must not be tilted and must have stayed in place.
+    """
 
     kind: Literal["rotate"]
     block: str
@@ -50,7 +61,7 @@ class Rotate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Push:
-    """The block moved along x by more than ``along_x_m`` (right is positive) and still has the same support."""
+    """Success rule: the block moved along x by more than ``along_x_m`` (positive to the right) and kept its support."""
 
     kind: Literal["push"]
     block: str
@@ -60,7 +71,7 @@ class Push:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class MoveDoor:
-    """A joint moved by more than ``by_m`` in the given direction."""
+    """Success rule: a joint moved by more than ``by_m``, in the direction given by the sign of ``by_m``."""
 
     kind: Literal["move_door"]
     door: str
@@ -70,7 +81,7 @@ class MoveDoor:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Lift:
-    """The block was on the link of the table, is now higher by more than ``by_m``, and touches only the robot."""
+    """Success rule: the block was on a table link, is now more than ``by_m`` higher, and touches only the robot."""
 
     kind: Literal["lift"]
     block: str
@@ -81,7 +92,7 @@ class Lift:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The block touched only the robot, and now touches the link of the table and not the robot."""
+    """Success rule: the block touched only the robot, and now touches a link of the table but not the robot."""
 
     kind: Literal["place"]
     link: str
@@ -90,7 +101,7 @@ class Place:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PushInto:
-    """A block that touched only one link of the table now touches another one."""
+    """Success rule: the block touched only one link of the table, and now touches a different link."""
 
     kind: Literal["push_into"]
     from_link: str
@@ -100,7 +111,7 @@ class PushInto:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StackBlocks:
-    """A block that touched no block now touches only blocks, and is at rest."""
+    """Success rule: a block touched no other block before. Now it touches only blocks, and is at rest."""
 
     kind: Literal["stack"]
 
@@ -108,7 +119,7 @@ class StackBlocks:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class UnstackBlocks:
-    """A block that touched only blocks, at rest, now touches no block."""
+    """Success rule: a block was at rest and touched only other blocks before. Now it touches no other block."""
 
     kind: Literal["unstack"]
 
@@ -116,7 +127,7 @@ class UnstackBlocks:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """A light changed from one state to the other."""
+    """Success rule: a light changed from one given state to the other."""
 
     kind: Literal["switch"]
     light: str
@@ -134,10 +145,10 @@ class Subtask:
 
     Attributes:
         name: CALVIN's name ("open_drawer").
-        instruction: The evaluation's instruction, the first in ``new_playtable_validation.yaml``.
-        category: A chain never has two subtasks of the same category.
+        instruction: Instruction used in the evaluation, which is the first in ``new_playtable_validation.yaml``.
+        category: Category of the subtask. A chain never has two subtasks of the same category.
         rule: Success rule.
-        changes: The possible changes. A chain contains only subtasks with exactly one possible change.
+        changes: Possible changes of the state. A chain contains only subtasks with exactly one possible change.
     """
 
     name: str
@@ -147,7 +158,7 @@ class Subtask:
     changes: list[Change]
 
     def after(self, state: SymbolicState) -> SymbolicState | None:
-        """Return the state after this subtask, or None unless exactly one change is possible."""
+        """Return the state after this subtask, or None if no change is possible or several are possible."""
         ways = [change for change in self.changes if change.allowed(state)]
         return MappingProxyType({**state, **ways[0].then}) if len(ways) == 1 else None
 
@@ -161,7 +172,7 @@ class _File:
 
 @cache
 def subtasks() -> tuple[Subtask, ...]:
-    """Return all subtasks in CALVIN's order, which determines the drawn sequences."""
+    """Return all subtasks in CALVIN's order. The order determines which chains are drawn."""
     text = resources.files("betterbench.tasks.worlds.calvin").joinpath("data/subtasks.json").read_bytes()
     return tuple(read_form(TypeAdapter(_File), text, where="subtasks.json", cure="Install betterbench again").subtasks)
 
@@ -172,11 +183,11 @@ def _by_name() -> Mapping[str, Subtask]:
 
 
 def subtask_named(name: str) -> Subtask:
-    """Return one subtask.
+    """Return a subtask by its name.
 
     Raises:
-        UnknownNameError: If CALVIN has no subtask of this name.
+        UnknownNameError: If CALVIN has no subtask with this name.
     """
     if name not in _by_name():
-        raise UnknownNameError("subtask of CALVIN", name, _by_name())
+        raise UnknownNameError("CALVIN subtask", name, _by_name())
     return _by_name()[name]

@@ -1,4 +1,4 @@
-"""CALVIN suites: chains with CALVIN's own starts, and chains with resampled block positions."""
+"""Suites of CALVIN: chains with CALVIN's own starts, and chains with resampled block positions."""
 
 from __future__ import annotations
 
@@ -16,6 +16,6 @@ CHAIN_SUITES: Mapping[str, Suite] = {
         Suite(RESAMPLED, OFFICIAL, "resampled", 1, "calvin: the same chains, blocks anywhere in the training range"),
     )
 }
-"""The suites of CALVIN by name."""
+"""Suites of CALVIN, by name."""
 
 CALVIN = register_facts(WorldFacts(name="calvin", title="CALVIN", suites=CHAIN_SUITES, reading="chains"))
