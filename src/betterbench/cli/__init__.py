@@ -18,7 +18,10 @@ _interrupts: list[int] = []
 
 
 def was_interrupted() -> bool:
-    """Return whether Ctrl-C was pressed. Interrupted native code may raise an error other than KeyboardInterrupt."""
+    """Return whether the user pressed Ctrl-C.
+
+    Callers check this because interrupted native code may raise an error other than KeyboardInterrupt.
+    """
     return bool(_interrupts)
 
 
@@ -28,7 +31,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _too_late(number: int, _frame: FrameType | None) -> None:
-    """Ignore the first Ctrl-C after the work is done. A second Ctrl-C ends a process that hangs."""
+    """Ignore the first Ctrl-C after the work is done, so that only a second Ctrl-C ends a process that hangs."""
     signal.signal(number, signal.SIG_DFL)
 
 

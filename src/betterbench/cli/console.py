@@ -32,13 +32,13 @@ NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 
 
 class Terminal(Console):
-    """Console that removes control characters, because the text may come from an untrusted file.
+    """Console that removes control characters, because a printed text may come from an untrusted file.
 
-    Commands in these texts are adapted so that they work in this installation.
+    Commands that a text recommends are adapted to the way in which betterbench was started here.
     """
 
-    def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - those of rich
-        """Print with rich, without control characters and with commands adapted to this installation.
+    def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - the options of rich
+        """Print with rich, but without control characters and with commands adapted to this installation.
 
         Brackets are read as a style only if ``markup`` is set.
         """
@@ -77,7 +77,7 @@ _PLAIN = {
 
 
 def _replaced(problem: UnicodeError) -> tuple[str, int]:
-    """Return a replacement for the text that could not be encoded, and the position to continue from."""
+    """Handle an encoding error: return a replacement for the text, and the position at which encoding continues."""
     if not isinstance(problem, UnicodeEncodeError):
         raise problem
     text = problem.object[problem.start : problem.end].translate(_PLAIN)
@@ -85,7 +85,7 @@ def _replaced(problem: UnicodeError) -> tuple[str, int]:
 
 
 def make_streams_patient() -> None:
-    """Let standard output and standard error replace characters that they cannot encode, as on an ASCII terminal."""
+    """Make standard output and standard error replace characters that they cannot encode, as on an ASCII terminal."""
     codecs.register_error(_STAND_IN, _replaced)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and "utf" not in stream.encoding.lower():
@@ -138,7 +138,7 @@ def print_json(document: object) -> None:
 
 
 def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print one line per row. The last column, which is running text, is indented below the line."""
+    """Print each row as one line, and the row's last cell, which is running text, indented below that line."""
     widths = [max(map(len, column)) for column in zip(columns[:-1], *(row[:-1] for row in rows), strict=True)]
     for number, (*cells, prose) in enumerate((columns, *rows)):
         line = "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
@@ -148,7 +148,7 @@ def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None) -> None:
-    """Print a table. Numeric columns are right-aligned, and brackets in names are not interpreted as styles."""
+    """Print a table with right-aligned numeric columns. Brackets in cells are printed and not read as styles."""
     from rich.table import Table
     from rich.text import Text
 
@@ -164,7 +164,7 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title:
 
 
 def print_item(text: str, *, indent: int = 0) -> None:
-    """Print a list item. On a terminal, it is wrapped at words with a hanging indent.
+    """Print a list item. On a terminal, the item is wrapped at words with a hanging indent.
 
     A number and its percent sign stay on the same line.
     """
@@ -185,7 +185,7 @@ def say(text: str, *, whole: bool = False) -> None:
 
 
 def complain(problem: str) -> None:
-    """Print an error like :func:`say`, on one line even if an untrusted name contains line breaks."""
+    """Print an error message on standard error, in one line even if an untrusted name in it contains line breaks."""
     from rich.text import Text
 
     ERR.print(
@@ -195,7 +195,7 @@ def complain(problem: str) -> None:
 
 
 def styled_text(text: str) -> str:
-    """Escape an untrusted text for use where rich reads brackets as styles."""
+    """Escape untrusted text so that rich does not read its brackets as styles."""
     from rich.markup import escape
 
     return escape(one_line(text, most=LONGEST_MESSAGE))
@@ -207,7 +207,7 @@ def _printable(text: str) -> str:
 
 @contextmanager
 def passing_bar(what: str) -> Iterator[OnCount]:
-    """Yield a callback ``(done, total)`` that updates a progress bar. The bar disappears at the end."""
+    """Show a progress bar that disappears at the end, and yield a callback ``(done, total)`` that updates the bar."""
     with progress_bar(what, 0, stays=False) as (bar, task):
         yield lambda done, planned: bar.update(task, completed=done, total=planned)
 
@@ -216,9 +216,12 @@ def passing_bar(what: str) -> Iterator[OnCount]:
 def progress_bar(what: str, total: int, *, estimate: bool = True, stays: bool = True) -> Iterator[tuple[Progress, Any]]:
     """Show a progress bar on standard error, or print occasional progress lines if standard error is not a terminal.
 
-    A ``total`` of 0 means that the amount of work is not known yet. With ``estimate=False``, the bar shows no times and
-    no progress lines are printed. Use it if the note already contains the times. With ``stays``, the bar remains at the
-    end and shows the elapsed time. Use it for the main work of a command.
+    Args:
+        what: Name of the work.
+        total: Amount of work; 0 if it is not known yet.
+        estimate: Whether the bar shows times and progress lines are printed. Set it to False if the note of the bar
+            already contains the times.
+        stays: Whether the bar remains at the end and shows the elapsed time, as for the main work of a command.
     """
     from betterbench.cli.progress import WorkProgress
 

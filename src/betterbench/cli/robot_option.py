@@ -1,4 +1,4 @@
-"""``--robot``: one option for all subcommands that build scenes."""
+"""The ``--robot`` option, shared by all subcommands that build scenes."""
 
 from __future__ import annotations
 
@@ -20,23 +20,26 @@ def _robot_folders() -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class RobotOption:
-    """The robot in the scenes."""
+    """Option that selects the robot in the scenes."""
 
     robot: Annotated[
         str | None,
         tyro.conf.arg(
             help=f"Robot in the scenes: {' or '.join(_robot_folders())}; default: the robot for which the first task "
-            "is laid out."
+            "was designed."
         ),
     ] = None
 
     @property
     def words(self) -> list[str]:
-        """Command-line arguments of this option, empty if it was not given."""
+        """Command-line arguments that repeat this option in another command; empty if the option was not given."""
         return [] if self.robot is None else ["--robot", self.robot]
 
     def of(self, tasks: Sequence[str]) -> str:
-        """Return the chosen robot, or that of the first task, or the default robot if there are no tasks."""
+        """Return the chosen robot.
+
+        If no robot was chosen, return the robot of the first task, or the default robot if there are no tasks.
+        """
         from betterbench.interface.actions import USUAL_ROBOT
         from betterbench.tasks import get_task
 

@@ -1,4 +1,4 @@
-"""Run files: ``better eval`` options in a YAML file that can be kept with the result."""
+"""Run files: YAML files with options of ``better eval`` that can be kept with the results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.json_form import read_bounded, read_form, strict_form
 _OPTION = "--run-file"
 _MAX_BYTES = 64 * 1024
 _MAX_DEPTH = 4
-_CURE = "Correct the run file; docs/command-line.md shows one"
+_CURE = "Correct the run file; docs/command-line.md shows an example"
 
 Name = Annotated[str, Field(min_length=1, max_length=4096)]
 
@@ -24,7 +24,7 @@ Name = Annotated[str, Field(min_length=1, max_length=4096)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RunFile:
-    """Content of a run file: ``better eval`` options by name, with values as on the command line."""
+    """Content of a run file: options of ``better eval`` by name, with the same values as on the command line."""
 
     policy: Name | None = None
     out: Name | None = None
@@ -107,7 +107,7 @@ def read_run_file(path: Path) -> RunFile:
 
 
 def _require_plain(path: Path, text: bytes) -> None:
-    """Reject aliases and deep nesting. They can be slow to parse, and options do not need them."""
+    """Reject aliases and deep nesting, since they can be slow to parse and options do not need them."""
     import yaml
 
     opening: tuple[type, ...] = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
@@ -152,7 +152,7 @@ def _words(path: Path, name: str, value: object) -> Iterator[str]:
     values = [str(v) for v in value] if isinstance(value, tuple) else [str(value)]
     for text in values:
         if text.startswith("-") and isinstance(value, str | tuple):
-            raise InvalidInputError(f"{path}: {name}", f"{text!r} begins with a dash", "Write ./NAME for a path")
+            raise InvalidInputError(f"{path}: {name}", f"{text!r} begins with a dash", "Write a path as ./NAME")
     if name in ("task_file", "asset_dir"):  # these options are repeated for each path
         yield from (word for text in values for word in (option, text))
     else:

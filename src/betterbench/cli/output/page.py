@@ -1,4 +1,4 @@
-"""Output while a report is built: progress bars, and then the verdicts."""
+"""Output of subcommands that build a report: progress bars, and at the end the verdicts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from betterbench.api.report import ReportListener
 from betterbench.cli.console import ERR, passing_bar, say
 
 LISTENER = ReportListener(say=say, warn=say, bar=passing_bar)
-"""Shows the progress of a report on standard error."""
+"""Listener that shows on standard error how far a report has been built."""
 
 
 def print_verdicts(verdicts: Sequence[str]) -> None:

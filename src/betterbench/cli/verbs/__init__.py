@@ -1,1 +1,1 @@
-"""The subcommands of the command line, one file each; ``betterbench.cli.main`` imports only the chosen verb."""
+"""The subcommands of the command line, one file each. ``betterbench.cli.main`` imports only the chosen subcommand."""

@@ -41,9 +41,9 @@ def build_command(
 
     Args:
         scenarios: Scenario files written by better generate, or folders with such files.
-        out: Output folder of the build, which contains the suite folder.
-        build: Options of the build.
-        overwrite: Replace files in the folder that better build did not write.
+        out: Output folder of the build. The suite is written to a folder inside it.
+        build: Options for building and certifying tasks.
+        overwrite: Replace files in the output folder that better build did not write.
         json: Print one JSON document instead of a table.
     """
     build_and_tell(read_scenarios(scenarios), out, build, overwrite=overwrite, json=json)
@@ -83,7 +83,10 @@ def _by_number(file: Path) -> tuple[int, str]:
 def build_and_tell(
     scenarios: Sequence[Scenario], out: Path, build: BuildOptions, *, overwrite: bool, json: bool
 ) -> None:
-    """Build scenarios, draw the cards, measure the power if requested, write the page, and print the outcome."""
+    """Build and certify tasks from scenarios, write a page about them, and print the outcome.
+
+    The picture cards of the tasks are drawn too, and the power of the variations is measured if this was requested.
+    """
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.generation.building.job import build_suite
     from betterbench.jobs.outputs import OutputFolder
@@ -123,7 +126,7 @@ def build_and_tell(
 
 
 def _tell_imported(imported: ImportedMeshes, out: Path) -> None:
-    """Print the imported meshes, and the matching meshes that could not be imported, with the reason."""
+    """Print the names of the imported meshes, and for each matching mesh that could not be imported the reason."""
     from betterbench.generation.building.importing import IMPORTED
 
     for row, problem in imported.refused:
@@ -133,7 +136,10 @@ def _tell_imported(imported: ImportedMeshes, out: Path) -> None:
 
 
 def draw_cards(built: BuildReport, out: Path, *, verb: str = "build") -> dict[str, str]:
-    """Draw the missing cards of certified tasks, and return the addresses of the cards by task."""
+    """Draw the picture cards that certified tasks still lack.
+
+    Return the path of each task's card, relative to ``out``.
+    """
     from betterbench.evaluation.figures.show import image_file, show_card
     from betterbench.jobs import write_durably
     from betterbench.jobs.outputs import mark_of
@@ -154,7 +160,10 @@ def draw_cards(built: BuildReport, out: Path, *, verb: str = "build") -> dict[st
 
 
 def power_of_suite(built: BuildReport, out: Path, trials: int, workers: int) -> PowerMatrix:
-    """Run the faulty decision rules on every variation of the suite, and write the power matrix into its folder."""
+    """Run policies with faulty decision rules on every variation of a suite.
+
+    Write the power matrix into the suite's folder.
+    """
     from betterbench.calibration import measure_power, power_trials
     from betterbench.jobs import write_durably
     from betterbench.tasks.suite_folder import POWER

@@ -45,7 +45,7 @@ def compare_command(
         runs: Two or more run folders, or files written by better export.
         name: Run names in the tables, one per run, in order; default: the policy names. Across
             suites, runs of one policy share one name.
-        alpha: Level of the tests; intervals have confidence 1 - alpha.
+        alpha: Significance level of the tests; intervals have confidence 1 - alpha.
         sequential: Also print tests that remain valid however often unfinished runs are inspected.
         allow_mixed: Compare runs even if their versions or engines differ.
         fail_if_worse: For continuous integration: exit with status 1 if the first run is significantly worse than
@@ -86,7 +86,9 @@ def compare_command(
         _across(folders, name, alpha=alpha, allow_mixed=allow_mixed, out=out, overwrite=overwrite, json=json)
         return
     if out is not None:
-        raise InvalidInputError("--out", "all runs are of one suite", "Leave out --out, or use `better report`")
+        raise InvalidInputError(
+            "--out", "it applies only to runs of several suites", "Leave out --out, or use `better report`"
+        )
     with progress_bar("diagnosing", 0, stays=False) as (bar, task):
 
         def told(run: str, done: int, planned: int) -> None:
@@ -151,9 +153,10 @@ def _audited() -> Any:  # noqa: ANN401 - an Audit of betterbench-calibration, wh
 def _prediction(
     runs: Sequence[Path], static: Sequence[Path], name: Sequence[str], *, alpha: float, column: str
 ) -> PredictionTable:
-    """Return the correlation between static scores and illusion gaps of the same policies.
+    """Test whether the static scores of policies predict their illusion gaps.
 
-    The two runs of a policy are matched by name. Without names, they are matched by order.
+    A policy's run of better vlm and its run of better eval are matched by name. Without names, they are matched by
+    order.
     """
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.records import RunFolder
@@ -200,7 +203,7 @@ def _across(
     overwrite: bool,
     json: bool,
 ) -> None:
-    """Compare runs of several suites in one table."""
+    """Compare runs of several suites, and print the results in one table."""
     from betterbench.cli.output.across import print_across, write_across
     from betterbench.comparison.across import gaps_of, read_suite_runs, world_table
     from betterbench.jobs.outputs import OutputFolder

@@ -1,4 +1,4 @@
-"""``better real plan``: write the plan of a protocol on a real robot arm."""
+"""``better real plan``: write the plan of a diagnostic protocol for a real robot arm."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def plan_command(
 
 
 def _policy(text: str) -> RealPolicy:
-    """Return a policy from NAME=ADDRESS."""
+    """Parse a policy given as NAME=ADDRESS, and check its address."""
     from betterbench.policies.kinds.kind import kind_of
     from betterbench.real.asking import require_images_suffice
     from betterbench.real.plan import RealPolicy

@@ -1,4 +1,4 @@
-"""``better real report``: labels, matrices and checks of a protocol on a real robot arm."""
+"""``better real report``: report the labels, matrices and agreement of a protocol on a real robot arm."""
 
 from __future__ import annotations
 

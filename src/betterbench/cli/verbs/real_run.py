@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from betterbench.real.session import RealSession
 
 LAST_LOOK_S = 1.0
-"""Time for which the page shows that all trials are finished [s]."""
+"""Time for which the browser page stays open after all trials are finished [s]."""
 _KEYS = "a: switch on or off   s: start   f: start anyway   e: over   space: STOP   u: undo   r: discard   q: quit"
 
 
@@ -123,7 +123,11 @@ def _tell(text: str) -> None:
 
 
 def _named(texts: tuple[str, ...], option: str) -> dict[str, str]:
-    """Parse NAME=VALUE texts into a mapping. Raises InvalidInputError for other texts and duplicate names."""
+    """Parse texts of the form NAME=VALUE into a mapping.
+
+    Raises:
+        InvalidInputError: If a text has another form, or a name is given twice.
+    """
     found: dict[str, str] = {}
     for text in texts:
         name, separator, value = text.partition("=")
@@ -167,7 +171,7 @@ def _mock(plan: RealPlan, cameras: tuple[str, ...], size: tuple[int, int], fault
                 form[name] = parse_json(value)
             except ValueError:
                 raise InvalidInputError(
-                    "--mock-faults", f"{value!r} is not a value of {name}", "Give a number"
+                    "--mock-faults", f"{value!r} is not a valid value for {name}", "Give a number"
                 ) from None
     made = read_form(TypeAdapter(MockFaults), form, where="--mock-faults", cure="Give another value")
     names = tuple(text.partition("=")[0] for text in cameras)
@@ -175,7 +179,7 @@ def _mock(plan: RealPlan, cameras: tuple[str, ...], size: tuple[int, int], fault
 
 
 def _limits(path: Path | None) -> SafetyLimits | None:
-    """Return the safety limits in a file."""
+    """Read the safety limits from a file. Return None if no file is given."""
     from pydantic import TypeAdapter
 
     from betterbench.json_form import read_bounded, read_form
@@ -189,7 +193,10 @@ def _limits(path: Path | None) -> SafetyLimits | None:
 
 @contextmanager
 def _terminal_keys(session: RealSession, stopped: threading.Event, *, needed: bool) -> Iterator[None]:
-    """Execute keys pressed in the terminal inside the context, or lines of standard input if there is no terminal."""
+    """While the context is open, execute the keys that are pressed in the terminal.
+
+    If there is no terminal and ``needed`` is set, lines of standard input are executed instead.
+    """
     if not sys.stdin.isatty():
         if needed:
             threading.Thread(target=_obey_lines, args=(session, stopped), daemon=True).start()
@@ -209,7 +216,7 @@ def _terminal_keys(session: RealSession, stopped: threading.Event, *, needed: bo
 
 
 def _obey_lines(session: RealSession, stopped: threading.Event) -> None:
-    """Execute lines of a key and an optional note."""
+    """Execute the lines of standard input. Each line has a key, which may be followed by a space and a note."""
     for line in sys.stdin:
         key, _, note = line.rstrip("\n").partition(" ")
         if line.startswith(" "):
@@ -239,7 +246,7 @@ def _obey_keys(session: RealSession, stopped: threading.Event, read: Callable[[]
 
 
 def obey_key(session: RealSession, key: str, note: str, stopped: threading.Event) -> bool:
-    """Execute a key pressed in the terminal, and return whether to continue."""
+    """Execute a key pressed in the terminal, and return whether to continue with reading keys."""
     from betterbench.real.outcomes import OUTCOMES
     from betterbench.real.session import Command, Stage
 

@@ -88,7 +88,7 @@ def shortcuts_command(
 def _print(
     facts: tuple[EpisodeFacts, ...], audit: ShortcutAudit, prediction: Prediction | None, out: Path | None
 ) -> None:
-    """Print how the data were read and which associations were found."""
+    """Print how the data were read and which shortcuts were found."""
     if audit.reading is not None:
         print_item(audit.reading.paragraph)
     for group in audit.groups:
@@ -114,7 +114,10 @@ def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, .
 
 
 def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, DataReading]:
-    """Return the facts about the demonstrations, the set hash of a run, and how the data were read."""
+    """Return the facts about the demonstrations, the hash of the set, and a description of how the data were read.
+
+    For a LeRobot dataset, the hash is an empty string.
+    """
     from betterbench.demonstrations.making.production import set_hash
     from betterbench.demonstrations.shortcuts.lerobot import Choices, is_lerobot_dataset, read_lerobot
     from betterbench.demonstrations.shortcuts.shown import facts_of_run, reading_of_run
@@ -143,12 +146,12 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
 
 
 def _run_in(data: Path) -> Path:
-    """Return the run folder in a folder of better dataset, or the folder itself."""
+    """Return the run folder inside a folder written by better dataset. Any other folder is returned unchanged."""
     return data / "demonstrations" if (data / "recipe.json").exists() else data
 
 
 def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
-    """Return the variety of a run's demonstrations, or an empty tuple for a LeRobot dataset."""
+    """Return how much a run's demonstrations differ from each other, by task. Empty for a LeRobot dataset."""
     from betterbench.demonstrations.making.variety import variety_of_run
     from betterbench.records import RunFolder
 
@@ -183,7 +186,7 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 
 
 def _tell_asked(group: GroupAudit) -> None:
-    """Print the tested and untested questions, and the rules that only reflect the meaning of words."""
+    """Print the tested and the untested questions of a group, and the rules that only reflect the meaning of words."""
     from betterbench.demonstrations.shortcuts.asked import tested_text, untested_text
 
     print_item(f"tested in {group.group}: {tested_text(group.asked)}")
@@ -216,7 +219,7 @@ def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
     OUT.print(f"{plural(len(rows), 'shortcut')} in {plural(count, 'demonstration')} of {groups}", markup=False)
     for group in audit.groups:
         _tell_asked(group)
-    print_item("smallest detectable rule, as a share of the demonstrations:")
+    print_item("smallest detectable rule, as a fraction of the demonstrations:")
     for group in audit.groups:
         shown = shares_line(group.smallest) or "no question could be tested, because the demonstrations do not differ"
         print_item(f"{group.group} ({plural(group.episodes, 'demonstration')}): {shown}", indent=2)

@@ -1,4 +1,4 @@
-"""``better train``: train a small policy on demonstrations with a recipe file."""
+"""``better train``: train a small policy on demonstrations, as described in a recipe file."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def train_command(
         device: Torch device: cpu, cuda or cuda:N.
         frames: Folder with the rendered frames for a learner that uses images; default: NAME.frames next to each data
             folder.
-        workers: Processes that render the frames.
+        workers: Number of processes that render the frames.
         json: Print one JSON document instead of a table.
     """
     from betterbench.policies.learned.loading import require_torch
@@ -163,7 +163,7 @@ def evaluation_of(out: Path, tasks: Sequence[str], options: str = "") -> str:
     Args:
         out: Folder of the learner.
         tasks: Names of the tasks.
-        options: Options that load a file with the learner's family, with a leading space.
+        options: Command-line options, with a leading space, that load the file that defines the learner's family.
     """
     from betterbench.cli.robot_option import USUAL_OPTION
     from betterbench.interface.actions import EE_DELTA

@@ -1,4 +1,4 @@
-"""``better vlm``: static evaluation of a vision-language model."""
+"""``better vlm``: evaluate a vision-language model on static benchmarks."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from betterbench.vqa.request_totals import Prices
 
 FETCH = "fetch"
-"""First word of a command that downloads data."""
+"""First argument of the command if it downloads the data of a benchmark."""
 PROBE = "probe"
-"""First word of a command that identifies the coordinate convention of a model."""
+"""First argument of the command if it identifies the coordinate convention of a model."""
 SIDE_PX = 896
-"""Side length of images in newly made sets [pixel], equal to 2 x 2 InternVL tiles.
+"""Side length of the images in newly made sets [pixels], equal to 2 x 2 InternVL tiles.
 
 The values of ``--eyes`` other than native downscale such an image. An image of 256 pixels would hardly change.
 """
@@ -82,9 +82,10 @@ def vlm_command(
         coordinates: Order, scale and format of the model's points and boxes: pixels, thousandths, fractions,
             thousandths-json, thousandths-yx-json or percent-xml. betterbench's prompts state it. Default: fractions for
             refspatial, pixels for better-vqa.
-        eyes: Resolution of the images: unchanged, one tile of 448 pixels, 224 pixels upsampled to 448, or 224 pixels.
+        eyes: Resolution of the images: native (unchanged), tile-1 (one tile of 448 pixels), blur-224 (224 pixels,
+            enlarged to 448), or native-224 (224 pixels).
         max_tiles: Maximum number of InternVL tiles per image, default 12; sent to an endpoint as vLLM's
-            mm_processor_kwargs. Only for native eyes.
+            mm_processor_kwargs. Only with --eyes native.
         probe: Check the declared coordinates with ten images of known points before the first question.
         extractor: Chat endpoint of a language model that extracts the answer from texts that cannot be parsed.
         scoring: "official" also prints the results of the published scorers, including their known errors.
@@ -110,7 +111,9 @@ def vlm_command(
         )
     chosen = None if benchmark == PROBE else find_benchmark(benchmark)
     if model is None:
-        raise InvalidInputError("--model", "is missing", "Write URL#MODEL: http://localhost:8000/v1#my-model")
+        raise InvalidInputError(
+            "--model", "is missing", "Give an endpoint as URL#MODEL, for example http://localhost:8000/v1#my-model"
+        )
 
     from betterbench.learning.training.model_kind import LEARNER_MODEL
     from betterbench.vlm.models.endpoint import ENDPOINT
@@ -181,7 +184,7 @@ def vlm_command(
 
 
 def _prices(price_in: float | None, price_out: float | None) -> Prices | None:
-    """Return the prices of tokens; raise InvalidInputError if only one is given."""
+    """Return the prices of tokens, or None if no price is given. Raise InvalidInputError if only one price is given."""
     from betterbench.vqa.request_totals import Prices
 
     if price_in is None and price_out is None:
@@ -193,7 +196,7 @@ def _prices(price_in: float | None, price_out: float | None) -> Prices | None:
 
 
 def _acted(run: Path) -> RunDiagnosis:
-    """Return the diagnosis of the run of a policy."""
+    """Diagnose the run of a policy."""
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.records import RunFolder
 
@@ -228,7 +231,7 @@ def _bar(what: str, total: int) -> Iterator[OnCount]:
 
 
 def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -> ItemSet:
-    """Return the items in a folder, or in a newly made set if no folder is given."""
+    """Return the items of a benchmark. If no data folder is given, make a new question set."""
     if data is None:
         if chosen.source.repository:
             cure = f"Give the folder with its data; better vlm fetch {chosen.name} explains what it must contain"

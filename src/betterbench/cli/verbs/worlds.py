@@ -23,8 +23,8 @@ def worlds_command(
     Example: better worlds install libero
 
     Args:
-        what: list or install.
-        name: The world to install.
+        what: Action: list or install.
+        name: World to install.
         json: Print one JSON document instead of a table.
     """
     from betterbench.sim.worlds import all_worlds
