@@ -1,4 +1,4 @@
-"""Casts: scenarios with an asset for each description."""
+"""Casts: scenarios in which an asset has been chosen for each description."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,15 +10,15 @@ from betterbench.tasks.condition import ObjectSpec
 
 @dataclass(frozen=True, slots=True)
 class Cast:
-    """Scenario with chosen assets.
+    """Scenario with an asset for each description.
 
     Attributes:
         scenario: The scenario.
         groups: Chosen objects by ``group_id``, in the order of the descriptions. An object's ``name`` is the
             ``instance_name`` of its description. Its ``kind`` is its noun phrase in instructions, without an article,
             and unique in the cast ("red mug" if there is also a blue mug, otherwise "mug").
-        look_alikes: For each item by name: distractors of another category that share its color or its shape, the most
-            similar first. Their names and kinds are unique too.
+        look_alikes: For each item, by its name: distractors of other categories with the same color or shape, the most
+            similar first. The names and kinds of these distractors are unique too.
         seed: Seed for all choices that the descriptions do not determine.
     """
 

@@ -105,7 +105,7 @@ WRONG = {
     "many objects": (
         "object_universe.yaml",
         lambda f: f["goal_objects"].extend(thing(f"apple_{i}", "apple", "apple") for i in range(2, 200)),
-        "lists 204 objects. A task has at most 100",
+        "lists 204 objects. Use at most 100 objects",
     ),
     "no container": ("object_universe.yaml", lambda f: f.update(container=[]), "container: is empty"),
     "path": (

@@ -1,4 +1,4 @@
-"""Casting: choice of assets for the descriptions of a scenario, and of look-alikes for its items.
+"""Casting: the choice of assets for the descriptions of a scenario, and of objects that look like its items.
 
 Assets are found by searching the catalogue. An asset must meet the requirements of its group: a container needs the
 region for the template's relation, and an item needs a grasp that fits the gripper.
@@ -35,9 +35,9 @@ LEAST_SCORE = 0.2
 _SEARCHED = 40
 _BUILDABLE = Filters(license="any", source=NAME)
 _ALMOST = 0.8
-"""Minimum score of an asset that counts as almost as good, relative to the best suitable asset."""
+"""Minimum score of an asset, relative to the best suitable asset, at which the asset is considered almost as good."""
 _FIXED = ("on_ring", "in_hole", "closed")
-"""Relations whose target must not move, because objects are pushed into it."""
+"""Relations whose target is fixed to the table, because objects are pushed into it."""
 _ADJECTIVES = """
 big bright ceramic clean compact cylindrical dark deep empty flat folded fresh full glass glossy heavy juicy large
 leather light little long matte metal metallic modern narrow new old open ordinary paper plain plastic porcelain ripe
@@ -52,7 +52,7 @@ _COUNTS = frozenset({"both", "couple", "dozen", "five", "four", "pair", "several
 
 
 def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
-    """Return the reason why an asset is not suitable for a group, or an empty string."""
+    """Return the reason why an asset is not suitable for a group of a template; empty if it is suitable."""
     regions = {region.name for region in asset.regions}
     relation = RELATIONS[template.relation]
     needed = relation.needs
@@ -82,7 +82,7 @@ def choices(scenario: Scenario, catalogue: Catalogue, *, attempt: int = 0) -> li
     Args:
         scenario: The scenario.
         catalogue: Catalogue of generators and imported assets.
-        attempt: Number of the attempt. Among assets that are almost equally good, each attempt uses another one.
+        attempt: Index of the attempt. Among assets that are almost equally good, each attempt uses another asset.
 
     Raises:
         InvalidInputError: If a description has no suitable asset; the message names the best search results.
@@ -112,7 +112,7 @@ def fitting(
     catalogue: Catalogue,
     taken: set[tuple[str, str]],
 ) -> tuple[list[Hit], list[str]]:
-    """Return the best suitable search results for a description, with the reasons for rejecting better ones."""
+    """Return the suitable search results for a description, best first, and why better results were rejected."""
     wanted = _colors_in(described)
     query = f"{described.asset_query} {' '.join(wanted)}".strip()
     found = catalogue.search(query, limit=_SEARCHED, filters=_BUILDABLE)
@@ -132,7 +132,7 @@ def fitting(
 
 
 def name_problem(query: str, entry: CatalogueEntry) -> str:
-    """Return a message if a noun of a query matches neither the names nor the text of an asset."""
+    """Return a message if a noun of a query matches neither the names nor the text of an asset; otherwise ""."""
     words = query.lower().split()
     if _COUNTS & set(words) or (words and is_plural(words[-1]) and not _is_word_of(words[-1], entry)):
         return "it is one object, but the query asks for several"
@@ -151,7 +151,7 @@ def name_problem(query: str, entry: CatalogueEntry) -> str:
 
 @functools.cache
 def _traits() -> frozenset[tuple[str, ...]]:
-    """Return the tags of the library that name a material, a place or a use ("glass" of a jar)."""
+    """Return the tags in the library that name a material, a place or a use ("glass" of a jar), as terms."""
     return frozenset(tuple(terms(tag)) for category in categories() for tag in build_unpainted(category).traits)
 
 
@@ -160,12 +160,12 @@ def _is_word_of(word: str, entry: CatalogueEntry) -> bool:
 
 
 def _phrases(tags: Sequence[str]) -> set[tuple[str, ...]]:
-    """Return tags as terms, except those that only name a trait."""
+    """Return the tags of an asset as terms, without those that only name a material, a place or a use."""
     return {tuple(terms(tag)) for tag in tags[:SYNONYMS]} | ({tuple(terms(tag)) for tag in tags} - _traits())
 
 
 def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
-    """Return whether a word or a synonym of it is the last word of an asset's name, or one of its naming tags."""
+    """Return whether a word or a synonym of it is the last word of an asset's name, or one of the tags that name it."""
     names = _phrases(entry.tags) | {tuple(terms(entry.name)[-1:])}
     if word in names or word in _traits():
         return word in names
@@ -188,13 +188,13 @@ def _size_problem(described: DescribedObject, entry: CatalogueEntry) -> str:
 
 
 def cast_of(scenario: Scenario, catalogue: Catalogue, *, seed: int = 0, attempt: int = 0) -> tuple[Cast, list[Choice]]:
-    """Cast a scenario, and return the choice of each asset as well.
+    """Choose an asset for each description of a scenario. Return the resulting cast and the list of choices.
 
     Args:
         scenario: The scenario.
         catalogue: Catalogue of generators and imported assets.
-        seed: Seed of the pattern's choices.
-        attempt: Number of the attempt at choosing assets; see :func:`choices`.
+        seed: Seed for the choices of the pattern.
+        attempt: Index of the attempt at choosing assets; see :func:`choices`.
 
     Raises:
         InvalidInputError: If a description has no suitable asset.

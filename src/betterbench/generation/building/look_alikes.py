@@ -1,4 +1,4 @@
-"""Look-alikes of the items in a cast: objects of other categories with the same color or shape."""
+"""Look-alikes of the items in a cast: objects of other categories that have the same color or shape."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ALIKE_SIZE = 0.5
 def look_alikes_in(
     cast: Cast, rows: Mapping[str, CatalogueEntry], catalogue: Catalogue
 ) -> Iterator[tuple[str, tuple[ObjectSpec, ...]]]:
-    """Yield distractors of other kinds with the color or shape of each item, most similar first."""
+    """For each item, yield its name and distractors of other kinds with its color or shape, most similar first."""
     present = [spec for specs in cast.groups.values() for spec in specs]
     candidates = _graspable(catalogue, {spec.category for spec in present})
     called = {word for spec in present for word in names_of(spec.kind, rows.get(spec.name))}
@@ -46,7 +46,7 @@ def _distractor(entry: CatalogueEntry) -> ObjectSpec:
 
 
 def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[CatalogueEntry]]:
-    """Return the rows of the catalogue that the gripper can grasp, by category."""
+    """Return the catalogue rows whose assets fit into the gripper, by category, without the present categories."""
     found: dict[str, list[CatalogueEntry]] = {}
     for entry in catalogue.entries(NAME):
         if entry.category not in present:
@@ -57,7 +57,7 @@ def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[Cat
 
 
 def _most_alike(item: ObjectSpec, entries: Sequence[CatalogueEntry]) -> tuple[float, CatalogueEntry]:
-    """Return the similarity of the most similar row, from 0 to 3, and the row.
+    """Return the highest similarity between an item and some catalogue rows (0 to 3), and the row that has it.
 
     The similarity is 0 if neither color nor shape is the same.
     """

@@ -1,4 +1,4 @@
-"""Names of objects in instructions: nouns, with colors where nouns are ambiguous."""
+"""Names of objects in instructions: nouns, preceded by a color where nouns are ambiguous."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SYNONYMS = 2
 
 
 def kinds_of(chosen: Sequence[Choice]) -> list[str]:
-    """Return a noun phrase for each object, with colors where nouns do not distinguish objects."""
+    """Return a noun phrase for each object. It includes the color if the noun alone does not distinguish the object."""
     nouns = _nouns(chosen)
     kinds = []
     for i, choice in enumerate(chosen):
@@ -40,8 +40,8 @@ def kinds_of(chosen: Sequence[Choice]) -> list[str]:
 def _nouns(chosen: Sequence[Choice]) -> list[str]:
     """Return the noun of each object.
 
-    A noun that names the asset precisely ("fries box") is replaced by the common noun ("fries"), unless the common noun
-    also fits another object.
+    If a noun names the asset precisely ("fries box"), it is replaced by the common noun ("fries"), unless the common
+    noun also fits another object.
     """
     nouns = []
     for i, choice in enumerate(chosen):
@@ -68,10 +68,10 @@ def answers_to(noun: str, entry: CatalogueEntry) -> bool:
 
 
 def _noun(choice: Choice) -> str:
-    """Return the noun of an object, from the words of its query without colors, or else the asset's own noun.
+    """Return the noun of an object: the words of its query without colors, or the asset's noun if they do not fit.
 
-    If the instance name contains only some words of the query, these words are used: "pepper jar" of "pepper spice
-    jar".
+    If the instance name contains only some words of the query, these words are used: "pepper jar" for the query "pepper
+    spice jar".
     """
     entry, described = choice.entry, choice.described
     asked = [word for word in described.asset_query.lower().split() if word not in COLORS]
@@ -85,13 +85,13 @@ def _noun(choice: Choice) -> str:
 
 
 def noun_of(entry: CatalogueEntry) -> str:
-    """Return the noun of an asset in sentences: the tag with the words of its name ("bottom bun"), or its first tag."""
+    """Return the noun of an asset in instructions: the tag with the same words as its name, or else its first tag."""
     named = set(terms(entry.name))
     return next((tag for tag in entry.tags if set(terms(tag)) == named), entry.tags[0] if entry.tags else entry.name)
 
 
 def names_of(kind: str, entry: CatalogueEntry | None) -> set[tuple[str, ...]]:
-    """Return the kind of an object and its first tags as possible nouns, in the form of terms without colors."""
+    """Return possible nouns of an object as terms without colors: its kind and the first tags of its asset."""
     nouns = [kind, *(() if entry is None else entry.tags[:SYNONYMS])]
     found = (tuple(terms(noun)) for noun in nouns)
     return {tuple(word for word in words if word not in COLORS) or words for words in found}

@@ -1,4 +1,4 @@
-"""Offline author of scenarios: contexts with plausible combinations of library objects.
+"""Grammar: the offline author of scenarios. It has contexts with plausible combinations of library objects.
 
 - ``templates``: the themes of each template, one file each.
 - ``theme``: pools of objects, groups, themes, and the registry of grammars.

@@ -1,4 +1,4 @@
-"""Offline author: seeded scenarios from the themes of a template, without a language model."""
+"""Offline author: draws scenarios from the themes of a template by seed, without a language model."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from betterbench.generation.scenario import DescribedObject, Scenario
 from betterbench.sim.assets.catalogue.terms import terms
 
 MOST_SCENARIOS = 10_000
-"""Maximum number of scenarios per call."""
+"""Maximum number of scenarios that one call may request."""
 _COMPARED = 400
-"""Number of candidates drawn from a theme, of which the one least similar to earlier scenarios is used."""
+"""Number of candidates drawn from a theme. The candidate least similar to earlier scenarios is used."""
 
 GoalKey = tuple[tuple[str, tuple[Kind, ...]], ...]
-"""Unordered objects by group, equal for near-duplicates."""
+"""Objects by group, ignoring their order. Near-duplicates have equal keys."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Object named by the user.
+    """Object that the user names in a sentence.
 
     Attributes:
-        group_id: Its group.
-        kinds: Library kinds to which the noun may refer.
+        group_id: Object group of the template to which it belongs.
+        kinds: Kinds of library objects to which the noun may refer.
         noun: Noun used by the user, with its color.
     """
 
@@ -41,14 +41,18 @@ class Wanted:
 
 
 def grammar_of(template: str) -> Grammar:
-    """Return the grammar of a template. Raises UnknownNameError if there is none."""
+    """Return the grammar of a template.
+
+    Raises:
+        UnknownNameError: If the template has no grammar.
+    """
     if template not in GRAMMARS:
         raise UnknownNameError("template", template, GRAMMARS)
     return GRAMMARS[template]
 
 
 def goal_key(choice: Choice) -> GoalKey:
-    """Return the key shared by near-duplicates, which have the same categories and colors in each group."""
+    """Return the key of a choice of objects. Choices with the same categories and colors in each group share it."""
     return tuple((group, tuple(sorted(kinds))) for group, kinds in sorted(choice.items()))
 
 
@@ -71,11 +75,11 @@ def write_scenarios(
         count: Number of scenarios.
         seed: Seed of all choices.
         wanted: Objects that each scenario must contain.
-        about: Words of the user. If themes contain some of them, only the themes with the most of them are used.
+        about: Words of the user. Only the themes that share the most words with this text are used.
 
     Raises:
         UnknownNameError: If the template does not exist.
-        InvalidInputError: If the grammar has fewer scenarios, or none with the wanted objects.
+        InvalidInputError: If the grammar has fewer scenarios than requested, or none with the wanted objects.
     """
     require_between("--num", count, 1, MOST_SCENARIOS)
     grammar = grammar_of(template)
@@ -97,7 +101,7 @@ def write_scenarios(
 def _drawn(
     themes: Sequence[Theme], wanted: Sequence[Wanted], rng: np.random.Generator
 ) -> Iterator[tuple[Theme, Choice]]:
-    """Yield different choices, one theme after the other, until no choice is left."""
+    """Yield different choices of objects, each from the next theme in turn, until no choice is left."""
     left = [_shuffled([c for c in theme.choices() if not wanted or _has(c, wanted)], rng) for theme in themes]
     turns = rng.permutation(len(themes)).tolist()
     keys: set[GoalKey] = set()
@@ -116,7 +120,7 @@ def _drawn(
 
 
 def _traits(choice: Choice) -> Iterator[tuple[object, int]]:
-    """Yield the features of a choice with their costs of repetition, highest for categories, lowest for colors."""
+    """Yield the features of a choice, each with the cost of repeating it: high for categories, low for colors."""
     for group, kinds in choice.items():
         yield (group, tuple(sorted(category for category, _ in kinds))), 100
         yield (group, tuple(sorted(kinds))), 20
@@ -128,7 +132,7 @@ def _shuffled(items: list[Choice], rng: np.random.Generator) -> list[Choice]:
 
 
 def _has(choice: Choice, wanted: Iterable[Wanted]) -> bool:
-    """Return whether a choice contains a different object for each wanted object."""
+    """Return whether a choice contains the wanted objects, each of them as a separate object."""
     free = {group: list(kinds) for group, kinds in choice.items()}
     for want in sorted(wanted, key=lambda w: len(w.kinds)):
         found = next((kind for kind in free.get(want.group_id, []) if kind in want.kinds), None)
@@ -139,7 +143,7 @@ def _has(choice: Choice, wanted: Iterable[Wanted]) -> bool:
 
 
 def _themes_with(grammar: Grammar, wanted: Sequence[Wanted]) -> tuple[Theme, ...]:
-    """Return the themes that contain the wanted objects, or a new theme for them."""
+    """Return the themes that contain the wanted objects. If there are none, return a new theme with these objects."""
     if not wanted:
         return grammar.themes
     fitting = tuple(
@@ -151,7 +155,7 @@ def _themes_with(grammar: Grammar, wanted: Sequence[Wanted]) -> tuple[Theme, ...
 
 
 def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
-    """Return a new theme with the wanted objects, and other objects where the template needs more.
+    """Return a new theme with the wanted objects. Groups that need more objects are filled with others.
 
     Raises:
         InvalidInputError: If a group has too many wanted objects.
@@ -198,7 +202,7 @@ def _may_have(theme: Theme, want: Wanted) -> bool:
 def _others(
     themes: Sequence[Theme], every: Sequence[str], group_id: str, named: set[str], least: int
 ) -> tuple[str, ...]:
-    """Return the categories that occur together with the named ones in a theme, or all if these are too few."""
+    """Return the categories that occur in a theme with the named ones. If these are too few, return all categories."""
     found: dict[str, None] = {}
     for theme in themes:
         there = [category for pool in theme.groups[group_id].pools for category in pool.categories]
@@ -208,14 +212,14 @@ def _others(
 
 
 def _nearest(themes: tuple[Theme, ...], about: str) -> tuple[Theme, ...]:
-    """Return the themes with the most words in common with a text, or all themes if there are none."""
+    """Return the themes that share the most words with a text, or all themes if none shares a word."""
     words = set(terms(about))
     shared = [len(words & theme_words(theme)) for theme in themes]
     return tuple(theme for theme, count in zip(themes, shared, strict=True) if count == max(shared))
 
 
 def theme_words(theme: Theme) -> frozenset[str]:
-    """Return the words that distinguish a theme, which are the content words of its name, context and instructions."""
+    """Return the words that distinguish a theme: the content words of its name, context and instructions."""
     return frozenset(terms(" ".join((theme.name, theme.context, *theme.instructions)))) - _SAY_LITTLE
 
 
@@ -229,7 +233,7 @@ _SAY_LITTLE = frozenset(_SAY_LITTLE_WORDS.split())
 
 
 def scenario_of(template: str, theme: Theme, choice: Choice, rng: np.random.Generator) -> Scenario:
-    """Return a scenario of a theme, with the chosen objects and one of the theme's instructions."""
+    """Return a scenario with the chosen objects and one of the theme's instructions, drawn at random."""
     wording = theme.instructions[int(rng.integers(len(theme.instructions)))]
     firsts = {group: _named(kinds) for group, kinds in choice.items() if kinds}
     groups = {group: _with_names([described(*kind) for kind in kinds]) for group, kinds in choice.items()}
@@ -241,7 +245,7 @@ def _named(kinds: tuple[Kind, ...]) -> str:
 
 
 def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
-    """Return objects with unique instance names; repeated names get a number."""
+    """Give objects unique instance names, by adding a number to repeated names."""
     seen: Counter[str] = Counter()
     found = []
     for described_object in objects:
@@ -254,7 +258,10 @@ def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
 
 
 def nouns_of_library(template: str) -> dict[str, tuple[str, ...]]:
-    """Return the nouns of the objects in a template's grammar, by group, for a closed vocabulary."""
+    """Return the nouns of the objects in a template's grammar, by group.
+
+    A model with a closed vocabulary uses only these.
+    """
     grammar = grammar_of(template)
     found: dict[str, tuple[str, ...]] = {}
     for group_id in grammar.themes[0].groups:
@@ -270,7 +277,7 @@ def nouns_of_library(template: str) -> dict[str, tuple[str, ...]]:
 
 
 def shown_colors(template: str) -> dict[str, dict[str, tuple[str, ...]]]:
-    """Return the colors of each category in a template's grammar, by group."""
+    """Return the colors of each category in a template's grammar, by group and category."""
     grammar = grammar_of(template)
     return {
         group_id: {

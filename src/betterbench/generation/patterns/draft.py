@@ -1,4 +1,4 @@
-"""Draft of a generated task: training conditions, variations numbered by axis, and balanced conditions."""
+"""Draft of a generated task: training conditions, variations numbered by axis, and unbuilt variations."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from betterbench.tasks.axes import Axis
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
 
 LEAST_VARIATIONS, LEAST_AXES = 4, 3
-"""Minimum numbers of variations of a generated task, and of axes among them."""
+"""Minimum number of variations of a generated task, and minimum number of axes to which they belong."""
 
 
 @dataclass
 class Draft:
-    """Task under construction, checked by :meth:`finish`.
+    """Task under construction, which :meth:`finish` checks and completes.
 
     Attributes:
-        training: Training conditions, which are named train1, train2 and so on.
-        variations: Variations so far.
+        training: Training conditions. They get the names train1, train2 and so on.
+        variations: Variations added so far.
         unbuilt: Variations that could not be derived.
     """
 
@@ -47,7 +47,10 @@ class Draft:
         self.training = tuple(c.with_(name=f"train{i}") for i, c in enumerate(self.training, start=1))
 
     def base_of(self, instruction: a.Instruction, layout: Mapping[ObjectSpec, Slot] | None = None) -> str:
-        """Return the name of the first training condition with an instruction and, if given, a layout."""
+        """Return the name of the first training condition with an instruction.
+
+        If a layout is given, the condition must have this layout too.
+        """
         slots = None if layout is None else {o.name: slot.name for o, slot in layout.items()}
         return next(
             c.name
@@ -66,10 +69,10 @@ class Draft:
         refuse: bool = False,
         mid_task: bool = False,
     ) -> bool:
-        """Add a variation, or list it as unbuilt if it is impossible or its objects may touch.
+        """Add a variation. If it is impossible or its objects may touch, list it as unbuilt instead.
 
         Returns:
-            Whether it was added.
+            Whether the variation was added.
         """
         number = 1 + sum(v.name.startswith(axis) for v in self.variations)
         made = a.Variation(
@@ -90,11 +93,11 @@ class Draft:
         return problem is None
 
     def leave_out(self, axis: str, title: str, reason: str) -> None:
-        """List a variation that cannot be derived."""
+        """List a variation as unbuilt because it cannot be derived."""
         self.unbuilt.append(Unbuilt(axis, title, reason))
 
     def _problem(self, variation: a.Variation) -> str | None:
-        """Return the reason why a variation is impossible or does not test anything, or None."""
+        """Return the reason why a variation is impossible or does not test anything, or None if there is none."""
         try:
             condition = self._carried_out(variation)
         except BetterError as error:
@@ -122,10 +125,10 @@ class Draft:
         fixed: Mapping[ObjectSpec, Slot],
         asked: Sequence[a.Instruction],
     ) -> tuple[Condition, ...]:
-        """Return balanced conditions with every order of up to three movable objects and with every instruction.
+        """Return balanced conditions with every order of the movable objects in the slots and with every instruction.
 
-        More movable objects are rotated cyclically. In one of four conditions, and in every condition that would be a
-        test, an object that is not requested is missing.
+        More than three movable objects are only rotated cyclically. An object that is not requested is missing in one
+        of four conditions, and in every condition that would otherwise be a test.
         """
         turned = ((*slots[i:], *slots[:i]) for i in range(len(slots)))
         orders = tuple(itertools.permutations(slots)) if len(slots) <= 3 else tuple(turned)
@@ -149,12 +152,13 @@ class Draft:
     def finish(
         self, balanced: Iterable[Condition], *, confounds: Sequence[str], crossed: Sequence[str]
     ) -> GeneratedTask:
-        """Check the draft, and return the task.
+        """Check the draft, and return the finished task.
 
         Balanced conditions with the initial scene and the instruction of a test are left out.
 
         Raises:
-            InvalidInputError: If a condition breaks the template, its objects may touch, or variations are missing.
+            InvalidInputError: If a condition does not fit the template, its objects may touch, or there are too few
+                variations.
         """
         tests = self._tests()
         kept = tuple(c for c in balanced if pairing(c) not in tests)
@@ -188,10 +192,10 @@ Choice = TypeVar("Choice")
 
 
 def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], GeneratedTask]) -> GeneratedTask:
-    """Return the task for the first choice with enough room.
+    """Build tasks from the choices in turn, and return the first one that has enough room.
 
     Raises:
-        InvalidInputError: The error of the last choice, if no choice has enough room.
+        InvalidInputError: Error of the last choice, if no choice has enough room.
     """
     errors = []
     for choice in choices:
@@ -203,11 +207,11 @@ def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], Generat
 
 
 def in_order(variations: Iterable[a.Variation]) -> tuple[a.Variation, ...]:
-    """Sort variations by axis, in the order layout, recomposition, object and time."""
+    """Sort variations by axis, in the order layout, recomposition, object, time."""
     return tuple(sorted(variations, key=lambda variation: "LROT".index(variation.name[0])))
 
 
 def shuffled(cast: Cast, slots: Sequence[Slot]) -> tuple[Slot, ...]:
-    """Return slots in an order drawn from the seed of a cast."""
+    """Return slots in a random order, drawn from the seed of a cast."""
     order = np.random.default_rng(cast.seed).permutation(len(slots)).tolist()
     return tuple(slots[i] for i in order)

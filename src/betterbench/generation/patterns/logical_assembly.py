@@ -29,10 +29,10 @@ TABLE = Table(
     ),
     stands=(a.Slot("stand", 0.52, 0.14, jitter_m=0.005, yaw_jitter=0.0),),
 )
-"""Table of the suite's cheeseburger."""
+"""Slots of the task cheeseburger in the suite."""
 
 _TALLEST_M = 0.15
-"""Maximum height of a stack above its base over which the arm can carry the last layer [m]."""
+"""Maximum height of a stack above its base at which the arm can still carry the last layer over the stack [m]."""
 
 BY_KIND = "Layers are found by what they are, not by where they lay in training."
 WITHOUT_FIRST = "Known steps are combined in a new way, without the step that always came first."
@@ -44,7 +44,7 @@ AGAIN = "A known step is repeated as often as the instruction asks."
 
 @dataclass(frozen=True, slots=True)
 class _Stack:
-    """Base, three layers that vary, and optionally a layer that always comes last."""
+    """Base, three layers that vary, and possibly a layer that always comes last."""
 
     base: ObjectSpec
     layers: tuple[ObjectSpec, ObjectSpec, ObjectSpec]
@@ -52,7 +52,7 @@ class _Stack:
     words: dict[str, str]
 
     def of(self, *things: ObjectSpec) -> a.Instruction:
-        """Return the instruction to stack layers on the base from bottom to top, and the last layer on top."""
+        """Return the instruction to stack layers on the base from bottom to top, with the last layer on top of them."""
         return self.only(*things, *self.last)
 
     def only(self, *things: ObjectSpec) -> a.Instruction:
@@ -70,9 +70,10 @@ class _Stack:
 
 @pattern(a.LOGICAL_ASSEMBLY)
 def logical_assembly(cast: Cast) -> GeneratedTask:
-    """Return a task in which the first layer, one of two others and, with four layers, a last one are put on a base.
+    """Return a task in which layers are put on a base: the first layer, then one of two others.
 
-    Distractors are not used: the layers occupy all slots.
+    If there are four layers, the fourth one is always put on top. Distractors are not used, because the layers occupy
+    all slots.
 
     Raises:
         InvalidInputError: If there are not three or four layers, a layer cannot be grasped or cannot carry the next
@@ -100,7 +101,7 @@ def logical_assembly(cast: Cast) -> GeneratedTask:
 
 
 def _require_heights(stack: _Stack) -> None:
-    """Check that every layer in a test is released within 5 mm of a release height in demonstrations."""
+    """Check that every layer in a test is released within 5 mm of a release height in the demonstrations."""
     one, two, three = stack.layers
     trained = [(one, two), (one, three)]
     tested = [*itertools.permutations(stack.layers, 2), *((o, o) for o in stack.layers[:1])]
@@ -121,7 +122,7 @@ def _require_heights(stack: _Stack) -> None:
 
 
 def _below_m(layers: Sequence[ObjectSpec]) -> tuple[float, float]:
-    """Return the smallest and the largest height of a stack above its base [m]."""
+    """Return the smallest and largest height of a stack above its base [m], over all variants of the layers."""
     heights = [footprint(spec.category).layer_m for spec in layers]
     return sum(low for low, _ in heights), sum(high for _, high in heights)
 
@@ -177,9 +178,9 @@ def _title(stack: _Stack, *things: ObjectSpec) -> str:
 
 
 def _add_look_alike(draft: Draft, cast: Cast, stack: _Stack, starts: dict[ObjectSpec, Slot]) -> None:
-    """Add a look-alike in the slot of a requested layer.
+    """Add a variation with a look-alike in the slot of a requested layer.
 
-    The layer is moved to the slot of a layer that is not requested.
+    The layer itself is moved to the slot of a layer that is not requested.
     """
     one, two, three = stack.layers
     for spec, goes, base in ((two, three, "train1"), (three, two, "train2"), (one, three, "train1")):

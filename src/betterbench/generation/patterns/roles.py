@@ -1,4 +1,4 @@
-"""Roles of the objects of a cast, and the look-alikes of these objects."""
+"""Roles of the objects in a cast, and the look-alikes of these objects."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ BYSTANDER_M = 0.10
 _LONGEST_M = 0.14
 """Maximum footprint of a look-alike in a fixture slot [m]."""
 _FALLBACK = "block"
-"""Category with the most colors. Its objects resemble other objects only by color."""
+"""Category of the substitute for a missing look-alike. It has the most colors, and resembles items only by color."""
 
 
 def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) -> tuple[ObjectSpec, ...]:
-    """Return the objects of a group with their role.
+    """Return the objects of a group in a cast, with a role.
 
     Raises:
-        InvalidInputError: If the group has another number of objects than allowed.
+        InvalidInputError: If the number of objects in the group is not allowed.
     """
     objects = cast.groups.get(group_id, ())
     if not at_least <= len(objects) <= at_most:
@@ -35,12 +35,12 @@ def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) ->
 
 
 def in_role(role: Role, objects: Iterable[ObjectSpec]) -> tuple[ObjectSpec, ...]:
-    """Return objects with a role."""
+    """Return copies of objects with a role."""
     return tuple(replace(spec, role=role) for spec in objects)
 
 
 def second(cast: Cast, spec: ObjectSpec) -> ObjectSpec:
-    """Return a second instance of an object, with an unused name."""
+    """Return a second instance of an object, with a name that the cast does not use yet."""
     taken = {o.name for objects in (*cast.groups.values(), *cast.look_alikes.values()) for o in objects}
     return replace(spec, name=next(n for i in itertools.count(2) if (n := f"{spec.name}_{i}") not in taken))
 
@@ -51,10 +51,10 @@ def look_alikes_of(cast: Cast, spec: ObjectSpec) -> tuple[ObjectSpec, ...]:
 
 
 def standing_look_alikes(cast: Cast, items: tuple[ObjectSpec, ...]) -> Mapping[str, ObjectSpec]:
-    """Return a distractor that looks like each item, by the item's name.
+    """Return a distractor that looks like each item, by the name of the item.
 
     It is the first look-alike in the cast that is narrow enough for a slot. If there is none, it is a toy block of the
-    item's color, unless the cast contains a block. Items without either are left out.
+    item's color, unless the cast already contains a block. Items for which neither exists are left out.
     """
     found: dict[str, ObjectSpec] = {}
     taken = {spec.name for specs in cast.groups.values() for spec in specs}
