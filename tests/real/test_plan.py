@@ -118,7 +118,7 @@ def test_a_plan_is_read_back_and_never_replaced(tmp_path):
     write_plan(tmp_path, plan)
     write_plan(tmp_path, plan)
     assert read_plan(tmp_path) == plan
-    with pytest.raises(InvalidInputError, match="is another plan"):
+    with pytest.raises(InvalidInputError, match="contains a different plan"):
         write_plan(tmp_path, make_plan(TWO, seed=2))
 
 

@@ -1,4 +1,4 @@
-"""Front camera images, from a file or as one live frame."""
+"""Images of the front camera, read from a file or captured live."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from betterbench.real.sheet.camera_pose import opencv
 
 _MOST_BYTES = 64 << 20
 _MOST_PIXELS = 64_000_000
-"""Maximum number of pixels in an image, above the resolution of most phone cameras."""
+"""Maximum number of pixels in an image, which is more than most phone cameras have."""
 _WARM_UP = 15
-"""Number of frames to skip until exposure and focus have settled."""
+"""Number of frames that are captured until exposure and focus have settled. The last one is used."""
 
 
 def image_of(path: Path) -> np.ndarray:
     """Read an image file as (height, width, 3) uint8 RGB, with its orientation tag applied.
 
     Raises:
-        InvalidInputError: If it is not an image, or too large.
+        InvalidInputError: If the file is not a PNG or JPEG image, or is too large.
     """
     from PIL import Image, ImageOps, UnidentifiedImageError  # noqa: PLC0415 - the live camera does without
 
@@ -56,7 +56,7 @@ def live_image(source: str, size: tuple[int, int]) -> np.ndarray:
     """Capture one frame of a camera, given by index or path, as (height, width, 3) uint8 RGB.
 
     Raises:
-        InvalidInputError: If the camera sends no frame, or one of another size.
+        InvalidInputError: If the camera sends no frame, or a frame of a different size.
         MissingDependencyError: If OpenCV is not installed.
     """
     cv2 = opencv()
