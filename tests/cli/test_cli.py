@@ -449,7 +449,7 @@ def test_a_trial_is_filmed_beside_its_twin(capsys, brief_run, tmp_path):
     assert "--size" in err
     status, _, err = run(capsys, "replay", str(record), "--twin", "--check")
     assert status == 2
-    assert "Leave out one of the two" in err.replace("\n", " ")
+    assert "Leave out --twin or --check" in err.replace("\n", " ")
 
 
 @pytest.mark.render

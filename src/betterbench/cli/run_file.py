@@ -119,7 +119,7 @@ def _require_plain(path: Path, text: bytes) -> None:
         if isinstance(token, yaml.AliasToken):
             raise InvalidInputError(str(path), "the file uses a YAML alias (*name)", "Write the value instead")
         if depth > _MAX_DEPTH:
-            raise InvalidInputError(str(path), "it is nested too deep", _CURE)
+            raise InvalidInputError(str(path), "the file is nested too deeply", _CURE)
 
 
 def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:
@@ -134,10 +134,10 @@ def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:
             continue
         value = value if equals else next(waiting, "")
         if not value:
-            raise InvalidInputError(_OPTION, "the file is missing", f"Write {_OPTION} FILE.yaml")
+            raise InvalidInputError(_OPTION, "no file is named", f"Write {_OPTION} FILE.yaml")
         found.append(value)
     if len(found) > 1:
-        raise InvalidInputError(_OPTION, f"{len(found)} files are given", "Give one file")
+        raise InvalidInputError(_OPTION, f"{len(found)} files are given", "Give a single run file")
     return (Path(found[0]) if found else None), rest
 
 

@@ -47,7 +47,7 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
         problem = " ".join(str(error).split())[:200] or "it is nested too deep"
         raise InvalidInputError(str(path), f"is not YAML ({problem})", cure) from error
     if not isinstance(found, dict):
-        raise InvalidInputError(str(path), "it contains no fields", f"Write lines like `name: value`. {cure}")
+        raise InvalidInputError(str(path), "the file contains no fields", f"Write lines like `name: value`. {cure}")
     return found
 
 
@@ -84,4 +84,4 @@ def _require_plain(path: Path, text: bytes, deepest: int, cure: str) -> None:
             case yaml.FlowSequenceEndToken() | yaml.FlowMappingEndToken() | yaml.BlockEndToken():
                 depth -= 1
         if depth > deepest:
-            raise InvalidInputError(str(path), "it is nested too deep", cure)
+            raise InvalidInputError(str(path), "the file is nested too deeply", cure)

@@ -35,5 +35,7 @@ class Cast:
         """
         objects = self.groups.get(group_id, ())
         if len(objects) != 1:
-            raise InvalidInputError(f"cast group {group_id!r}", f"has {len(objects)} objects", "Choose exactly one")
+            raise InvalidInputError(
+                f"cast group {group_id!r}", f"has {len(objects)} objects", "Choose exactly one object"
+            )
         return objects[0]

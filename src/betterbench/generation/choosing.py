@@ -378,5 +378,5 @@ def _require_known(tokens: list[str], used: set[int], grammar: Grammar) -> None:
             elsewhere = [name for name in GRAMMARS if tuple(terms(noun)) in _nouns(name)]
             hint = f"; {', '.join(elsewhere)} has it" if elsewhere else ""
             raise InvalidInputError(
-                "sentence", f"{message} for {grammar.template.name}{hint}", "Use objects of the library"
+                "sentence", f"{message} for {grammar.template.name}{hint}", "Use objects from the library"
             )

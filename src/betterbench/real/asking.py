@@ -40,10 +40,10 @@ def check_real_policy(address: str, info: PolicyInfo, space: ActionSpace, camera
     missing = sorted(set(info.cameras or ()) - set(cameras))
     if missing:
         problem = f"the policy needs the camera {missing[0]!r}, but the robot has {', '.join(cameras) or 'none'}"
-        raise InvalidInputError(address, problem, "Name the robot's cameras as the policy does")
+        raise InvalidInputError(address, problem, "Give the robot's cameras the names that the policy expects")
     if info.execution.ensemble is not None:
         problem = "temporal ensembling calls the policy at every step, and a real arm would have to wait"
-        raise InvalidInputError(address, problem, "Leave ensemble out of its address")
+        raise InvalidInputError(address, problem, "Remove ensemble from the policy address")
 
 
 def require_images_suffice(policy: RealPolicy) -> None:

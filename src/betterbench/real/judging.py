@@ -54,11 +54,13 @@ class JudgeDesk:
             raise InvalidInputError(str(folder), "has no finished trial", "Run trials with better real run first")
         if any(same_name(person, other) for other in run.operators):
             problem = f"{person!r} is the operator of this protocol and knows conditions and policies"
-            raise InvalidInputError("--person", problem, "Let another person judge, and give that name")
+            raise InvalidInputError(
+                "--person", problem, "Ask another person to judge, and give the name of that person"
+            )
         other = next((name for name in sorted(run.judges) if name != person and same_name(name, person)), None)
         if other is not None and person not in run.judges:
             problem = f"{person!r} differs only in spelling from {other!r}, who already judged here"
-            raise InvalidInputError("--person", problem, f"Give {other}, or a name that differs more")
+            raise InvalidInputError("--person", problem, f"Give the name {other}, or a name that differs more clearly")
         self.folder, self.person = folder, person
         self.trials = _shuffled(run, person)
         self._mine = _entries_of(run, person)

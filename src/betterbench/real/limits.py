@@ -82,7 +82,7 @@ class SafetyLimits:
                 )
         if not all(low < high for low, high in zip(self.box_low, self.box_high, strict=True)):
             raise InvalidInputError(
-                "limits: box", f"{self.box_low} is not below {self.box_high}", "Give the lower corner first"
+                "limits: box", f"{self.box_low} is not below {self.box_high}", "Set box_low below box_high"
             )
 
     def to_json(self) -> dict[str, Any]:
@@ -231,7 +231,7 @@ class Limiter:
             joint = int(np.argmax(self._stalled_s))
             lag, lasted = abs(self._last[joint] - state[joint]), self._stalled_s[joint]
             text = f"{SO101_MOTORS[joint]} does not follow its command: it has been {lag:.0f} behind for {lasted:.1f} s"
-            raise LimitError(f"{text}. Check that nothing blocks it, its cable and its power.")
+            raise LimitError(f"{text}. Check that nothing blocks the joint, and check its cable and power.")
 
 
 def _named(mask: np.ndarray) -> str:

@@ -171,7 +171,7 @@ class TrialRun:
             age = math.inf if frame is None else reading.time_s - frame.time_s
             if age > NO_FRAME_S:
                 told = "has sent no frame" if frame is None else f"has sent no frame for {age:.1f} s"
-                raise RobotError(f"Camera {camera} {told}. Check its plug, and that no other program uses it.")
+                raise RobotError(f"Camera {camera} {told}. Check its plug, and close other programs that use it.")
         self._controls.show(reading)
         return reading
 
@@ -201,7 +201,9 @@ class TrialRun:
             self._arm.move(self._arm.limiter.last + step / ratio, reading)
             self._pace.wait()
             reading = self._read()
-        raise RobotError(f"The arm did not reach its start within {HOME_S:.0f} s. Clear its way, or move it by hand.")
+        raise RobotError(
+            f"The arm did not reach its initial pose within {HOME_S:.0f} s. Clear its path, or move it by hand."
+        )
 
     def _follow_policy(self) -> Ending:
         asker = Asker(self._policy, self._space)

@@ -154,8 +154,8 @@ def _wrong_cloth(live: np.ndarray, twin: TwinView) -> str:
 def _scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
     """Scale an image by area averaging. Raise InvalidInputError if the aspect ratio would change."""
     if image.ndim != 3 or image.shape[2] != 3 or abs(image.shape[1] * height / (image.shape[0] * width) - 1.0) > 0.02:
-        problem = f"its images have shape {image.shape}, but the twin's have {(height, width, 3)}"
-        raise InvalidInputError("front camera", problem, "Use the same ratio of width and height for both")
+        problem = f"its images have shape {image.shape}, but those of the twin have {(height, width, 3)}"
+        raise InvalidInputError("front camera", problem, "Use a camera size with the same ratio of width to height")
     if image.shape[:2] == (height, width):
         return image
     from PIL import Image  # noqa: PLC0415 - only for cameras of another size

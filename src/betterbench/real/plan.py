@@ -121,7 +121,7 @@ class RealPlan:
         planned = Counter((trial.block, trial.condition, trial.policy) for trial in self.trials)
         asked = {(block, c, p): 1 for block in range(self.repeats) for c in self.conditions for p in names}
         if planned != asked:
-            problem = "do not contain each condition once per policy and block"
+            problem = "the trials do not contain each condition once per policy and block"
             raise InvalidInputError("trials", problem, "Make the plan with better real plan")
 
     @property
@@ -214,8 +214,8 @@ def make_plan(
     for name in chosen:
         resolve_condition(task, name)
     if not 1 <= repeats <= MOST_TRIALS // (len(chosen) * len(names)):
-        problem = f"{repeats} blocks of {len(chosen) * len(names)} trials are not 1 to {MOST_TRIALS} trials"
-        raise InvalidInputError("trials per cell", problem, "Give another number")
+        problem = f"{repeats} blocks of {len(chosen) * len(names)} trials do not give 1 to {MOST_TRIALS} trials"
+        raise InvalidInputError("trials per cell", problem, "Give another number of trials")
     trials = [
         PlannedTrial(code, block, condition, policy, scene_seed)
         for code, (block, scene_seed, condition, policy) in zip(

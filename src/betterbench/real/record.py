@@ -116,7 +116,7 @@ class Samples:
         """
         samples = cls(**read_arrays(path, SAMPLE_COLUMNS, cure=_CURE))
         if len(samples) and not (np.isfinite(samples.time_s).all() and (np.diff(samples.time_s) > 0.0).all()):
-            raise RecordError(f"{path}: column 'time_s' does not increase. {_CURE}.")
+            raise RecordError(f"{path}: the values of column 'time_s' do not increase. {_CURE}.")
         for name in ("state", "command"):
             if not np.isfinite(getattr(samples, name)).all():
                 raise RecordError(f"{path}: column {name!r} contains a non-finite value. {_CURE}.")
@@ -525,7 +525,7 @@ def enter(
         if outcome is None:
             last = journal.last(code, attempt, author, role)
             if last is None:
-                raise InvalidInputError("undo", f"{author} has no entry on {code}", "Enter an outcome first")
+                raise InvalidInputError("undo", f"{author} has no entry about {code}", "Enter an outcome first")
             decision: Seen | Undo = Undo(last[0])
         else:
             outcome_named(outcome)
@@ -588,7 +588,7 @@ class RealTrial:
         path = self.folder / name
         told = self.header.files.get(name)
         if told is None:
-            raise RecordError(f"{path}: is not named in {HEADER_NAME}. {_CURE}.")
+            raise RecordError(f"{path}: is not listed in {HEADER_NAME}. {_CURE}.")
         if not path.is_file():
             raise RecordError(f"{path}: not found. {_CURE}.")
         if file_digest(path) != told:
@@ -737,7 +737,7 @@ def _header_of(code: str, progress: TrialProgress, place: Path, journal: Path) -
     """Read the header of a finished trial. Raise RecordError if it is not the header that the journal lists."""
     header = read_header(place)
     if file_digest(place / HEADER_NAME) != progress.record:
-        raise RecordError(f"{place / HEADER_NAME}: is not the file that {journal} names. {_CURE}.")
+        raise RecordError(f"{place / HEADER_NAME}: is not the file that {journal} lists. {_CURE}.")
     if (header.code, header.attempt) != (code, progress.attempt):
         problem = f"is the header of attempt {header.attempt} of {header.code}, not {progress.attempt} of"
         raise RecordError(f"{place / HEADER_NAME}: {problem} {code}. {_CURE}.")

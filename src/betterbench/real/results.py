@@ -548,8 +548,8 @@ def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> Twi
     diagnosis = diagnose_run(RunFolder.open(path))
     tasks = {trial.task for trial in diagnosis.trials}
     if run.plan.task not in tasks:
-        problem = f"has no trial of {run.plan.task}, but of {', '.join(sorted(tasks)) or 'no task'}"
-        raise InvalidInputError(f"--sim {path}", problem, "Give a run of the same task on the twin")
+        problem = f"has no trial of {run.plan.task}; its tasks are: {', '.join(sorted(tasks)) or 'no task'}"
+        raise InvalidInputError(f"--sim {path}", problem, "Give a simulated run of the same task")
     mine = [p for p in policies if p.policy.address == diagnosis.address]
     if not mine and len(policies) == 1:
         mine = list(policies)

@@ -273,7 +273,7 @@ def tool_path(arm: Floats) -> Floats:
 
 
 def signals_of(track: JointTrack) -> JointSignals:
-    """Compute the signals of a trial."""
+    """Compute the signals of a trial from its resampled joint states."""
     tool = _steady(tool_path(track.arm), track)
     closings = _closings(track, tool)
     freeze = _freeze(track, tool, closings)

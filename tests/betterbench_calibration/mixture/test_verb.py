@@ -101,7 +101,7 @@ def test_what_is_no_file_is_not_read_without_an_end(capsys, mixture):
         (["--tokens", "DROIT=3"], "Unknown data set in --tokens"),
         (["--tokens", "DROID=x"], "expected NAME=NUMBER"),
         (["no.yaml"], "no.yaml"),
-        (["list.yaml"], "it contains no fields"),
+        (["list.yaml"], "the file contains no fields"),
         (["alias.yaml"], "it has an alias"),
         (["broken.yaml"], "is not YAML"),
         (["deep.yaml"], "nested too deep"),

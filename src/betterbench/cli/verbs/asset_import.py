@@ -121,7 +121,9 @@ def _import(
     }
     for option, value in one_only.items():
         if value is not None and len(given) > 1:
-            raise InvalidInputError(f"--{option}", f"{len(given)} files were given", "Import that file alone")
+            raise InvalidInputError(
+                f"--{option}", f"{len(given)} files were given", "Import one file at a time with this option"
+            )
     for option, number in (("--size-m", options.size_m), ("--mass-kg", options.mass_kg)):
         if number is not None and not 0.0 < number < 100.0:
             raise InvalidInputError(
@@ -144,7 +146,9 @@ def _import(
     else:
         _print(out, report, assets)
     if report.failed and not (report.made or report.kept):
-        raise InvalidInputError("assets import", "no file could be imported", "See the reasons above")
+        raise InvalidInputError(
+            "assets import", "no file could be imported", "Read the reasons printed above, and correct the files"
+        )
 
 
 def _requests(catalogue: Path, given: Sequence[str], options: ImportOptions) -> list[ImportRequest]:

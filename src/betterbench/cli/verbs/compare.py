@@ -75,9 +75,9 @@ def compare_command(
         _static(runs, static, name, alpha=alpha, column=column or "parsed", paper=paper, json=json)
         return
     if paper:
-        raise InvalidInputError("--paper", "it applies only to runs of better vlm", "Leave it out")
+        raise InvalidInputError("--paper", "it applies only to runs of better vlm", "Leave out --paper")
     if column is not None:
-        raise InvalidInputError("--column", "it applies only to runs of better vlm", "Leave it out")
+        raise InvalidInputError("--column", "it applies only to runs of better vlm", "Leave out --column")
     folders = [RunFolder.open(path) for path in runs if path.is_dir()]
     if len(folders) == len(runs) and is_across(folders):
         if sequential or fail_if_worse:
@@ -165,7 +165,7 @@ def _prediction(
 
     if name and len(name) != len(runs):
         problem = f"got {len(name)} names for {len(runs)} runs"
-        raise InvalidInputError("--name", problem, "Give --name once per run, or leave it out")
+        raise InvalidInputError("--name", problem, "Give --name once per run, or leave out --name")
     acted = [path for path in runs if path not in static]
     if any(not path.is_dir() for path in acted):
         other = next(path for path in acted if not path.is_dir())

@@ -268,7 +268,7 @@ def _plan(
 
     if allow_other_versions and from_run is None:
         raise InvalidInputError(
-            "--allow-other-versions", "it applies only to a repeated run", "Give --from too, or leave out this option"
+            "--allow-other-versions", "it applies only to a repeated run", "Add --from RUN, or leave out this option"
         )
     # load the suite even if --tasks names other tasks, so that a mistyped suite is reported
     of_suite = suite_tasks(chosen.suite)
@@ -356,7 +356,7 @@ def _require_certified(plan: Plan, certificate: Path | None) -> None:
 
 
 def default_folder(policy: str) -> str:
-    """Return the default folder for a policy's runs."""
+    """Return the default name of the folder for a policy's runs."""
     return default_name(policy, otherwise="policy")
 
 

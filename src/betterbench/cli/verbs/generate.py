@@ -86,7 +86,7 @@ def generate_command(
 
         if build:
             raise InvalidInputError(
-                "--build", "cannot be combined with --until, which already builds the tasks", "Leave it out"
+                "--build", "cannot be combined with --until, which already builds the tasks", "Leave out --build"
             )
         asked = read_quotas(quota, quotas)
         growing = GrowSettings(until, settings, options.settings, asked, distinct, unlike, max_attempts, options.name)

@@ -70,7 +70,7 @@ def _policy(text: str) -> RealPolicy:
     name, separator, address = text.partition("=")
     if not separator or not name or not address:
         raise InvalidInputError(
-            "--policies", f"expected NAME=ADDRESS, got {text!r}", "Write ours=openpi://127.0.0.1:8000"
+            "--policies", f"expected NAME=ADDRESS, got {text!r}", "Write, for example, ours=openpi://127.0.0.1:8000"
         )
     policy = RealPolicy(name, address)
     kind_of(address).parse(address)  # check now, because a plan cannot be changed later

@@ -91,7 +91,7 @@ def run_command(
     else:
         if mock_faults:
             raise InvalidInputError(
-                "--mock-faults", "simulated faults apply only to the mock arm", "Leave them out, or give --robot mock"
+                "--mock-faults", "they apply only to the mock arm", "Leave out --mock-faults, or give --robot mock"
             )
         arm = _so101(plan, arm_port, arm_id, cameras, size=camera_size, rate_hz=camera_rate_hz)
     if repeat:

@@ -49,7 +49,7 @@ def replay_command(
 
     if check and twin:
         raise InvalidInputError(
-            "--twin", "it cannot be combined with --check, which does not write a video", "Leave out one of the two"
+            "--twin", "it cannot be combined with --check, which does not write a video", "Leave out --twin or --check"
         )
     if not check:
         path = (_twin_video if twin else _video)(record, out, camera=camera, size=size, overwrite=overwrite)

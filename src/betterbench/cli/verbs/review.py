@@ -62,7 +62,7 @@ def review_command(
         _agree(given[1:], json=json)
         return
     if json:
-        raise InvalidInputError("--json", "it applies only to better review agree", "Leave it out")
+        raise InvalidInputError("--json", "it applies only to better review agree", "Leave out --json")
     if word == "apply":
         _apply(given[1:], out, overwrite=overwrite)
         return
@@ -131,7 +131,7 @@ def _asset_folders(*, required: bool = True) -> list[Path]:
 
     folders = [Path(file.path).parent for file in loaded_files() if file.is_asset_folder]
     if required and not folders:
-        raise InvalidInputError("review assets", "no asset folder was given", "Give it with --asset-dir")
+        raise InvalidInputError("review assets", "no asset folder was given", "Give the folder with --asset-dir")
     return folders
 
 
@@ -160,7 +160,9 @@ def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> Non
 
     if len(files) != 1 or out is None:
         problem = "no folder is given" if len(files) == 1 else f"{len(files)} review files are given"
-        raise InvalidInputError("review apply", problem, "Give one: better review apply reviews.jsonl --out DIR")
+        raise InvalidInputError(
+            "review apply", problem, "Write, for example, better review apply reviews.jsonl --out DIR"
+        )
     (file,) = files
     if not is_scene_review(file):
         for folder in _asset_folders():
@@ -192,7 +194,7 @@ def _agree(files: tuple[Path, ...], *, json: bool) -> None:
 
     if len(files) != 2:
         problem = f"{len(files)} files are given"
-        raise InvalidInputError("review agree", problem, "Give two files: better review agree ada.jsonl bob.jsonl")
+        raise InvalidInputError("review agree", problem, "Write, for example, better review agree ada.jsonl bob.jsonl")
     found = agreement(*files)
     if json:
         print_json(found.to_json())

@@ -114,7 +114,7 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
     if task is None:
         for option, value in (("--condition", condition), ("--seed", seed)):
             if value is not None:
-                raise InvalidInputError(option, "it applies only with --task", "Give --task too")
+                raise InvalidInputError(option, "it applies only with --task", "Add --task TASK")
         return None
     from betterbench.evaluation import named_trial
 
@@ -158,7 +158,7 @@ def _key(name: str | None) -> str | None:
     key = os.environ.get(name, "")
     if not key:
         raise InvalidInputError(
-            "--api-key-env", f"the environment variable {name} is empty or not set", "Set it to the key"
+            "--api-key-env", f"the environment variable {name} is empty or not set", "Set it to the API key"
         )
     return key
 

@@ -66,7 +66,7 @@ def shortcuts_command(
     from betterbench.jobs.outputs import OutputFolder
 
     if sign is not None and out is None:
-        raise InvalidInputError("--sign", "without --out, there is no file to sign", "Give --out FOLDER too")
+        raise InvalidInputError("--sign", "without --out, there is no file to sign", "Add --out FOLDER")
     choices = {
         "instruction": instruction,
         "grippers": gripper,
@@ -133,7 +133,7 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
     for option in ("instruction", "grippers", "places", "closed"):
         if choices[option]:
             problem = f"applies only to LeRobot datasets, and {data} is a run"
-            raise InvalidInputError(f"--{option.removesuffix('s')}", problem, "Leave it out")
+            raise InvalidInputError(f"--{option.removesuffix('s')}", problem, "Leave out this option")
     run = RunFolder.open(folder)
     entries = list(run.entries())
     trials = [e.key for e in entries if e.status == "done" and run.succeeded(e.key, e)]

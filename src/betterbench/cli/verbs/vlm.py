@@ -124,7 +124,9 @@ def vlm_command(
 
     resolution, declared = Eyes(eyes), None if coordinates is None else convention(coordinates).name
     if max_tiles is not None and resolution is not Eyes.NATIVE:
-        raise InvalidInputError("--max-tiles", f"--eyes {eyes} uses one tile", "Leave it out, or give --eyes native")
+        raise InvalidInputError(
+            "--max-tiles", f"--eyes {eyes} uses one tile", "Leave out --max-tiles, or give --eyes native"
+        )
     kind = kind_of(model, (HUGGING_FACE, LEARNER_MODEL, ENDPOINT))
     options = ModelOptions(
         address=model,
@@ -141,7 +143,9 @@ def vlm_command(
     if kind.one_at_a_time:
         at_once = 1
     if acted is not None and benchmark != "better-vqa":
-        raise InvalidInputError("--acted", f"{benchmark} has no static illusion gap", "Leave it out, or run better-vqa")
+        raise InvalidInputError(
+            "--acted", f"{benchmark} has no static illusion gap", "Leave out --acted, or run better-vqa"
+        )
     if chosen is None:
         _probe(kind.make(options, None), out, coordinates=declared, eyes=resolution, at_once=at_once, json=json)
         return
@@ -191,7 +195,7 @@ def _prices(price_in: float | None, price_out: float | None) -> Prices | None:
         return None
     if price_in is None or price_out is None:
         missing = "--price-in" if price_in is None else "--price-out"
-        raise InvalidInputError(missing, "is missing", "Give both prices per million tokens, or none")
+        raise InvalidInputError(missing, "is missing", "Give both prices per million tokens, or leave out both")
     return Prices(price_in, price_out)
 
 

@@ -44,7 +44,7 @@ def worlds_command(
             OUT.print(str(folder), markup=False, soft_wrap=True)
         return
     if name is not None:
-        raise InvalidInputError("worlds list", f"unexpected argument {name!r}", "Leave it out")
+        raise InvalidInputError("worlds list", f"unexpected argument {name!r}", "Leave out this argument")
     rows = [
         [world.name, "installed" if world.is_installed else "not installed", world.summary] for world in apart.values()
     ]

@@ -258,7 +258,7 @@ def ask_for_template(sentence: str, chat: KeptChat, *, tries: int = DEFAULT_TRIE
     raise InvalidInputError(
         "sentence",
         f"the model chose no template ({problem})",
-        "Choose a template from the list of better list templates",
+        "Give one of the templates that better list templates prints",
     )
 
 

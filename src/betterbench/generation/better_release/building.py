@@ -208,7 +208,7 @@ class _Maker:
         return tuple(found)
 
     def _obstacles(self, variation: Resolved) -> list[str]:
-        """Return the reasons that prevent a variation from being represented."""
+        """Return the reasons why a variation cannot be represented; empty if it can be."""
         if not variation.enabled:
             return ["the release has disabled it"]
         reasons = []

@@ -53,7 +53,7 @@ def _inside(text: str) -> str:
 
 def _unit(rotation: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     if abs(math.hypot(*rotation) - 1.0) > _UNIT_TOLERANCE:
-        raise ValueError("is not a rotation: the numbers (w, x, y, z) must have the length 1")
+        raise ValueError("is not a rotation: the quaternion (w, x, y, z) must have unit length")
     return rotation
 
 

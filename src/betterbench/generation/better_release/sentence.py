@@ -200,7 +200,7 @@ def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:
 
 
 def _head(text: str) -> Noun:
-    """Return the head noun of a description ("lunchbox" of "an open lunchbox"); empty if there is none."""
+    """Return the head noun of a description ("lunchbox" for "an open lunchbox"); empty if there is none."""
     concepts = understood(text).concepts if text.strip() else ()
     return next((c.alternatives[0][0] for c in concepts if c.weight >= 1.0), ())
 

@@ -264,7 +264,7 @@ def _require_room(kind: Kind, quotas: Sequence[Quota], until: int, supply: Suppl
             raise InvalidInputError(f"--quota {quota}", problem, "Widen the range, or raise --until")
     if len(quotas) == names and sum(mosts) < total:
         problem = f"these quotas allow only {sum(mosts):g}{unit}, but there are {total}: {listed}"
-        raise InvalidInputError("--quota", problem, "Raise the upper limit of one of them")
+        raise InvalidInputError("--quota", problem, "Raise the upper limit of one of these quotas")
 
 
 def _require_supply(quotas: Sequence[Quota], until: int, supply: Supply) -> None:

@@ -71,7 +71,7 @@ class Source(Protocol):
         """Return the number of scenarios with different goals, or None if it is unlimited."""
 
     def cells(self) -> Sequence[Cell]:
-        """Return the templates and contexts for which a new scenario may be left, in a fixed order."""
+        """Return the templates and contexts for which the author may still have a new scenario, in a fixed order."""
 
     def propose(self, cell: Cell, number: int) -> Proposed:
         """Return a new scenario for a template and context. The number makes the proposal unique."""

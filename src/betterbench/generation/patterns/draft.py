@@ -172,7 +172,9 @@ class Draft:
         if len(self.variations) < LEAST_VARIATIONS or len(axes) < LEAST_AXES:
             left = "; ".join(f"{u.axis} {u.title}: {u.reason}" for u in self.unbuilt)
             problem = f"{len(self.variations)} variations over {len(axes)} axes can be derived, 4 over 3 are needed"
-            raise InvalidInputError(where, f"{problem} ({left})", "Choose objects that look alike, or other sizes")
+            raise InvalidInputError(
+                where, f"{problem} ({left})", "Choose objects that look alike, or objects of other sizes"
+            )
         used = {slot for c in (*self.training, *kept) for slot in c.layout.values()}
         used |= {slot for v in self.variations for slot in self._carried_out(v).layout.values()}
         task = a.Task(

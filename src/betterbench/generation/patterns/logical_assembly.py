@@ -56,7 +56,7 @@ class _Stack:
         return self.only(*things, *self.last)
 
     def only(self, *things: ObjectSpec) -> a.Instruction:
-        """Return the instruction to stack these layers on the base from bottom to top."""
+        """Return the instruction to stack only the given layers on the base, from bottom to top."""
         names = [f"the {o.kind}" for o in things]
         for i in range(1, len(things)):
             if things[i].kind == things[i - 1].kind:
@@ -83,7 +83,7 @@ def logical_assembly(cast: Cast) -> GeneratedTask:
     (base,) = in_role("container", (cast.one("base"),))
     layers = in_role("item", cast.groups.get("layers", ()))
     if not 3 <= len(layers) <= 4:
-        problem = f"has {len(layers)} objects, three or four are needed"
+        problem = f"has {len(layers)} objects, but three or four are needed"
         cure = "Choose three layers that change, and possibly one that always comes last"
         raise InvalidInputError("cast group 'layers'", problem, cure)
     require_usable(layers)

@@ -66,8 +66,8 @@ def loose_packing(cast: Cast) -> GeneratedTask:
     (container,) = in_role("container", (cast.one("container"),))
     items = in_role("item", cast.groups.get("items", ()))
     if not 3 <= len(items) <= 4:
-        problem = f"has {len(items)} objects, three or four are needed"
-        cure = "Choose three or four, so that a known step can be combined with two others"
+        problem = f"has {len(items)} objects, but three or four are needed"
+        cure = "Choose three or four objects, so that a known step can be combined with two others"
         raise InvalidInputError("cast group 'items'", problem, cure)
     require_usable(items)
     _require_room(container, items)

@@ -119,8 +119,8 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
     items = in_role("item", cast.groups.get("items", ()))
     sides = _sides(anchor)
     if len(items) != 3:
-        problem = f"has {len(items)} objects, three are needed"
-        cure = "Choose three, so that known objects and sides can be combined in a new way"
+        problem = f"has {len(items)} objects, but three are needed"
+        cure = "Choose three objects, so that known objects and sides can be combined in a new way"
         raise InvalidInputError("cast group 'items'", problem, cure)
     require_usable(items)
     stated = stated_goal(cast.scenario).regions
@@ -177,7 +177,7 @@ def _refuse_side(spec: ObjectSpec, side: str) -> NoReturn:
     """Raise InvalidInputError because the scenario's instruction puts an object at a side where it has no room."""
     where = f"cast group 'items': {spec.name}"
     problem = f"the instruction puts the {spec.kind} {SIDES[side]} the anchor, where it has no room"
-    raise InvalidInputError(where, problem, "State another side, or none")
+    raise InvalidInputError(where, problem, "State another side, or do not state a side")
 
 
 def _fits(spec: ObjectSpec, side: str) -> bool:

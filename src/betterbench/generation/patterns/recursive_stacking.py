@@ -63,8 +63,8 @@ def recursive_stacking(cast: Cast) -> GeneratedTask:
     """
     plates = in_role("item", cast.groups.get("plates", ()))
     if len(plates) != 3:
-        problem = f"has {len(plates)} objects, three are needed"
-        raise InvalidInputError("cast group 'plates'", problem, "Choose three, so that a stack can grow")
+        problem = f"has {len(plates)} objects, but three are needed"
+        raise InvalidInputError("cast group 'plates'", problem, "Choose three plates, so that a stack can grow")
     require_usable(plates)
     onto = stated_goal(cast.scenario).onto
     carried = {upper for upper, _ in onto}

@@ -30,7 +30,9 @@ def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) ->
     if not at_least <= len(objects) <= at_most:
         expected = f"{at_least}" if at_least == at_most else f"{at_least} to {at_most}"
         where, names = f"cast group {group_id!r}", ", ".join(o.name for o in objects) or "none"
-        raise InvalidInputError(where, f"has {len(objects)} objects ({names})", f"This pattern needs {expected}")
+        raise InvalidInputError(
+            where, f"has {len(objects)} objects ({names})", f"This pattern needs {expected} objects in the group"
+        )
     return tuple(replace(spec, role=role) for spec in objects)
 
 

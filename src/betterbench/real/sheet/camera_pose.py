@@ -197,7 +197,7 @@ def _parts(values: np.ndarray, least: float, unit: str, ways: Sequence[tuple[str
 def twin_camera() -> CameraPose:
     """Return the pose of the front camera in the simulated twin."""
     if SO101.front_camera is None:
-        raise AssertionError("the SO-101 has its own front camera")
+        raise AssertionError("the description of the SO-101 must contain a front camera")
     return mounted(SO101.front_camera)
 
 
@@ -487,7 +487,7 @@ def _solved(
     position = -R.T @ t
     if position[2] <= 0.0 or not np.isfinite(position).all():
         cure = "Check that the sheet lies on the table with its print up"
-        raise InvalidInputError("image", "the markers give a camera below the table", cure)
+        raise InvalidInputError("image", "the markers imply a camera position below the table", cure)
     again, _ = cv2.projectPoints(points, rotations[0], t, K, distortion)
     off = np.linalg.norm(again.reshape(-1, 2) - pixels, axis=1).reshape(-1, 4)
     residuals = {marker: float(row.max()) for marker, row in zip(found, off, strict=True)}
